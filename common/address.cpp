@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/address.hpp"
+
+#include <charconv>
+
+namespace orbbuf {
+
+Result<Address> parse_address(std::string_view text) {
+  const auto wrong = [&](std::string_view why) {
+    return Error{"expected HOST:PORT or [IPV6]:PORT, got \"" + std::string(text) +
+                 "\": " + std::string(why)};
+  };
+  const std::size_t colon = text.rfind(':');
+  if (colon == std::string_view::npos) return wrong("no port");
+  std::string_view host = text.substr(0, colon);
+  const std::string_view digits = text.substr(colon + 1);
+  if (host.starts_with('[') && host.ends_with(']')) {
+    host = host.substr(1, host.size() - 2);
+  } else if (host.find(':') != std::string_view::npos) {
+    return wrong("an IPv6 address needs brackets");
+  }
+  if (host.empty()) return wrong("no host");
+  Address address{std::string(host), 0};
+  const char* const end = digits.data() + digits.size();
+  const auto [stop, failure] = std::from_chars(digits.data(), end, address.port);
+  if (digits.empty() || failure != std::errc() || stop != end) {
+    return wrong("the port is not a number from 0 to 65535");
+  }
+  return address;
+}
+
+std::string to_string(const Address& address) {
+  const bool is_ipv6 = address.host.find(':') != std::string::npos;
+  return (is_ipv6 ? "[" + address.host + "]" : address.host) + ":" + std::to_string(address.port);
+}
+
+}  // namespace orbbuf

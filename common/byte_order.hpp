@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <concepts>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <type_traits>
+#include <vector>
+
+/// Integers and texts as bytes in network order, for wire*.cpp only.
+namespace orbbuf::wire {
+
+/// Writes `value` to at[0 .. sizeof value), most significant byte first; returns the place after.
+template <std::integral T>
+std::uint8_t* store(std::uint8_t* at, T value) {
+  const auto bits = static_cast<std::make_unsigned_t<T>>(value);
+  for (std::size_t i = 0; i < sizeof(T); ++i) {
+    at[i] = static_cast<std::uint8_t>(bits >> (8 * (sizeof(T) - 1 - i)));
+  }
+  return at + sizeof(T);
+}
+
+/// The reverse of store().
+template <std::integral T>
+T load(const std::uint8_t* at) {
+  std::make_unsigned_t<T> bits = 0;
+  for (std::size_t i = 0; i < sizeof(T); ++i) {
+    bits = static_cast<std::make_unsigned_t<T>>((std::uint64_t{bits} << 8) | at[i]);
+  }
+  return static_cast<T>(bits);
+}
+
+/// Appends to a byte vector.
+class Writer {
+ public:
+  explicit Writer(std::size_t skip_bytes) : bytes_(skip_bytes) {}
+
+  template <std::integral T>
+  void put(T value) {
+    std::array<std::uint8_t, sizeof(T)> stored;
+    store(stored.data(), value);
+    bytes_.insert(bytes_.end(), stored.begin(), stored.end());
+  }
+  void put_zeros(std::size_t count) { bytes_.insert(bytes_.end(), count, 0); }
+  /// u16 length, then the bytes. Requires text.size() < 64 Ki.
+  void put_text(std::string_view text) {
+    put(static_cast<std::uint16_t>(text.size()));
+    bytes_.insert(bytes_.end(), text.begin(), text.end());
+  }
+
+  std::vector<std::uint8_t>& bytes() { return bytes_; }
+
+ private:
+  std::vector<std::uint8_t> bytes_;
+};
+
+/// Takes what a Writer put, in the same order. Past the end it yields zeros and is_short() from
+/// then on, so that a parser need look only once, after its last take.
+class Reader {
+ public:
+  explicit Reader(std::span<const std::uint8_t> bytes) : rest_(bytes) {}
+
+  template <std::integral T>
+  T take() {
+    const auto bytes = take_bytes(sizeof(T));
+    return bytes.empty() ? T{0} : load<T>(bytes.data());
+  }
+  /// A view into the bytes; not copied, so its length need not be trusted.
+  std::string_view take_text() {
+    const auto bytes = take_bytes(take<std::uint16_t>());
+    return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+  }
+
+  /// True if the next `count` bytes are there and all zero.
+  bool take_zeros(std::size_t count) {
+    const auto bytes = take_bytes(count);
+    return !is_short_ &&
+           std::all_of(bytes.begin(), bytes.end(), [](auto byte) { return byte == 0; });
+  }
+
+  bool is_short() const { return is_short_; }
+  std::size_t left() const { return rest_.size(); }
+
+ private:
+  std::span<const std::uint8_t> take_bytes(std::size_t count) {
+    if (count > rest_.size()) {
+      is_short_ = true;
+      rest_ = {};
+      return {};
+    }
+    const auto bytes = rest_.first(count);
+    rest_ = rest_.subspan(count);
+    return bytes;
+  }
+
+  std::span<const std::uint8_t> rest_;
+  bool is_short_ = false;
+};
+
+}  // namespace orbbuf::wire

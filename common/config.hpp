@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+
+namespace orbbuf {
+
+/// What is wrong with a configuration: `FILE:LINE: KEY: why`, or `--set KEY=VALUE: KEY: why`.
+class ConfigError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// Typed reading of one TOML file, toml++ hidden behind it. A key is `table.key`. Every getter
+/// names the key's default; reject_unknown() after the last getter refuses whatever was not asked
+/// for. All members throw ConfigError. Start-up only; reentrant.
+class ConfigReader {
+ public:
+  /// Reads `file` (empty: no file, all defaults) and lays `overrides` over it, each
+  /// `table.key=value`. An override's value is TOML; what is not valid TOML is taken as a string,
+  /// so that `link.server=10.0.0.1:7722` needs no quotes.
+  ConfigReader(const std::filesystem::path& file, std::span<const std::string> overrides);
+  ~ConfigReader();
+  ConfigReader(const ConfigReader&) = delete;
+  ConfigReader& operator=(const ConfigReader&) = delete;
+
+  std::string text(std::string_view key, std::string_view fallback);
+  bool flag(std::string_view key, bool fallback);
+  std::int64_t integer(std::string_view key, std::int64_t fallback, std::int64_t min,
+                       std::int64_t max);
+  /// Integers are accepted as well.
+  double number(std::string_view key, double fallback, double min, double max);
+  /// A string with a unit: "250 ms", "1.5 s", "2 min", "1 h" (also us and ns; the blank may be left
+  /// out).
+  std::chrono::nanoseconds duration(std::string_view key, std::chrono::nanoseconds fallback,
+                                    std::chrono::nanoseconds min, std::chrono::nanoseconds max);
+  /// A string with a unit: "16 KiB", "4 MiB", "1 GiB", "512 B".
+  std::uint64_t bytes(std::string_view key, std::uint64_t fallback, std::uint64_t min,
+                      std::uint64_t max);
+  /// One of `allowed`; the error lists them all.
+  std::string choice(std::string_view key, std::string_view fallback,
+                     std::span<const std::string_view> allowed);
+  /// A path; a relative one is taken from the folder of the configuration file (from the working
+  /// directory for `--set` and without a file). Empty stays empty.
+  std::filesystem::path path(std::string_view key, const std::filesystem::path& fallback);
+
+  /// Names the first key that no getter asked for, with the nearest known key if one is near.
+  void reject_unknown() const;
+  /// Refuses the value of `key`, naming where it was set (or the file, if it was not).
+  [[noreturn]] void fail(std::string_view key, std::string_view why) const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace orbbuf

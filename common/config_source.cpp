@@ -1,0 +1,179 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/config_source.hpp"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstdio>
+#include <memory>
+#include <utility>
+
+#include "common/config.hpp"
+#include "common/error.hpp"
+#include "common/spelling.hpp"
+
+namespace orbbuf {
+namespace {
+
+constexpr std::string_view kHeld = "v";
+
+std::string read_file(const std::filesystem::path& path) {
+  const auto fail = [&] {
+    throw ConfigError(system_error(fmt::format("cannot read {}", path.string()), errno).text);
+  };
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"),
+                                                             &std::fclose);
+  if (file == nullptr) fail();
+  std::string text;
+  std::array<char, 4096> piece{};
+  while (const std::size_t count = std::fread(piece.data(), 1, piece.size(), file.get())) {
+    text.append(piece.data(), count);
+  }
+  if (std::ferror(file.get()) != 0) fail();
+  return text;
+}
+
+toml::table parse_file(const std::filesystem::path& path) {
+  try {
+    return toml::parse(read_file(path), path.string());
+  } catch (const toml::parse_error& error) {
+    throw ConfigError(
+        fmt::format("{}:{}: {}", path.string(), error.source().begin.line, error.description()));
+  }
+}
+
+/// As TOML if it is one TOML value and nothing else. The inline table sees to "nothing else": a
+/// line end, a comment or a second value does not fit into its place.
+toml::table parse_value(const std::string& value) {
+  try {
+    toml::table root = toml::parse(fmt::format("t = {{{} = {}}}", kHeld, value));
+    toml::table* const holder = root["t"].as_table();
+    if (root.size() == 1 && holder != nullptr && holder->size() == 1) return std::move(*holder);
+  } catch (const toml::parse_error&) {
+    // Not TOML, so a string without its quotes.
+  }
+  return toml::table{{kHeld, value}};
+}
+
+std::string describe(const toml::node& node) {
+  if (const auto* value = node.as_string()) return "string " + quoted(value->get());
+  if (const auto* value = node.as_integer()) return fmt::format("integer {}", value->get());
+  if (const auto* value = node.as_floating_point()) return fmt::format("number {}", value->get());
+  if (const auto* value = node.as_boolean()) return fmt::format("boolean {}", value->get());
+  if (node.is_table()) return "a table";
+  return node.is_array() ? "an array" : "a date or time";
+}
+
+/// `key` as one step of a path; in quotes, so that it matches no real path, if not a bare word.
+std::string step(std::string_view key) {
+  const auto is_bare = [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' ||
+           c == '-';
+  };
+  const bool is_word = !key.empty() && std::all_of(key.begin(), key.end(), is_bare);
+  return is_word ? std::string(key) : quoted(std::string(key));
+}
+
+[[noreturn]] void refuse_unknown(std::string_view where, std::string_view path,
+                                 std::string_view what, const std::set<std::string>& known) {
+  const auto nearest = nearest_word(path, known);
+  refuse(where, path,
+         nearest ? fmt::format("unknown {}; did you mean '{}'?", what, *nearest)
+                 : fmt::format("unknown {}", what));
+}
+
+}  // namespace
+
+ConfigSource::ConfigSource(std::filesystem::path file, std::span<const std::string> overrides)
+    : file_(std::move(file)) {
+  if (!file_.empty()) root_ = parse_file(file_);
+  for (const std::string& argument : overrides) overrides_.push_back(parse_override(argument));
+}
+
+ConfigSource::Override ConfigSource::parse_override(const std::string& argument) {
+  const std::size_t equals = argument.find('=');
+  if (equals == std::string::npos) {
+    throw ConfigError("--set " + argument + ": expected KEY=VALUE");
+  }
+  if (equals == 0) throw ConfigError("--set " + argument + ": the key is empty");
+  return {argument.substr(0, equals), argument, parse_value(argument.substr(equals + 1))};
+}
+
+std::optional<Setting> ConfigSource::locate(std::string_view key) const {
+  const auto last = std::find_if(overrides_.rbegin(), overrides_.rend(),
+                                 [&](const Override& entry) { return entry.key == key; });
+  if (last != overrides_.rend()) {
+    return Setting{last->holder.get(kHeld), "--set " + last->argument, true};
+  }
+  const toml::node* node = &root_;
+  for (std::size_t begin = 0; begin <= key.size();) {
+    const std::size_t end = std::min(key.find('.', begin), key.size());
+    const toml::table* const table = node->as_table();
+    if (table == nullptr) refuse_type(setting_of(*node), key.substr(0, begin - 1), "a table");
+    node = table->get(key.substr(begin, end - begin));
+    if (node == nullptr) return std::nullopt;
+    begin = end + 1;
+  }
+  return setting_of(*node);
+}
+
+std::optional<Setting> ConfigSource::ask(std::string_view key) {
+  known_keys_.emplace(key);
+  for (auto dot = key.find('.'); dot != std::string_view::npos; dot = key.find('.', dot + 1)) {
+    known_tables_.emplace(key.substr(0, dot));
+  }
+  return locate(key);
+}
+
+void ConfigSource::reject_unknown() const {
+  std::optional<Stranger> first;
+  look_for_strangers(root_, "", first);
+  if (first && first->is_table) {
+    refuse_unknown(place(first->position), first->path, "table", known_tables_);
+  }
+  if (first) refuse_unknown(place(first->position), first->path, "key", known_keys_);
+  for (const Override& entry : overrides_) {
+    if (known_keys_.contains(entry.key)) continue;
+    refuse_unknown("--set " + entry.argument, entry.key, "key", known_keys_);
+  }
+}
+
+Setting ConfigSource::setting_of(const toml::node& node) const {
+  return {&node, place(node.source().begin), false};
+}
+
+std::string ConfigSource::place(toml::source_position position) const {
+  return fmt::format("{}:{}", file_.string(), position.line);
+}
+
+/// Leaves the earliest stranger of `table`, whose keys begin with `prefix`, in `first`.
+void ConfigSource::look_for_strangers(const toml::table& table, const std::string& prefix,
+                                      std::optional<Stranger>& first) const {
+  for (const auto& [key, node] : table) {
+    const std::string path = prefix + step(key.str());
+    if (known_keys_.contains(path)) continue;
+    if (node.is_table() && known_tables_.contains(path)) {
+      look_for_strangers(*node.as_table(), path + ".", first);
+    } else if (!first || key.source().begin < first->position) {
+      first = Stranger{key.source().begin, path, node.is_table()};
+    }
+  }
+}
+
+std::string quoted(std::string text) {
+  const auto is_control = [](char c) { return (c >= 0 && c < 0x20) || c == 0x7F; };
+  std::replace_if(text.begin(), text.end(), is_control, '?');
+  return fmt::format("\"{}\"", text);
+}
+
+void refuse(std::string_view where, std::string_view key, std::string_view why) {
+  throw ConfigError(fmt::format("{}: {}: {}", where, key, why));
+}
+
+void refuse_type(const Setting& setting, std::string_view key, std::string_view expected) {
+  refuse(setting.where, key, fmt::format("expected {}, got {}", expected, describe(*setting.node)));
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+namespace orbbuf {
+
+/// Number of a frame within its session: 0, 1, 2, ... in capture order, without gaps.
+using Sequence = std::uint64_t;
+
+/// One captured image as it travels: immutable once made, so any thread may read it.
+struct EncodedFrame {
+  Sequence sequence = 0;
+  /// Since the Unix epoch for cameras; a replay keeps its source's own clock.
+  std::int64_t capture_time_ns = 0;
+  std::uint32_t exposure_ns = 0;  ///< 0: unknown
+  std::uint16_t width_px = 0;
+  std::uint16_t height_px = 0;
+  std::uint32_t jpeg_crc = 0;  ///< crc32() of `jpeg`, computed once, where the frame was encoded
+  std::vector<std::uint8_t> jpeg;
+};
+
+using FramePtr = std::shared_ptr<const EncodedFrame>;
+
+}  // namespace orbbuf

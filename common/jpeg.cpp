@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/jpeg.hpp"
+
+#include <spdlog/fmt/fmt.h>
+#include <turbojpeg.h>
+
+#include <cassert>
+#include <memory>
+#include <stdexcept>
+
+namespace orbbuf {
+namespace {
+
+struct Header {
+  int width_px = 0;
+  int height_px = 0;
+  int color_space = -1;
+};
+
+Error turbo_error(std::string_view attempt, tjhandle handle) {
+  return {fmt::format("{}: {}", attempt, tjGetErrorStr2(handle))};
+}
+
+Result<Header> read_header(tjhandle handle, std::span<const std::uint8_t> jpeg) {
+  Header header;
+  int subsampling = -1;
+  if (tjDecompressHeader3(handle, jpeg.data(), jpeg.size(), &header.width_px, &header.height_px,
+                          &subsampling, &header.color_space) != 0) {
+    return turbo_error("cannot read the header of a JPEG", handle);
+  }
+  if (std::int64_t{header.width_px} * header.height_px > kMaxJpegPixels) {
+    return Error{fmt::format("JPEG of {}x{} pixels is over the limit of {} pixels", header.width_px,
+                             header.height_px, kMaxJpegPixels)};
+  }
+  return header;
+}
+
+}  // namespace
+
+JpegCodec::JpegCodec() : compressor_(tjInitCompress()), decompressor_(tjInitDecompress()) {
+  if (compressor_ != nullptr && decompressor_ != nullptr) return;
+  if (compressor_ != nullptr) tjDestroy(compressor_);
+  if (decompressor_ != nullptr) tjDestroy(decompressor_);
+  throw std::runtime_error("cannot set up TurboJPEG: out of memory");
+}
+
+JpegCodec::~JpegCodec() {
+  tjDestroy(compressor_);
+  tjDestroy(decompressor_);
+}
+
+Result<std::vector<std::uint8_t>> JpegCodec::encode(const ImageView& image, int quality,
+                                                    bool color) {
+  assert(image.channels == 1 || image.channels == 3);
+  const bool is_gray = image.channels == 1 || !color;
+  unsigned char* data = nullptr;  // TurboJPEG's, grown as needed
+  unsigned long size = 0;
+  const int status =
+      tjCompress2(compressor_, image.data, image.width_px, static_cast<int>(image.stride_bytes),
+                  image.height_px, image.channels == 1 ? TJPF_GRAY : TJPF_BGR, &data, &size,
+                  is_gray ? TJSAMP_GRAY : TJSAMP_420, quality, 0);
+  const std::unique_ptr<unsigned char, decltype(&tjFree)> owner(data, &tjFree);
+  if (status != 0) {
+    return turbo_error(fmt::format("cannot encode an image of {}x{} pixels at quality {}",
+                                   image.width_px, image.height_px, quality),
+                       compressor_);
+  }
+  return std::vector<std::uint8_t>(data, data + size);
+}
+
+Result<GrayImage> JpegCodec::decode_gray(std::span<const std::uint8_t> jpeg, int scale) {
+  assert(scale == 1 || scale == 2 || scale == 4 || scale == 8);
+  const Result<Header> header = read_header(decompressor_, jpeg);
+  if (!header) return header.error();
+  const tjscalingfactor factor = {1, scale};
+  GrayImage image;
+  image.width_px = TJSCALED(header.value().width_px, factor);
+  image.height_px = TJSCALED(header.value().height_px, factor);
+  image.pixels.resize(static_cast<std::size_t>(image.width_px) *
+                      static_cast<std::size_t>(image.height_px));
+  // libjpeg fills what is missing with gray and only warns; LIMITSCANS stops progressive bombs.
+  if (tjDecompress2(decompressor_, jpeg.data(), jpeg.size(), image.pixels.data(), image.width_px, 0,
+                    image.height_px, TJPF_GRAY, TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS) != 0) {
+    return turbo_error("cannot decode a JPEG", decompressor_);
+  }
+  return image;
+}
+
+Result<JpegInfo> JpegCodec::inspect(std::span<const std::uint8_t> jpeg) {
+  const Result<Header> header = read_header(decompressor_, jpeg);  // insists on SOI at the start
+  if (!header) return header.error();
+  std::size_t end = jpeg.size();
+  while (end > 0 && jpeg[end - 1] == 0) --end;
+  if (end < 2 || jpeg[end - 2] != 0xFF || jpeg[end - 1] != 0xD9) {
+    return Error{"JPEG is cut short: no end marker"};
+  }
+  return JpegInfo{header.value().width_px, header.value().height_px,
+                  header.value().color_space == TJCS_GRAY};
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "common/error.hpp"
+
+namespace orbbuf {
+
+/// 8-bit pixels in memory that someone else owns, rows top to bottom.
+struct ImageView {
+  const std::uint8_t* data = nullptr;
+  int width_px = 0;
+  int height_px = 0;
+  std::size_t stride_bytes = 0;
+  int channels = 1;  ///< 1: gray; 3: blue, green, red
+};
+
+/// Gray pixels, row by row without padding.
+struct GrayImage {
+  int width_px = 0;
+  int height_px = 0;
+  std::vector<std::uint8_t> pixels;
+};
+
+/// Larger images are refused before anything is allocated for them: a JPEG of a few bytes can claim
+/// 4 gigapixels.
+inline constexpr std::int64_t kMaxJpegPixels = 64LL * 1024 * 1024;
+
+struct JpegInfo {
+  int width_px = 0;
+  int height_px = 0;
+  bool is_gray = false;
+};
+
+/// TurboJPEG, its handles reused from call to call. Thread-bound: one object per thread.
+class JpegCodec {
+ public:
+  JpegCodec();
+  ~JpegCodec();
+  JpegCodec(const JpegCodec&) = delete;
+  JpegCodec& operator=(const JpegCodec&) = delete;
+
+  /// quality: 1..100. Grayscale if `image` is gray or `color` is false, else 4:2:0 colour.
+  /// About 1 ms for 1226x370 gray at quality 80.
+  Result<std::vector<std::uint8_t>> encode(const ImageView& image, int quality, bool color);
+
+  /// The luma of `jpeg`, 1/`scale` of its size each way (scale 1, 2, 4 or 8; rounded up), scaled
+  /// within the DCT. A JPEG with missing or corrupt data is an error.
+  Result<GrayImage> decode_gray(std::span<const std::uint8_t> jpeg, int scale);
+
+  /// Reads the header and checks that the data begins and ends as a JPEG does (padding with zeros
+  /// after the end is allowed), which is how a truncated file or camera buffer shows. Cheap.
+  Result<JpegInfo> inspect(std::span<const std::uint8_t> jpeg);
+
+ private:
+  void* compressor_;
+  void* decompressor_;
+};
+
+}  // namespace orbbuf

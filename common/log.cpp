@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/log.hpp"
+
+#include <pthread.h>
+#include <spdlog/pattern_formatter.h>
+#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/spdlog.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <array>
+#include <cstdlib>
+#include <memory>
+#include <stdexcept>
+#include <string>
+
+namespace orbbuf {
+namespace {
+
+/// A level in our word for it, and as syslog(3) and sd-daemon(3) number it.
+struct LevelName {
+  spdlog::level::level_enum level;
+  std::string_view word;
+  std::string_view journal_prefix;
+};
+
+constexpr std::array<LevelName, 5> kLevels = {{{spdlog::level::trace, "trace", "<7>"},
+                                               {spdlog::level::debug, "debug", "<7>"},
+                                               {spdlog::level::info, "info", "<6>"},
+                                               {spdlog::level::warn, "warn", "<4>"},
+                                               {spdlog::level::err, "error", "<3>"}}};
+
+/// `critical`, which we do not use, goes as an error.
+const LevelName& name_of(spdlog::level::level_enum level) {
+  for (const LevelName& name : kLevels) {
+    if (name.level == level) return name;
+  }
+  return kLevels.back();
+}
+
+void append(spdlog::memory_buf_t& to, std::string_view text) {
+  to.append(text.data(), text.data() + text.size());
+}
+
+class LevelFlag : public spdlog::custom_flag_formatter {
+ public:
+  void format(const spdlog::details::log_msg& message, const std::tm& /*time*/,
+              spdlog::memory_buf_t& to) override {
+    append(to, name_of(message.level).word);
+  }
+  std::unique_ptr<custom_flag_formatter> clone() const override {
+    return std::make_unique<LevelFlag>();
+  }
+};
+
+class JournalPrefixFlag : public spdlog::custom_flag_formatter {
+ public:
+  void format(const spdlog::details::log_msg& message, const std::tm& /*time*/,
+              spdlog::memory_buf_t& to) override {
+    append(to, name_of(message.level).journal_prefix);
+  }
+  std::unique_ptr<custom_flag_formatter> clone() const override {
+    return std::make_unique<JournalPrefixFlag>();
+  }
+};
+
+/// The calling thread is the one that logs, since the logger is synchronous.
+class ThreadNameFlag : public spdlog::custom_flag_formatter {
+ public:
+  void format(const spdlog::details::log_msg& /*message*/, const std::tm& /*time*/,
+              spdlog::memory_buf_t& to) override {
+    std::array<char, 16> name{};
+    if (pthread_getname_np(pthread_self(), name.data(), name.size()) == 0) append(to, name.data());
+  }
+  std::unique_ptr<custom_flag_formatter> clone() const override {
+    return std::make_unique<ThreadNameFlag>();
+  }
+};
+
+/// systemd.exec(5): $JOURNAL_STREAM holds DEVICE:INODE of the stream that it has set up. A stderr
+/// redirected since then does not match.
+bool is_stderr_the_journal() {
+  const char* const stream = std::getenv("JOURNAL_STREAM");
+  struct stat status {};
+  if (stream == nullptr || fstat(STDERR_FILENO, &status) != 0) return false;
+  return stream == std::to_string(status.st_dev) + ":" + std::to_string(status.st_ino);
+}
+
+spdlog::level::level_enum level_from(std::string_view word) {
+  for (const LevelName& name : kLevels) {
+    if (name.word == word) return name.level;
+  }
+  throw std::invalid_argument("unknown log level '" + std::string(word) + "'");
+}
+
+}  // namespace
+
+void set_up_log(std::string_view level) {
+  const auto threshold = level_from(level);
+  auto formatter = std::make_unique<spdlog::pattern_formatter>(spdlog::pattern_time_type::utc);
+  formatter->add_flag<LevelFlag>('L').add_flag<ThreadNameFlag>('N').add_flag<JournalPrefixFlag>(
+      'J');
+  formatter->set_pattern(is_stderr_the_journal() ? "%J[%N] %v"
+                                                 : "%Y-%m-%dT%H:%M:%S.%eZ %L [%N] %v");
+  auto logger =
+      std::make_shared<spdlog::logger>("", std::make_shared<spdlog::sinks::stderr_sink_mt>());
+  logger->set_formatter(std::move(formatter));
+  logger->set_level(threshold);
+  spdlog::set_default_logger(std::move(logger));
+}
+
+void name_this_thread(const char* name) {
+  constexpr std::size_t kMaxChars = 15;  // the kernel's limit; longer names are refused, not cut
+  pthread_setname_np(pthread_self(), std::string(name).substr(0, kMaxChars).c_str());
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string_view>
+
+namespace orbbuf {
+
+/// Sends spdlog's default logger to stderr, synchronously. `level`: trace, debug, info, warn,
+/// error. Lines carry time, level and thread name; under systemd (stderr is the journal, per
+/// $JOURNAL_STREAM) an sd-daemon(3) `<N>` prefix instead of time and level. Throws
+/// std::invalid_argument for another level. Call once, from main().
+void set_up_log(std::string_view level);
+
+/// Names the calling thread, at most 15 characters, for the log and for tools such as top -H.
+void name_this_thread(const char* name);
+
+}  // namespace orbbuf

@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/drop_record.hpp"
+#include "common/error.hpp"
+#include "common/frame.hpp"
+
+/// The messages of the link, as bytes: docs/protocol.md is the specification, this its only
+/// implementation. Pure functions without sockets or state, so reentrant. Nothing here allocates
+/// from a length that the peer sent before that length has been checked.
+namespace orbbuf::wire {
+
+inline constexpr std::uint32_t kMagic = 0x4F524242;  ///< "ORBB"
+inline constexpr std::uint8_t kProtocolVersion = 1;
+inline constexpr std::uint8_t kHeaderFormat = 1;
+inline constexpr std::uint8_t kJpegEncoding = 1;
+inline constexpr std::size_t kHeaderBytes = 20;
+inline constexpr std::size_t kFrameMetaBytes = 28;
+inline constexpr std::uint32_t kMaxControlBytes = 64 * 1024;  ///< body of anything but a frame
+inline constexpr std::size_t kMaxIdBytes = 64;
+inline constexpr std::size_t kMaxTextBytes = 1024;  ///< software name, error text
+inline constexpr std::size_t kMaxCalibrationBytes = 16UL * 1024;
+inline constexpr std::size_t kMaxDropsPerMessage = 1024;
+
+enum class Type : std::uint8_t {
+  kHello = 1,    ///< robot -> server, first
+  kWelcome = 2,  ///< server -> robot, answer to hello
+  kFrame = 3,    ///< robot -> server
+  kAck = 4,      ///< server -> robot
+  kDropped = 5,  ///< robot -> server
+  kStats = 6,    ///< robot -> server
+  kBye = 7,      ///< robot -> server: nothing more will come; server -> robot: see Bye
+  kError = 8,    ///< either way; the sender closes the connection after it
+};
+
+/// The name used in docs, logs and errors: `hello`, `welcome`, ...
+std::string_view to_string(Type type);
+
+/// What every message starts with, checked: magic, layout, own checksum, known type, body length.
+struct Header {
+  Type type{};
+  std::uint32_t body_bytes = 0;
+  std::uint32_t body_crc = 0;
+};
+
+struct Hello {
+  std::uint8_t min_version = kProtocolVersion;
+  std::uint8_t max_version = kProtocolVersion;
+  std::string robot_id;     ///< is_valid_id()
+  std::string session_id;   ///< is_valid_id()
+  std::string software;     ///< for the log: `orbbufd 0.1.0`
+  std::string calibration;  ///< camera.txt in DSO's form, or empty
+
+  friend bool operator==(const Hello&, const Hello&) = default;
+};
+
+/// How far the server's record of a session reaches: every frame below `next_sequence` that was
+/// ever written to it is safely with its sinks, and so are the first `next_drop` drop records.
+struct Position {
+  Sequence next_sequence = 0;
+  std::uint64_t next_drop = 0;
+
+  friend bool operator==(const Position&, const Position&) = default;
+};
+
+struct Welcome {
+  std::uint8_t version = kProtocolVersion;
+  Position position;
+
+  friend bool operator==(const Welcome&, const Welcome&) = default;
+};
+
+struct Ack {
+  Position position;
+
+  friend bool operator==(const Ack&, const Ack&) = default;
+};
+
+/// Drop records `first_drop`, `first_drop + 1`, ...: numbered from 0 within a session, so that a
+/// repeat after a broken connection is recognised. 1 .. kMaxDropsPerMessage records.
+struct Dropped {
+  std::uint64_t first_drop = 0;
+  std::vector<DropRecord> records;
+
+  friend bool operator==(const Dropped&, const Dropped&) = default;
+};
+
+/// The robot's account. At every instant
+/// captured = skipped + failed + dropped + acknowledged + waiting + in_flight.
+struct Stats {
+  std::uint64_t captured = 0;
+  std::uint64_t skipped = 0;       ///< DropReason::kBusy
+  std::uint64_t failed = 0;        ///< DropReason::kFailed
+  std::uint64_t dropped = 0;       ///< DropReason::kPolicy and kShutdown
+  std::uint64_t acknowledged = 0;  ///< the server's sinks have them
+  std::uint64_t waiting = 0;       ///< in the buffer, or on their way into it
+  std::uint64_t in_flight = 0;     ///< handed to the network, not yet acknowledged
+
+  friend bool operator==(const Stats&, const Stats&) = default;
+};
+
+/// From the robot: the session is over, and its record ends before `position`. From the server: the
+/// record reaches `position`, all of it or as much as there is when the server goes down.
+struct Bye {
+  Position position;
+
+  friend bool operator==(const Bye&, const Bye&) = default;
+};
+
+enum class ErrorCode : std::uint16_t {
+  kMalformed = 1,   ///< bytes that are not this protocol
+  kVersion = 2,     ///< no protocol version in common
+  kTooLarge = 3,    ///< a length over the receiver's limit
+  kUnexpected = 4,  ///< a well-formed message at the wrong moment
+  kTimeout = 5,     ///< nothing came for too long
+  kReplaced = 6,    ///< the same robot connected again
+  kRefused = 7,     ///< a limit of the server, or not now
+};
+
+struct ErrorMessage {
+  ErrorCode code{};
+  std::string text;  ///< one line for a person
+
+  friend bool operator==(const ErrorMessage&, const ErrorMessage&) = default;
+};
+
+/// 1 .. kMaxIdBytes of [A-Za-z0-9._-], not starting with '.' or '-': safe as a file name.
+bool is_valid_id(std::string_view id);
+
+/// The library's CRC-32 (zlib), continued from `seed`, the CRC of what came before.
+std::uint32_t crc32(std::span<const std::uint8_t> bytes, std::uint32_t seed = 0);
+
+/// Whole messages, header and body. Texts over their limit are cut; ids must be valid.
+std::vector<std::uint8_t> encode(const Hello& hello);
+std::vector<std::uint8_t> encode(const Welcome& welcome);
+std::vector<std::uint8_t> encode(const Ack& ack);
+std::vector<std::uint8_t> encode(const Dropped& dropped);
+std::vector<std::uint8_t> encode(const Stats& stats);
+std::vector<std::uint8_t> encode(const Bye& bye);
+std::vector<std::uint8_t> encode(const ErrorMessage& error);
+
+/// All of a frame message but the JPEG bytes, which follow it on the wire. Does not read the JPEG:
+/// the body's checksum is combined from frame.jpeg_crc in constant time.
+std::array<std::uint8_t, kHeaderBytes + kFrameMetaBytes> encode_frame_head(
+    const EncodedFrame& frame);
+
+/// A peer's fault: what to log, and the code to answer with.
+struct Fault {
+  ErrorCode code{};
+  std::string text;
+};
+
+template <class T>
+using Parsed = boost::outcome_v2::basic_result<T, Fault, boost::outcome_v2::policy::terminate>;
+
+/// Checks magic, layout, checksum, type and length (frames: kFrameMetaBytes + 1 .. kFrameMetaBytes
+/// + max_jpeg_bytes). A stranger's first bytes are quoted in the fault.
+Parsed<Header> parse_header(std::span<const std::uint8_t, kHeaderBytes> bytes,
+                            std::uint32_t max_jpeg_bytes);
+
+/// Bodies, as announced by a header of that type. The checksum is verified first. The whole body
+/// must be used up. Ids, counts, reasons and text lengths are checked, versions only for min <=
+/// max; control characters in texts become '?' (a calibration keeps tabs and line ends); an error
+/// code that is not known becomes kRefused.
+Parsed<Hello> parse_hello(const Header& header, std::span<const std::uint8_t> body);
+Parsed<Welcome> parse_welcome(const Header& header, std::span<const std::uint8_t> body);
+Parsed<Ack> parse_ack(const Header& header, std::span<const std::uint8_t> body);
+Parsed<Dropped> parse_dropped(const Header& header, std::span<const std::uint8_t> body);
+Parsed<Stats> parse_stats(const Header& header, std::span<const std::uint8_t> body);
+Parsed<Bye> parse_bye(const Header& header, std::span<const std::uint8_t> body);
+Parsed<ErrorMessage> parse_error(const Header& header, std::span<const std::uint8_t> body);
+
+/// A frame's body arrives in two pieces so that the JPEG is never copied: the first
+/// kFrameMetaBytes, and the rest. `jpeg` is moved into the frame.
+Parsed<EncodedFrame> parse_frame(const Header& header,
+                                 std::span<const std::uint8_t, kFrameMetaBytes> meta,
+                                 std::vector<std::uint8_t> jpeg);
+
+}  // namespace orbbuf::wire

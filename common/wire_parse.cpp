@@ -1,0 +1,294 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <spdlog/fmt/fmt.h>
+#include <zlib.h>
+
+#include <cassert>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "common/byte_order.hpp"
+#include "common/wire.hpp"
+
+namespace orbbuf::wire {
+namespace {
+
+constexpr std::size_t kHeaderCrcOffset = 16;
+constexpr std::size_t kDropRecordBytes = 17;
+
+/// One below this is the last usable number, so that a position after it can be expressed.
+constexpr std::uint64_t kEndOfNumbers = std::numeric_limits<std::uint64_t>::max();
+
+Fault malformed(std::string text) { return {ErrorCode::kMalformed, std::move(text)}; }
+
+Fault too_large(std::string_view what, std::uint64_t bytes, std::uint64_t limit) {
+  return {ErrorCode::kTooLarge,
+          fmt::format("{} of {} bytes is over the limit of {}", what, bytes, limit)};
+}
+
+/// `text` with '?' for each control character not in `allowed`, so that a peer can neither forge a
+/// log line nor drive a terminal. U+0080 .. U+009F (C2 80 .. C2 9F) are control characters as well.
+std::string clean(std::string_view text, std::string_view allowed = {}) {
+  std::string result;
+  result.reserve(text.size());
+  for (const char c : text) {
+    const auto byte = static_cast<std::uint8_t>(c);
+    if (byte >= 0x80 && byte <= 0x9F && result.ends_with('\xC2')) {
+      result.back() = '?';
+    } else if ((byte < 0x20 || byte == 0x7F) && allowed.find(c) == std::string_view::npos) {
+      result.push_back('?');
+    } else {
+      result.push_back(c);
+    }
+  }
+  return result;
+}
+
+/// Who spoke to us, if not a peer: `"GET " (47 45 54 20)`.
+std::string quote(std::span<const std::uint8_t> bytes) {
+  std::string text;
+  for (const std::uint8_t byte : bytes) {
+    text.push_back(byte >= 0x20 && byte < 0x7F ? static_cast<char>(byte) : '.');
+  }
+  return fmt::format("\"{}\" ({:02x})", text, fmt::join(bytes, " "));
+}
+
+bool is_type(std::uint8_t type) {
+  return type >= static_cast<std::uint8_t>(Type::kHello) &&
+         type <= static_cast<std::uint8_t>(Type::kError);
+}
+
+std::optional<Fault> check_length(const Header& header, std::uint32_t max_jpeg_bytes) {
+  const bool is_frame = header.type == Type::kFrame;
+  const std::uint64_t limit =
+      is_frame ? std::uint64_t{kFrameMetaBytes} + max_jpeg_bytes : kMaxControlBytes;
+  if (header.body_bytes > limit) {
+    return too_large(fmt::format("{} body", to_string(header.type)), header.body_bytes, limit);
+  }
+  if (is_frame && header.body_bytes <= kFrameMetaBytes) {
+    return malformed(fmt::format("frame body of {} bytes holds no JPEG", header.body_bytes));
+  }
+  return std::nullopt;
+}
+
+/// One body on its way into a message. The first thing found wrong is what finish() tells; whatever
+/// is taken after it is zero or empty.
+class Body {
+ public:
+  Body(const Header& header, std::span<const std::uint8_t> body)
+      : Body(header, body, body.size(), crc32(body)) {}
+
+  /// For a body that is only in part in `begin`.
+  Body(const Header& header, std::span<const std::uint8_t> begin, std::size_t body_bytes,
+       std::uint32_t body_crc)
+      : type_(header.type), reader_(begin) {
+    if (body_bytes != header.body_bytes) {
+      fail(malformed(fmt::format("{} body has {} bytes, its header says {}", to_string(type_),
+                                 body_bytes, header.body_bytes)));
+    } else if (body_crc != header.body_crc) {
+      fail(malformed(fmt::format("{} body does not match its checksum", to_string(type_))));
+    }
+  }
+
+  template <std::integral T>
+  T take() {
+    return reader_.take<T>();
+  }
+
+  void take_zeros(std::size_t count) {
+    require(reader_.take_zeros(count), "reserved bytes are not zero");
+  }
+
+  Position take_position() {
+    Position position;
+    position.next_sequence = take<std::uint64_t>();
+    position.next_drop = take<std::uint64_t>();
+    return position;
+  }
+
+  std::string_view take_text(std::string_view what, std::size_t limit) {
+    const std::string_view text = reader_.take_text();
+    if (text.size() > limit) {
+      fail(too_large(fmt::format("{}: {}", to_string(type_), what), text.size(), limit));
+    }
+    return text;
+  }
+
+  std::string take_id(std::string_view what) {
+    const std::string_view id = take_text(what, kMaxIdBytes);
+    if (!is_valid_id(id)) require(false, fmt::format("{} \"{}\" is not valid", what, clean(id)));
+    return std::string(id);
+  }
+
+  std::size_t left() const { return reader_.left(); }
+
+  void require(bool is_so, std::string_view otherwise) {
+    if (!is_so) fail(malformed(fmt::format("{}: {}", to_string(type_), otherwise)));
+  }
+
+  void fail(Fault fault) {
+    if (fault_ || reader_.is_short()) return;
+    fault_ = std::move(fault);
+    reader_ = Reader({});
+  }
+
+  /// `message`, if nothing was wrong and no byte is left over.
+  template <class Message>
+  Parsed<Message> finish(Message message) {
+    if (fault_) return *std::move(fault_);
+    if (reader_.is_short()) return malformed(fmt::format("{} ends too early", to_string(type_)));
+    if (left() > 0) {
+      return malformed(fmt::format("{} has {} bytes too many", to_string(type_), left()));
+    }
+    return message;
+  }
+
+ private:
+  Type type_;
+  Reader reader_;
+  std::optional<Fault> fault_;
+};
+
+DropRecord take_drop_record(Body& in) {
+  DropRecord record;
+  record.sequence = in.take<std::uint64_t>();
+  record.capture_time_ns = in.take<std::int64_t>();
+  const auto reason = in.take<std::uint8_t>();
+  in.require(record.sequence < kEndOfNumbers, "sequence number out of range");
+  if (reason < static_cast<std::uint8_t>(DropReason::kPolicy) ||
+      reason > static_cast<std::uint8_t>(DropReason::kShutdown)) {
+    in.require(false, fmt::format("unknown drop reason {}", reason));
+  } else {
+    record.reason = static_cast<DropReason>(reason);
+  }
+  return record;
+}
+
+}  // namespace
+
+Parsed<Header> parse_header(std::span<const std::uint8_t, kHeaderBytes> bytes,
+                            std::uint32_t max_jpeg_bytes) {
+  Reader in(bytes);
+  if (in.take<std::uint32_t>() != kMagic) {
+    return malformed("not an ORBBuf peer: first bytes " + quote(bytes.first(4)));
+  }
+  if (const auto format = in.take<std::uint8_t>(); format != kHeaderFormat) {
+    return malformed(fmt::format("unknown header format {}", format));
+  }
+  if (load<std::uint32_t>(&bytes[kHeaderCrcOffset]) != crc32(bytes.first(kHeaderCrcOffset))) {
+    return malformed("header does not match its checksum");
+  }
+  const auto type = in.take<std::uint8_t>();
+  if (!is_type(type)) return malformed(fmt::format("unknown message type {}", type));
+  if (!in.take_zeros(2)) return malformed("reserved bytes of the header are not zero");
+
+  Header header;
+  header.type = static_cast<Type>(type);
+  header.body_bytes = in.take<std::uint32_t>();
+  header.body_crc = in.take<std::uint32_t>();
+  if (auto fault = check_length(header, max_jpeg_bytes)) return *std::move(fault);
+  return header;
+}
+
+Parsed<Hello> parse_hello(const Header& header, std::span<const std::uint8_t> body) {
+  assert(header.type == Type::kHello);
+  Body in(header, body);
+  Hello hello;
+  hello.min_version = in.take<std::uint8_t>();
+  hello.max_version = in.take<std::uint8_t>();
+  in.take_zeros(2);
+  in.require(hello.min_version <= hello.max_version, "version range is empty");
+  hello.robot_id = in.take_id("robot id");
+  hello.session_id = in.take_id("session id");
+  hello.software = clean(in.take_text("software name", kMaxTextBytes));
+  hello.calibration = clean(in.take_text("calibration", kMaxCalibrationBytes), "\t\n\r");
+  return in.finish(std::move(hello));
+}
+
+Parsed<Welcome> parse_welcome(const Header& header, std::span<const std::uint8_t> body) {
+  assert(header.type == Type::kWelcome);
+  Body in(header, body);
+  Welcome welcome;
+  welcome.version = in.take<std::uint8_t>();
+  in.take_zeros(7);
+  welcome.position = in.take_position();
+  return in.finish(welcome);
+}
+
+Parsed<Ack> parse_ack(const Header& header, std::span<const std::uint8_t> body) {
+  assert(header.type == Type::kAck);
+  Body in(header, body);
+  return in.finish(Ack{in.take_position()});
+}
+
+Parsed<Dropped> parse_dropped(const Header& header, std::span<const std::uint8_t> body) {
+  assert(header.type == Type::kDropped);
+  Body in(header, body);
+  Dropped dropped;
+  dropped.first_drop = in.take<std::uint64_t>();
+  const std::size_t count = in.take<std::uint16_t>();
+  in.require(count >= 1 && count <= kMaxDropsPerMessage,
+             fmt::format("{} records, not 1 to {}", count, kMaxDropsPerMessage));
+  in.require(dropped.first_drop <= kEndOfNumbers - count, "drop record number out of range");
+  if (in.left() == count * kDropRecordBytes) {
+    dropped.records.reserve(count);
+    for (std::size_t i = 0; i < count; ++i) dropped.records.push_back(take_drop_record(in));
+  } else {
+    in.require(false, fmt::format("{} bytes are not {} records", in.left(), count));
+  }
+  return in.finish(std::move(dropped));
+}
+
+Parsed<Stats> parse_stats(const Header& header, std::span<const std::uint8_t> body) {
+  assert(header.type == Type::kStats);
+  Body in(header, body);
+  Stats stats;
+  for (std::uint64_t* const count : {&stats.captured, &stats.skipped, &stats.failed, &stats.dropped,
+                                     &stats.acknowledged, &stats.waiting, &stats.in_flight}) {
+    *count = in.take<std::uint64_t>();
+  }
+  return in.finish(stats);
+}
+
+Parsed<Bye> parse_bye(const Header& header, std::span<const std::uint8_t> body) {
+  assert(header.type == Type::kBye);
+  Body in(header, body);
+  return in.finish(Bye{in.take_position()});
+}
+
+Parsed<ErrorMessage> parse_error(const Header& header, std::span<const std::uint8_t> body) {
+  assert(header.type == Type::kError);
+  Body in(header, body);
+  const auto code = in.take<std::uint16_t>();
+  const bool is_known = code >= static_cast<std::uint16_t>(ErrorCode::kMalformed) &&
+                        code <= static_cast<std::uint16_t>(ErrorCode::kRefused);
+  // A newer peer may have reasons of its own; its text still tells them.
+  ErrorMessage error{is_known ? static_cast<ErrorCode>(code) : ErrorCode::kRefused, {}};
+  error.text = clean(in.take_text("text", kMaxTextBytes));
+  return in.finish(std::move(error));
+}
+
+Parsed<EncodedFrame> parse_frame(const Header& header,
+                                 std::span<const std::uint8_t, kFrameMetaBytes> meta,
+                                 std::vector<std::uint8_t> jpeg) {
+  assert(header.type == Type::kFrame);
+  EncodedFrame frame;
+  frame.jpeg_crc = crc32(jpeg);
+  const auto body_crc = static_cast<std::uint32_t>(
+      ::crc32_combine(crc32(meta), frame.jpeg_crc, static_cast<z_off_t>(jpeg.size())));
+  Body in(header, meta, kFrameMetaBytes + jpeg.size(), body_crc);
+  frame.sequence = in.take<std::uint64_t>();
+  frame.capture_time_ns = in.take<std::int64_t>();
+  frame.exposure_ns = in.take<std::uint32_t>();
+  frame.width_px = in.take<std::uint16_t>();
+  frame.height_px = in.take<std::uint16_t>();
+  const auto encoding = in.take<std::uint8_t>();
+  in.take_zeros(3);
+  in.require(!jpeg.empty(), "no JPEG");
+  in.require(encoding == kJpegEncoding, fmt::format("unknown image encoding {}", encoding));
+  in.require(frame.sequence < kEndOfNumbers, "sequence number out of range");
+  frame.jpeg = std::move(jpeg);
+  return in.finish(std::move(frame));
+}
+
+}  // namespace orbbuf::wire

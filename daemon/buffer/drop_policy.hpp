@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <vector>
+
+#include "common/frame.hpp"
+
+namespace orbbuf {
+
+/// What a policy judges by: the frames that wait, and the one handed to the network before them.
+struct BufferView {
+  /// The left neighbour of waiting.front() in what the server receives: the frame last handed to
+  /// the network. Null until there is one.
+  FramePtr previous;
+  /// Oldest first. The last is the newest arrival, which is never the victim.
+  std::vector<FramePtr> waiting;
+
+  /// The frame that would be followed by waiting[i + 1] if waiting[i] went. May be null for i = 0.
+  const FramePtr& left_of(std::size_t i) const { return i == 0 ? previous : waiting[i - 1]; }
+
+  /// The time between frames that giving up waiting[i] would leave; any but the newest. Negative if
+  /// there is no frame on the left, so that nothing is torn apart. Otherwise it is not, even where
+  /// the clock was set back: else everything around such a place would be given up.
+  std::int64_t gap_without(std::size_t i) const {
+    const FramePtr& left = left_of(i);
+    return left ? std::abs(waiting[i + 1]->capture_time_ns - left->capture_time_ns) : -1;
+  }
+};
+
+/// Who goes when the buffer is full (paper, Sec. III-D and III-F). Thread-bound to `worker`; may be
+/// slow, since it runs outside every lock.
+class DropPolicy {
+ public:
+  virtual ~DropPolicy() = default;
+
+  /// A frame has arrived while others waited; nothing has to go. For work done ahead.
+  virtual void observe(const BufferView& /*view*/) {}
+
+  /// The index in view.waiting of the frame to give up, never the last. Requires two frames
+  /// waiting.
+  virtual std::size_t victim(const BufferView& view) = 0;
+};
+
+}  // namespace orbbuf

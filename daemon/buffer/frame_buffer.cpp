@@ -1,0 +1,201 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/buffer/frame_buffer.hpp"
+
+#include <algorithm>
+#include <cassert>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+namespace orbbuf {
+namespace {
+
+DropRecord record_of(const EncodedFrame& frame, DropReason reason) {
+  return {frame.sequence, frame.capture_time_ns, reason};
+}
+
+}  // namespace
+
+FrameBuffer::FrameBuffer(std::size_t capacity, std::unique_ptr<DropPolicy> policy)
+    : capacity_(capacity), policy_(std::move(policy)) {
+  if (capacity_ < 3) {
+    throw std::invalid_argument("buffer capacity " + std::to_string(capacity_) +
+                                " is less than 3 frames");
+  }
+  assert(policy_);
+}
+
+void FrameBuffer::captured() {
+  const std::lock_guard lock(mutex_);
+  ++counts_.captured;
+  ++entering_;
+}
+
+void FrameBuffer::lost(const DropRecord& record) {
+  const std::lock_guard lock(mutex_);
+  assert(entering_ > 0 && record.reason != DropReason::kPolicy);
+  --entering_;
+  switch (record.reason) {
+    case DropReason::kBusy:
+      ++counts_.skipped;
+      break;
+    case DropReason::kFailed:
+      ++counts_.failed;
+      break;
+    case DropReason::kPolicy:
+    case DropReason::kShutdown:
+      ++counts_.dropped;
+      break;
+  }
+  final_drops_.push_back(record);
+}
+
+void FrameBuffer::push(EncodedFrame frame) {
+  auto newest = std::make_shared<const EncodedFrame>(std::move(frame));
+  std::unique_lock lock(mutex_);
+  assert(entering_ > 0);
+  assert(waiting_.empty() || waiting_.back().frame->sequence < newest->sequence);
+  --entering_;
+  // First of all the network may have it: what the policy thinks about must not delay the link.
+  waiting_.push_back({std::move(newest)});
+  if (waiting_.size() == 1) return;  // the link keeps up
+  if (waiting_.size() <= capacity_) {
+    const BufferView snapshot = view();
+    lock.unlock();
+    policy_->observe(snapshot);
+    return;
+  }
+  while (waiting_.size() > capacity_) {
+    const BufferView snapshot = view();
+    lock.unlock();
+    const std::size_t choice = policy_->victim(snapshot);
+    assert(choice + 1 < snapshot.waiting.size());
+    lock.lock();
+    // The network went on meanwhile: there may be room now, or the victim may be on its way.
+    if (waiting_.size() > capacity_) drop_if_waiting(snapshot.waiting[choice]);
+  }
+}
+
+bool FrameBuffer::wait_for_room(std::stop_token stop) {
+  std::unique_lock lock(mutex_);
+  return room_.wait(lock, std::move(stop), [this] { return waiting_.size() < capacity_; });
+}
+
+FramePtr FrameBuffer::take() {
+  const std::lock_guard lock(mutex_);
+  if (waiting_.empty()) return nullptr;
+  in_flight_.push_back(std::move(waiting_.front().frame));
+  waiting_.pop_front();
+  room_.notify_all();
+  return in_flight_.back();
+}
+
+void FrameBuffer::acknowledge(Sequence next) {
+  const std::lock_guard lock(mutex_);
+  while (!in_flight_.empty() && in_flight_.front()->sequence < next) {
+    count_delivered(std::move(in_flight_.front()));
+    in_flight_.pop_front();
+  }
+}
+
+void FrameBuffer::return_in_flight() {
+  const std::lock_guard lock(mutex_);
+  for (; !in_flight_.empty(); in_flight_.pop_back()) {
+    waiting_.push_front({std::move(in_flight_.back()), true});
+  }
+}
+
+// A connection writes frames in the order of their sequence numbers and the server takes them in
+// the order they come. So a server that expects `next` has all below it that any connection ever
+// wrote, and none from there on: one number settles every frame that was taken and returned.
+void FrameBuffer::resume(Sequence next) {
+  const std::lock_guard lock(mutex_);
+  assert(in_flight_.empty());
+  // Frames that were taken are older than all that were not, so they are first in line.
+  while (!waiting_.empty() && waiting_.front().was_taken &&
+         waiting_.front().frame->sequence < next) {
+    count_delivered(std::move(waiting_.front().frame));
+    waiting_.pop_front();
+  }
+  for (Entry& entry : waiting_) entry.was_taken = false;
+  for (FramePtr& frame : unconfirmed_drops_) {
+    if (frame->sequence < next) {
+      --counts_.dropped;
+      count_delivered(std::move(frame));
+    } else {
+      final_drops_.push_back(record_of(*frame, DropReason::kPolicy));
+    }
+  }
+  unconfirmed_drops_.clear();
+  room_.notify_all();
+}
+
+std::vector<DropRecord> FrameBuffer::collect_drops() {
+  const std::lock_guard lock(mutex_);
+  return std::exchange(final_drops_, {});
+}
+
+void FrameBuffer::give_up_waiting() {
+  const std::lock_guard lock(mutex_);
+  const auto first = std::ranges::find(waiting_, false, &Entry::was_taken);
+  for (auto entry = first; entry != waiting_.end(); ++entry) {
+    final_drops_.push_back(record_of(*entry->frame, DropReason::kShutdown));
+    ++counts_.dropped;
+  }
+  waiting_.erase(first, waiting_.end());
+  room_.notify_all();
+}
+
+void FrameBuffer::give_up() {
+  const std::lock_guard lock(mutex_);
+  for (const FramePtr& frame : unconfirmed_drops_) {
+    final_drops_.push_back(record_of(*frame, DropReason::kPolicy));
+  }
+  for (const FramePtr& frame : in_flight_) {
+    final_drops_.push_back(record_of(*frame, DropReason::kShutdown));
+  }
+  for (const Entry& entry : waiting_) {
+    final_drops_.push_back(record_of(*entry.frame, DropReason::kShutdown));
+  }
+  counts_.dropped += in_flight_.size() + waiting_.size();
+  unconfirmed_drops_.clear();
+  in_flight_.clear();
+  waiting_.clear();
+  room_.notify_all();
+}
+
+wire::Stats FrameBuffer::stats() const {
+  const std::lock_guard lock(mutex_);
+  wire::Stats stats = counts_;
+  stats.waiting = waiting_.size() + entering_;
+  stats.in_flight = in_flight_.size();
+  return stats;
+}
+
+BufferView FrameBuffer::view() const {
+  BufferView view{in_flight_.empty() ? last_acknowledged_ : in_flight_.back(), {}};
+  view.waiting.reserve(waiting_.size());
+  for (const Entry& entry : waiting_) view.waiting.push_back(entry.frame);
+  return view;
+}
+
+void FrameBuffer::drop_if_waiting(const FramePtr& victim) {
+  const auto entry = std::ranges::find(waiting_, victim, &Entry::frame);
+  if (entry == waiting_.end()) return;
+  ++counts_.dropped;
+  if (entry->was_taken) {
+    unconfirmed_drops_.push_back(victim);
+  } else {
+    final_drops_.push_back(record_of(*victim, DropReason::kPolicy));
+  }
+  waiting_.erase(entry);
+}
+
+void FrameBuffer::count_delivered(FramePtr frame) {
+  ++counts_.acknowledged;
+  if (!last_acknowledged_ || last_acknowledged_->sequence < frame->sequence) {
+    last_acknowledged_ = std::move(frame);
+  }
+}
+
+}  // namespace orbbuf

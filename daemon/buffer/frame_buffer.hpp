@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <condition_variable>
+#include <cstddef>
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <stop_token>
+#include <vector>
+
+#include "common/drop_record.hpp"
+#include "common/frame.hpp"
+#include "common/wire.hpp"
+#include "daemon/buffer/drop_policy.hpp"
+
+namespace orbbuf {
+
+/// The robot's frames from capture to acknowledgement, and the account of every one of them.
+///
+/// When the link is slower than the camera the buffer fills, and each push then costs one frame.
+/// Which one is the policy's choice: OrbPolicy gives up the frame whose two neighbours are most
+/// alike, so that what remains still overlaps enough for visual SLAM to hold on.
+/// Source: Wang et al., "ORBBuf", IROS 2021, arXiv:2010.14861, Sec. III-C and III-D.
+///
+/// A frame waits, is taken by the network (in flight), and leaves when the server acknowledges it.
+/// If the connection breaks first it waits again, at the head, and competes like any other. Whether
+/// the server has such a frame after all is only known once it says how far it got (resume());
+/// should the policy give the frame up before that, the drop stays unconfirmed and is not yet
+/// reported.
+///
+/// Thread-safe: capture, worker and main call what is marked theirs. No call blocks another for
+/// longer than a pass over the list; the policy runs outside the lock.
+/// Invariants: sequence numbers strictly increase from the first in flight to the last waiting;
+/// stats() always adds up. At most `capacity` frames wait once a push has returned; returned frames
+/// may exceed it until the next push.
+class FrameBuffer {
+ public:
+  /// capacity: frames, >= 3, since a frame needs two neighbours to be judged redundant.
+  /// Throws std::invalid_argument below that. `policy` is owned from here on.
+  FrameBuffer(std::size_t capacity, std::unique_ptr<DropPolicy> policy);
+
+  /// `capture`: one more frame exists. Each ends in exactly one push() or lost().
+  void captured();
+  /// Any thread: a captured frame that will never be pushed (kBusy, kFailed, kShutdown).
+  void lost(const DropRecord& record);
+
+  /// `worker`: adds the newest frame; gives up as many as it takes to be within capacity again. The
+  /// newest is never given up. Does not wait, but takes as long as the policy does.
+  void push(EncodedFrame frame);
+  /// `worker`: waits until a push would not cost a frame. False if `stop` was requested first.
+  bool wait_for_room(std::stop_token stop);
+
+  /// `main`: hands the oldest frame to the network. Null if none waits.
+  FramePtr take();
+  /// `main`: the server has every frame in flight below `next`.
+  void acknowledge(Sequence next);
+  /// `main`: the connection broke; what is in flight goes back to the head, in order.
+  void return_in_flight();
+  /// `main`: a new connection's server has every frame below `next` that was ever taken. Settles
+  /// returned frames and unconfirmed drops accordingly.
+  void resume(Sequence next);
+
+  /// `main`: the drops since the last call that are final, in the order they became so.
+  std::vector<DropRecord> collect_drops();
+  /// `main`: gives up what waits (kShutdown), but for what the server may have: frames in flight,
+  /// and returned ones.
+  void give_up_waiting();
+  /// `main`, at the end: gives up whatever is undelivered (kShutdown) and makes all drops final.
+  void give_up();
+
+  /// Any thread. A consistent snapshot: captured = the sum of the rest.
+  wire::Stats stats() const;
+
+ private:
+  struct Entry {
+    FramePtr frame;
+    bool was_taken = false;  ///< by a connection that broke; the server may have it
+  };
+
+  // All three require mutex_.
+  BufferView view() const;
+  void drop_if_waiting(const FramePtr& victim);
+  void count_delivered(FramePtr frame);
+
+  const std::size_t capacity_;
+  const std::unique_ptr<DropPolicy> policy_;  // worker only
+
+  mutable std::mutex mutex_;
+  std::condition_variable_any room_;
+  // All below guarded by mutex_.
+  std::deque<Entry> waiting_;
+  std::deque<FramePtr> in_flight_;
+  FramePtr last_acknowledged_;  // the newest of them: the head's neighbour when none is in flight
+  std::vector<DropRecord> final_drops_;
+  std::vector<FramePtr> unconfirmed_drops_;  // at most as many as were in flight at once
+  wire::Stats counts_;          // waiting and in_flight are taken from the containers, see stats()
+  std::uint64_t entering_ = 0;  // captured, neither pushed nor lost yet
+};
+
+}  // namespace orbbuf

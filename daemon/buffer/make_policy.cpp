@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/buffer/make_policy.hpp"
+
+#include <stdexcept>
+#include <utility>
+
+#include "daemon/buffer/orb_policy.hpp"
+#include "daemon/buffer/simple_policies.hpp"
+
+namespace orbbuf {
+
+std::unique_ptr<DropPolicy> make_policy(const BufferSettings& settings, ExtractFeatures extract) {
+  const std::string& name = settings.policy;
+  if (name == "orbbuf") return std::make_unique<OrbPolicy>(std::move(extract));
+  if (name == "uniform") return std::make_unique<UniformPolicy>();
+  if (name == "drop-oldest") return std::make_unique<DropOldestPolicy>();
+  if (name == "drop-youngest") return std::make_unique<DropYoungestPolicy>();
+  if (name == "random") return std::make_unique<RandomPolicy>(settings.seed);
+  throw std::invalid_argument("unknown drop policy '" + name + "'");
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "daemon/capture/frame_source.hpp"
+#include "daemon/capture/make_source.hpp"
+#include "daemon/capture/times_file.hpp"
+
+namespace orbbuf {
+
+/// The images of a folder, ordered by name: png, jpg, jpeg and pgm; other files are ignored. Times
+/// come from a times.txt in the folder or beside it (times_file.hpp), else from settings.fps.
+///
+/// JPEG files are passed on unread, as kJpeg. The others are decoded, to gray or, if
+/// settings.color, to colour; of 16 bits a pixel the upper 8 are kept. An image that is unreadable
+/// or cut short is a frame with a defect. At its reader's pace; ReplaySource gives it the camera's.
+class FolderReplaySource : public FrameSource {
+ public:
+  /// settings.path: the images' folder, or the one that holds them in `images`. Reads all names and
+  /// times; throws std::runtime_error if there are no images or their times cannot be used.
+  explicit FolderReplaySource(const SourceSettings& settings);
+
+  std::optional<RawFrame> next(std::stop_token stop) override;
+  bool is_live() const override { return false; }
+  std::string description() const override;
+
+ private:
+  double fps_;
+  bool is_color_;
+  std::filesystem::path folder_;
+  std::vector<std::string> names_;
+  std::filesystem::path times_file_;  ///< empty: times by fps_
+  std::vector<ImageTime> times_;
+  std::size_t next_ = 0;
+};
+
+}  // namespace orbbuf

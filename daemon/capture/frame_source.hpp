@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <stop_token>
+#include <string>
+
+namespace orbbuf {
+
+enum class PixelFormat {
+  kGray8,  ///< one byte a pixel
+  kBgr24,  ///< blue, green, red
+  kJpeg,   ///< one complete JPEG; width and height may be 0 (unknown), stride is unused
+};
+
+/// One image as the source has it. `data` is valid for as long as `lease` is held; letting go of
+/// it, on any thread, gives the memory back to the source.
+struct RawFrame {
+  std::int64_t capture_time_ns = 0;
+  std::uint32_t exposure_ns = 0;  ///< 0: unknown
+  int width_px = 0;
+  int height_px = 0;
+  std::size_t stride_bytes = 0;
+  PixelFormat format = PixelFormat::kGray8;
+  std::span<const std::uint8_t> data;
+  std::shared_ptr<const void> lease;
+  std::string defect;  ///< not empty: the image could not be read, and why; `data` is empty
+};
+
+/// Where frames come from. Thread-bound to `capture`, but for construction and destruction.
+class FrameSource {
+ public:
+  virtual ~FrameSource() = default;
+
+  /// The next frame in capture order; waits for it. Nothing at the end of a finite source, or soon
+  /// after `stop` is requested. A frame that is there but unreadable is returned with `defect` set,
+  /// so that it is counted and named. Throws std::runtime_error when the source as a whole is gone.
+  virtual std::optional<RawFrame> next(std::stop_token stop) = 0;
+
+  /// True: frames come at their own pace, and one that is not taken in time is lost to its
+  /// successor. False: the source waits for its reader and nothing need be lost.
+  virtual bool is_live() const = 0;
+
+  /// One line for the log: what, where, size and rate.
+  virtual std::string description() const = 0;
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <string_view>
+
+#include "daemon/capture/frame_source.hpp"
+
+namespace orbbuf {
+
+/// `[source]` of orbbufd.toml.
+struct SourceSettings {
+  std::string kind = "generated";  ///< one of kSourceKinds
+  std::filesystem::path path;      ///< folder: the images; video: the file
+  double fps = 25.0;               ///< frames per second where the source has no times of its own
+  bool realtime = true;    ///< pace frames by their capture times; else as fast as they are taken
+  bool loop = false;       ///< begin again at the end, capture times going on
+  std::uint64_t seed = 1;  ///< generated: same seed, same frames
+  int width_px = 640;      ///< generated
+  int height_px = 480;     ///< generated
+  std::int64_t frames = 500;  ///< generated: how many
+  bool color = false;         ///< `[jpeg] color`: whether images are read in colour
+};
+
+/// Every kind of source, by its name in the configuration.
+inline constexpr std::array<std::string_view, 3> kSourceKinds = {"generated", "folder", "video"};
+
+/// Opens the source that `settings.kind` names, paced and looped as asked. Throws
+/// std::runtime_error saying what was tried, on what and why, if it cannot deliver a first frame.
+std::unique_ptr<FrameSource> make_source(const SourceSettings& settings);
+
+}  // namespace orbbuf

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/image/jpeg_encoder.hpp"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <cstddef>
+#include <limits>
+#include <utility>
+
+#include "common/wire.hpp"
+
+namespace orbbuf {
+namespace {
+
+constexpr int kMaxSidePx = std::numeric_limits<std::uint16_t>::max();
+
+std::optional<Error> wrong_size(int width_px, int height_px) {
+  if (width_px >= 1 && width_px <= kMaxSidePx && height_px >= 1 && height_px <= kMaxSidePx) {
+    return std::nullopt;
+  }
+  return Error{fmt::format("cannot encode an image of {}x{} px: 1 to {} px each way", width_px,
+                           height_px, kMaxSidePx)};
+}
+
+/// `raw` as the codec takes it. Fails if its data do not hold the rows that it claims.
+Result<ImageView> pixels_of(const RawFrame& raw) {
+  if (auto error = wrong_size(raw.width_px, raw.height_px)) return std::move(*error);
+  const int channels = raw.format == PixelFormat::kGray8 ? 1 : 3;
+  const auto row_bytes =
+      static_cast<std::size_t>(raw.width_px) * static_cast<std::size_t>(channels);
+  const auto rows_before_last = static_cast<std::size_t>(raw.height_px - 1);
+  if (raw.stride_bytes < row_bytes || raw.data.size() < row_bytes ||
+      (raw.data.size() - row_bytes) / raw.stride_bytes < rows_before_last) {
+    return Error{
+        fmt::format("cannot encode an image of {}x{} px: {} bytes in rows of {} are too few",
+                    raw.width_px, raw.height_px, raw.data.size(), raw.stride_bytes)};
+  }
+  return ImageView{raw.data.data(), raw.width_px, raw.height_px, raw.stride_bytes, channels};
+}
+
+}  // namespace
+
+JpegEncoder::JpegEncoder(const JpegSettings& settings) : settings_(settings) {}
+
+Result<EncodedFrame> JpegEncoder::encode(const RawFrame& raw, Sequence sequence) {
+  if (!raw.defect.empty()) return Error{raw.defect};
+  EncodedFrame frame;
+  frame.sequence = sequence;
+  frame.capture_time_ns = raw.capture_time_ns;
+  frame.exposure_ns = raw.exposure_ns;
+  int width_px = raw.width_px;
+  int height_px = raw.height_px;
+  if (raw.format == PixelFormat::kJpeg) {
+    auto info = codec_.inspect(raw.data);
+    if (!info) return std::move(info).error();
+    width_px = info.value().width_px;
+    height_px = info.value().height_px;
+    if (auto error = wrong_size(width_px, height_px)) return std::move(*error);
+    frame.jpeg.assign(raw.data.begin(), raw.data.end());
+  } else {
+    auto view = pixels_of(raw);
+    if (!view) return std::move(view).error();
+    auto jpeg = codec_.encode(view.value(), settings_.quality, settings_.color);
+    if (!jpeg) return std::move(jpeg).error();
+    frame.jpeg = std::move(jpeg).value();
+  }
+  frame.width_px = static_cast<std::uint16_t>(width_px);
+  frame.height_px = static_cast<std::uint16_t>(height_px);
+  frame.jpeg_crc = wire::crc32(frame.jpeg);
+  return frame;
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include "common/error.hpp"
+#include "common/frame.hpp"
+#include "common/jpeg.hpp"
+#include "daemon/capture/frame_source.hpp"
+
+namespace orbbuf {
+
+/// `[jpeg]` of orbbufd.toml.
+struct JpegSettings {
+  int quality = 80;    ///< 1..100; the paper's value (Sec. IV-A)
+  bool color = false;  ///< false: grayscale; true: 4:2:0 colour
+};
+
+/// RawFrame -> EncodedFrame. What is JPEG already is passed through byte for byte, once it has been
+/// seen to be complete. Thread-bound.
+class JpegEncoder {
+ public:
+  explicit JpegEncoder(const JpegSettings& settings);
+
+  /// `sequence` goes into the frame. Fails, in words, for a frame with a defect, a truncated JPEG,
+  /// or a size over 65535 pixels either way. Does not keep the raw frame.
+  Result<EncodedFrame> encode(const RawFrame& raw, Sequence sequence);
+
+ private:
+  JpegSettings settings_;
+  JpegCodec codec_;
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/image/orb_extractor.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <opencv2/core.hpp>
+#include <opencv2/features2d.hpp>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "common/jpeg.hpp"
+
+namespace orbbuf {
+namespace {
+
+constexpr float kScaleFactor = 1.2F;
+constexpr int kEdgePx = 31;  // cv::ORB's default: it finds nothing this close to an edge
+constexpr int kDescriptorBytes = 32;
+
+/// Byte k of the descriptor becomes bits 8k..8k+7, whatever the machine's byte order.
+Descriptor descriptor_of(const std::uint8_t* bytes) {
+  Descriptor descriptor{};
+  for (std::size_t i = 0; i < kDescriptorBytes; ++i) {
+    descriptor[i / 8] |= static_cast<std::uint64_t>(bytes[i]) << (8 * (i % 8));
+  }
+  return descriptor;
+}
+
+}  // namespace
+
+struct OrbExtractor::State {
+  explicit State(const FeatureSettings& settings)
+      : scale(settings.scale),
+        orb(cv::ORB::create(settings.count, kScaleFactor, settings.levels)) {}
+
+  /// One line for each kind of trouble, not one for each frame.
+  void warn_once(const std::string& kind, Sequence sequence, const std::string& why) {
+    if (!warned.insert(kind).second) return;
+    spdlog::warn("frame {} has no ORB features: {} (further frames like this are not logged)",
+                 sequence, why);
+  }
+
+  int scale;
+  cv::Ptr<cv::ORB> orb;
+  JpegCodec codec;
+  std::set<std::string> warned;
+};
+
+OrbExtractor::OrbExtractor(const FeatureSettings& settings)
+    : state_(std::make_unique<State>(settings)) {}
+
+OrbExtractor::~OrbExtractor() = default;
+
+FeatureSet OrbExtractor::extract(const EncodedFrame& frame) {
+  auto decoded = state_->codec.decode_gray(frame.jpeg, state_->scale);
+  if (!decoded) {
+    state_->warn_once("decode", frame.sequence, decoded.error().text);
+    return {};
+  }
+  auto& gray = decoded.value();
+  if (std::min(gray.width_px, gray.height_px) <= 2 * kEdgePx) return {};
+  cv::Mat rows;
+  try {
+    const cv::Mat image(gray.height_px, gray.width_px, CV_8UC1, gray.pixels.data());
+    std::vector<cv::KeyPoint> points;
+    state_->orb->detectAndCompute(image, cv::noArray(), points, rows);
+  } catch (const cv::Exception& error) {
+    state_->warn_once(error.func, frame.sequence, error.what());
+    return {};
+  }
+  FeatureSet features;
+  features.descriptors.reserve(static_cast<std::size_t>(rows.rows));
+  for (int i = 0; i < rows.rows; ++i) features.descriptors.push_back(descriptor_of(rows.ptr(i)));
+  return features;
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdlib>
+#include <iostream>
+
+#include "common/log.hpp"
+#include "daemon/robot.hpp"
+#include "daemon/settings.hpp"
+
+namespace {
+
+constexpr const char* kAbout =
+    "Films, or replays a sequence, and keeps a SLAM program at the far end of a bad link\n"
+    "tracking: when frames must be given up, gives up those that cost it least.\n"
+    "Every key of the configuration, with its unit and default: config/orbbufd.toml.";
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app{kAbout, "orbbufd"};
+  std::string file;
+  std::vector<std::string> overrides;
+  bool check_only = false;
+  app.add_option("--config", file, "Configuration file (TOML); without one, all defaults")
+      ->type_name("FILE");
+  app.add_option("--set", overrides, "Set one key over the file, e.g. link.server=10.0.0.1:7722")
+      ->type_name("KEY=VALUE")
+      ->allow_extra_args(false);
+  app.add_flag("--check-config", check_only, "Check the configuration and exit");
+  app.set_version_flag("--version", "orbbufd " ORBBUF_VERSION);
+  CLI11_PARSE(app, argc, argv);
+
+  try {
+    const orbbuf::Settings settings = orbbuf::load_settings(file, overrides);
+    if (check_only) {
+      std::cout << (file.empty() ? "defaults" : file) << ": OK\n";
+      return EXIT_SUCCESS;
+    }
+    orbbuf::set_up_log(settings.log_level);
+    orbbuf::name_this_thread("main");
+    return orbbuf::run_robot(settings) ? EXIT_SUCCESS : EXIT_FAILURE;
+  } catch (const std::exception& error) {
+    spdlog::critical("{}", error.what());
+    return EXIT_FAILURE;
+  }
+}

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <filesystem>
+#include <fstream>
+#include <span>
+
+#include "common/drop_record.hpp"
+#include "common/wire.hpp"
+
+namespace orbbuf {
+
+/// The session's drop records on their way into the server's record: numbered as they come, kept
+/// until acknowledged, sent again on a new connection. Also the robot's own copy, a CSV file that
+/// ends up equal to the server's drops.csv. Thread-bound to `main`.
+/// Memory: 24 bytes for each record that waits, so about 50 MB for a day without a server at 25
+/// fps.
+class DropLog {
+ public:
+  /// `file`: written anew; empty for none. Throws std::runtime_error if it cannot be created.
+  explicit DropLog(std::filesystem::path file);
+
+  void add(std::span<const DropRecord> records);
+
+  /// A new connection begins: the server has the records below `next_drop`; the rest is sent again.
+  void rewind(std::uint64_t next_drop);
+  /// The server has the records below `next_drop`.
+  void acknowledge(std::uint64_t next_drop);
+
+  bool has_unsent() const { return sent_ < records_.size(); }
+  /// The next records to send, at most wire::kMaxDropsPerMessage. Requires has_unsent().
+  wire::Dropped take_unsent();
+
+  /// Number of the record after the last one.
+  std::uint64_t next_drop() const { return first_ + records_.size(); }
+  bool is_settled() const { return records_.empty(); }
+
+ private:
+  std::filesystem::path path_;
+  std::ofstream file_;
+  std::deque<DropRecord> records_;  // not yet acknowledged
+  std::uint64_t first_ = 0;         // number of records_.front()
+  std::size_t sent_ = 0;            // how many of records_ this connection has sent
+};
+
+}  // namespace orbbuf

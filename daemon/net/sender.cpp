@@ -1,0 +1,229 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/net/sender.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <utility>
+
+namespace orbbuf {
+namespace asio = boost::asio;
+using boost::system::error_code;
+using Clock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+
+namespace {
+
+constexpr milliseconds kRetryDelay{250};
+constexpr milliseconds kTick{100};
+constexpr std::chrono::seconds kStatsInterval{1};
+constexpr std::chrono::seconds kByeTimeout{2};
+constexpr unsigned kAttemptsBeforeResolvingAgain = 20;
+
+double seconds(std::chrono::nanoseconds duration) {
+  return std::chrono::duration<double>(duration).count();
+}
+
+}  // namespace
+
+Sender::Sender(asio::io_context& io, LinkSettings settings, wire::Hello hello, FrameBuffer& buffer,
+               DropLog& drops)
+    : io_(io),
+      settings_(std::move(settings)),
+      hello_(std::move(hello)),
+      buffer_(buffer),
+      drops_(drops),
+      resolver_(io),
+      attempt_timer_(io),
+      tick_timer_(io),
+      drain_timer_(io) {}
+
+Sender::~Sender() {
+  if (connection_) connection_->close();
+}
+
+void Sender::start() {
+  stats_time_ = Clock::now() + kStatsInterval;
+  resolve();
+  tick();
+}
+
+void Sender::resolve() {
+  const auto on_resolved = [this](const error_code& error,
+                                  const asio::ip::tcp::resolver::results_type& results) {
+    if (error == asio::error::operation_aborted) return;
+    if (error) {
+      return disconnect({"cannot resolve " + settings_.server.host + ": " + error.message()},
+                        kRetryDelay);
+    }
+    endpoints_.assign(results.begin(), results.end());
+    connect();
+  };
+  resolver_.async_resolve(settings_.server.host, std::to_string(settings_.server.port),
+                          on_resolved);
+}
+
+void Sender::connect() {
+  connection_ =
+      std::make_shared<ServerConnection>(io_, static_cast<ServerConnection::Owner&>(*this));
+  connection_->open(endpoints_[attempts_ % endpoints_.size()], hello_,
+                    static_cast<std::uint32_t>(settings_.unsent_bytes));
+  attempt_timer_.expires_after(settings_.connect_timeout);
+  attempt_timer_.async_wait([this, attempt = connection_](const error_code& error) {
+    if (error || attempt != connection_ || is_streaming_) return;
+    disconnect({fmt::format("no answer within {} s", seconds(settings_.connect_timeout))},
+               milliseconds(0));
+  });
+}
+
+void Sender::connect_again(std::chrono::nanoseconds delay) {
+  // A name may come to mean another address while a robot is out of reach.
+  if (++attempts_ % kAttemptsBeforeResolvingAgain == 0) endpoints_.clear();
+  attempt_timer_.expires_after(delay);
+  attempt_timer_.async_wait([this](const error_code& error) {
+    if (error || connection_) return;
+    if (endpoints_.empty()) return resolve();
+    connect();
+  });
+}
+
+void Sender::disconnect(const Error& why, std::chrono::nanoseconds retry_delay) {
+  if (connection_) connection_->close();
+  connection_.reset();
+  is_bye_sent_ = false;
+  if (std::exchange(is_streaming_, false)) {
+    buffer_.return_in_flight();
+    spdlog::warn("link: connection to {} lost: {}", to_string(settings_.server), why.text);
+  } else if (why.text != last_error_) {
+    spdlog::warn("link: no connection to {}: {}; trying on", to_string(settings_.server), why.text);
+    last_error_ = why.text;
+  }
+  connect_again(retry_delay);
+}
+
+void Sender::on_failed(const Error& error) { disconnect(error, kRetryDelay); }
+
+void Sender::on_welcome(const wire::Position& position) {
+  attempt_timer_.cancel();
+  attempts_ = 0;
+  last_error_.clear();
+  is_streaming_ = true;
+  acked_bytes_ = 0;
+  moved_time_ = Clock::now();
+  buffer_.resume(position.next_sequence);
+  drops_.rewind(position.next_drop);
+  spdlog::info("link: connected to {}; its record of this session reaches frame {}",
+               to_string(settings_.server), position.next_sequence);
+}
+
+void Sender::on_ack(const wire::Position& position) {
+  buffer_.acknowledge(position.next_sequence);
+  drops_.acknowledge(position.next_drop);
+  if (done_) wake();
+}
+
+void Sender::on_bye(const wire::Position& /*position*/) {
+  if (is_bye_sent_) return end(true);
+  spdlog::info("link: the server is going down");
+}
+
+void Sender::on_writable() { write_next(); }
+
+void Sender::wake() {
+  if (is_streaming_ && connection_->is_writable()) write_next();
+}
+
+void Sender::write_next() {
+  drops_.add(buffer_.collect_drops());
+  if (std::exchange(is_stats_due_, false)) {
+    return connection_->write(wire::encode(buffer_.stats()));
+  }
+  // After an outage the drop records are many: frames first, then turn by turn.
+  const bool is_drops_turn = std::exchange(is_drops_turn_, false) && drops_.has_unsent();
+  if (FramePtr frame = is_drops_turn ? nullptr : buffer_.take()) {
+    is_drops_turn_ = true;
+    connection_->write(std::move(frame));
+  } else if (drops_.has_unsent()) {
+    connection_->write(wire::encode(drops_.take_unsent()));
+  } else if (done_ && !is_bye_sent_ && is_settled()) {
+    say_bye();
+  }
+}
+
+bool Sender::is_settled() const {
+  const wire::Stats stats = buffer_.stats();
+  return stats.waiting == 0 && stats.in_flight == 0 && drops_.is_settled();
+}
+
+void Sender::say_bye() {
+  is_bye_sent_ = true;
+  connection_->write(wire::encode(wire::Bye{{buffer_.stats().captured, drops_.next_drop()}}));
+}
+
+void Sender::tick() {
+  tick_timer_.expires_after(kTick);
+  tick_timer_.async_wait([this](const error_code& error) {
+    if (!error) tick();
+  });
+  if (is_streaming_) check_stall();
+  if (Clock::now() < stats_time_) return;
+  stats_time_ += kStatsInterval;
+  is_stats_due_ = true;
+  const wire::Stats stats = buffer_.stats();
+  spdlog::info(
+      "captured {} skipped {} failed {} dropped {} acknowledged {} waiting {} in flight {}{}",
+      stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged, stats.waiting,
+      stats.in_flight, is_streaming_ ? "" : ", no connection");
+  wake();
+}
+
+void Sender::check_stall() {
+  const auto progress = connection_->progress();
+  const auto now = Clock::now();
+  if (!progress || progress->unacked_segments == 0 || progress->acked_bytes != acked_bytes_) {
+    acked_bytes_ = progress ? progress->acked_bytes : 0;
+    moved_time_ = now;
+    return;
+  }
+  const std::chrono::nanoseconds limit =
+      std::max<std::chrono::nanoseconds>(settings_.stall_timeout, 4 * progress->round_trip);
+  if (now - moved_time_ < limit) return;
+  disconnect(
+      {fmt::format("stalled, nothing acknowledged for {:.1f} s", seconds(now - moved_time_))},
+      milliseconds(0));
+}
+
+void Sender::finish(std::function<void(bool)> done) {
+  done_ = std::move(done);
+  drain_timer_.expires_after(settings_.drain_timeout);
+  drain_timer_.async_wait([this](const error_code& error) {
+    if (!error && done_) give_up_waiting();
+  });
+  wake();
+}
+
+void Sender::give_up_waiting() {
+  const wire::Stats stats = buffer_.stats();
+  spdlog::warn("link: {} frames are still undelivered after {} s", stats.waiting + stats.in_flight,
+               seconds(settings_.drain_timeout));
+  if (!is_streaming_) return end(false);
+  buffer_.give_up_waiting();
+  drain_timer_.expires_after(kByeTimeout);
+  drain_timer_.async_wait([this](const error_code& error) {
+    if (!error && done_) end(false);
+  });
+  wake();
+}
+
+void Sender::end(bool complete) {
+  if (connection_) connection_->close();
+  connection_.reset();
+  is_streaming_ = false;
+  for (auto* timer : {&attempt_timer_, &tick_timer_, &drain_timer_}) timer->cancel();
+  resolver_.cancel();
+  buffer_.give_up();
+  drops_.add(buffer_.collect_drops());
+  std::exchange(done_, nullptr)(complete);
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "common/address.hpp"
+#include "common/wire.hpp"
+#include "daemon/buffer/frame_buffer.hpp"
+#include "daemon/net/drop_log.hpp"
+#include "daemon/net/server_connection.hpp"
+
+namespace orbbuf {
+
+/// `[link]` of orbbufd.toml.
+struct LinkSettings {
+  Address server{"127.0.0.1", 7722};
+  /// One attempt, from the SYN to the welcome; must exceed the link's round trip.
+  std::chrono::nanoseconds connect_timeout = std::chrono::milliseconds(500);
+  /// A connection whose kernel has sent something and seen none of it acknowledged for this long
+  /// (or four round trips, if that is longer) is replaced.
+  std::chrono::nanoseconds stall_timeout = std::chrono::seconds(1);
+  /// At the end: how long to go on delivering what waits.
+  std::chrono::nanoseconds drain_timeout = std::chrono::seconds(10);
+  /// What the kernel may hold unsent: frames in there are beyond the policy.
+  std::uint64_t unsent_bytes = 16U << 10;
+};
+
+/// Takes frames from the buffer to the server over one connection at a time, made anew whenever it
+/// breaks or stalls, until finish(). The next frame is chosen when the kernel has nearly nothing
+/// left to send (paper, Sec. III-E: transmission of a message begins when the last is complete).
+/// Every frame stays in the buffer's account until the server has acknowledged it; every drop
+/// record is sent until acknowledged.
+/// Thread-bound to `main`, the thread that runs the io_context.
+class Sender : private ServerConnection::Owner {
+ public:
+  /// `buffer` and `drops` must outlive the sender. Nothing happens before start().
+  Sender(boost::asio::io_context& io, LinkSettings settings, wire::Hello hello, FrameBuffer& buffer,
+         DropLog& drops);
+  ~Sender();
+
+  void start();
+
+  /// There may be something new to send.
+  void wake();
+
+  /// No more frames will come: delivers what waits, for at most drain_timeout, gives up the rest by
+  /// name, and says bye. Then `done` is called, with true if the server has the whole record.
+  void finish(std::function<void(bool complete)> done);
+
+ private:
+  void on_welcome(const wire::Position& position) override;
+  void on_ack(const wire::Position& position) override;
+  void on_bye(const wire::Position& position) override;
+  void on_writable() override;
+  void on_failed(const Error& error) override;
+
+  void resolve();
+  void connect();
+  void connect_again(std::chrono::nanoseconds delay);
+  void disconnect(const Error& why, std::chrono::nanoseconds retry_delay);
+  void write_next();
+  bool is_settled() const;
+  void say_bye();
+  void tick();
+  void check_stall();
+  void give_up_waiting();
+  void end(bool complete);
+
+  boost::asio::io_context& io_;
+  const LinkSettings settings_;
+  const wire::Hello hello_;
+  FrameBuffer& buffer_;
+  DropLog& drops_;
+
+  boost::asio::ip::tcp::resolver resolver_;
+  std::vector<boost::asio::ip::tcp::endpoint> endpoints_;
+  unsigned attempts_ = 0;                         // since the last welcome
+  std::string last_error_;                        // logged already
+  std::shared_ptr<ServerConnection> connection_;  // null between attempts
+  bool is_streaming_ = false;                     // welcomed
+  boost::asio::steady_timer attempt_timer_;       // the attempt's end, or the wait for the next
+  boost::asio::steady_timer tick_timer_;
+  boost::asio::steady_timer drain_timer_;
+
+  std::uint64_t acked_bytes_ = 0;  // by the peer's kernel, when last seen to grow
+  std::chrono::steady_clock::time_point moved_time_;  // when that was
+  std::chrono::steady_clock::time_point stats_time_;  // next stats message and log line
+  bool is_stats_due_ = false;
+  bool is_drops_turn_ = false;
+  bool is_bye_sent_ = false;
+  std::function<void(bool)> done_;  // set: finishing
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/net/server_connection.hpp"
+
+#include <boost/asio/buffer.hpp>
+#include <boost/asio/read.hpp>
+#include <boost/asio/write.hpp>
+#include <utility>
+
+namespace orbbuf {
+namespace asio = boost::asio;
+using boost::system::error_code;
+
+ServerConnection::ServerConnection(asio::io_context& io, Owner& owner)
+    : socket_(io), owner_(&owner) {}
+
+void ServerConnection::open(const asio::ip::tcp::endpoint& server, const wire::Hello& hello,
+                            std::uint32_t unsent_limit) {
+  message_ = wire::encode(hello);
+  socket_.async_connect(server, [self = shared_from_this(), unsent_limit](const error_code& error) {
+    if (!self->owner_) return;
+    if (error) return self->fail("cannot connect", error);
+    self->say_hello(unsent_limit);
+  });
+}
+
+void ServerConnection::say_hello(std::uint32_t unsent_limit) {
+  error_code error;
+  socket_.set_option(asio::ip::tcp::no_delay(true), error);
+  if (error) return fail("cannot set TCP_NODELAY", error);
+  if (!limit_unsent(socket_.native_handle(), unsent_limit)) {
+    return fail(system_error("cannot set TCP_NOTSENT_LOWAT", errno));
+  }
+  asio::async_write(socket_, asio::buffer(message_),
+                    [self = shared_from_this()](const error_code& failed, std::size_t) {
+                      if (self->owner_ && failed) self->fail("cannot say hello", failed);
+                    });
+  read_header();
+}
+
+void ServerConnection::write(std::vector<std::uint8_t> message) {
+  is_writable_ = false;
+  message_ = std::move(message);
+  asio::async_write(socket_, asio::buffer(message_),
+                    [self = shared_from_this()](const error_code& error, std::size_t) {
+                      self->on_written(error);
+                    });
+}
+
+void ServerConnection::write(FramePtr frame) {
+  is_writable_ = false;
+  frame_ = std::move(frame);
+  frame_head_ = wire::encode_frame_head(*frame_);
+  const std::array<asio::const_buffer, 2> parts = {asio::buffer(frame_head_),
+                                                   asio::buffer(frame_->jpeg)};
+  asio::async_write(socket_, parts,
+                    [self = shared_from_this()](const error_code& error, std::size_t) {
+                      self->on_written(error);
+                    });
+}
+
+void ServerConnection::on_written(const error_code& error) {
+  frame_.reset();
+  if (!owner_) return;
+  if (error) return fail("write failed", error);
+  wait_writable();
+}
+
+void ServerConnection::wait_writable() {
+  socket_.async_wait(asio::socket_base::wait_write,
+                     [self = shared_from_this()](const error_code& error) {
+                       if (!self->owner_) return;
+                       if (error) return self->fail("write failed", error);
+                       self->is_writable_ = true;
+                       self->owner_->on_writable();
+                     });
+}
+
+void ServerConnection::read_header() {
+  asio::async_read(socket_, asio::buffer(header_),
+                   [self = shared_from_this()](const error_code& error, std::size_t) {
+                     if (!self->owner_) return;
+                     if (error) return self->fail("read failed", error);
+                     const auto header = wire::parse_header(self->header_, 0);
+                     if (!header) return self->fail({"the server sent " + header.error().text});
+                     self->read_body(header.value());
+                   });
+}
+
+void ServerConnection::read_body(const wire::Header& header) {
+  body_.resize(header.body_bytes);
+  asio::async_read(socket_, asio::buffer(body_),
+                   [self = shared_from_this(), header](const error_code& error, std::size_t) {
+                     if (!self->owner_) return;
+                     if (error) return self->fail("read failed", error);
+                     self->dispatch(header);
+                   });
+}
+
+template <class Message>
+bool ServerConnection::accept(const wire::Parsed<Message>& message) {
+  if (!message) fail({"the server sent " + message.error().text});
+  return message.has_value();
+}
+
+void ServerConnection::dispatch(const wire::Header& header) {
+  if (header.type == wire::Type::kWelcome && !is_welcome_) {
+    const auto welcome = wire::parse_welcome(header, body_);
+    if (!accept(welcome)) return;
+    if (welcome.value().version != wire::kProtocolVersion) {
+      return fail({"the server wants protocol version " + std::to_string(welcome.value().version)});
+    }
+    is_welcome_ = true;
+    owner_->on_welcome(welcome.value().position);
+    if (owner_) wait_writable();
+  } else if (header.type == wire::Type::kAck && is_welcome_) {
+    const auto ack = wire::parse_ack(header, body_);
+    if (!accept(ack)) return;
+    owner_->on_ack(ack.value().position);
+  } else if (header.type == wire::Type::kBye && is_welcome_) {
+    const auto bye = wire::parse_bye(header, body_);
+    if (!accept(bye)) return;
+    owner_->on_bye(bye.value().position);
+  } else if (header.type == wire::Type::kError) {
+    const auto refusal = wire::parse_error(header, body_);
+    if (!accept(refusal)) return;
+    return fail({"the server says: " + refusal.value().text});
+  } else {
+    return fail({"the server sent an unexpected " + std::string(to_string(header.type))});
+  }
+  if (owner_) read_header();
+}
+
+std::optional<TcpProgress> ServerConnection::progress() {
+  return tcp_progress(socket_.native_handle());
+}
+
+void ServerConnection::fail(const char* attempt, const error_code& error) {
+  fail({std::string(attempt) + ": " +
+        (error == asio::error::eof ? "closed by the server" : error.message())});
+}
+
+void ServerConnection::fail(const Error& error) {
+  Owner* const owner = owner_;
+  close();
+  owner->on_failed(error);
+}
+
+void ServerConnection::close() {
+  owner_ = nullptr;
+  is_writable_ = false;
+  error_code ignored;  // a socket that is already gone is as closed as it gets
+  socket_.set_option(asio::socket_base::linger(true, 0), ignored);
+  socket_.close(ignored);
+}
+
+}  // namespace orbbuf

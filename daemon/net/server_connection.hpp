@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "common/error.hpp"
+#include "common/frame.hpp"
+#include "common/wire.hpp"
+#include "daemon/net/tcp_progress.hpp"
+
+namespace orbbuf {
+
+/// One TCP connection to the server, from the SYN to its end: says hello, reads what the server
+/// says, writes one message at a time. What to write, and what to do when it fails, is the owner's
+/// matter.
+///
+/// Thread-bound to `main`. Kept alive by its own pending operations; silent after close().
+class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
+ public:
+  /// Called from the io_context only, never from within a call to the connection.
+  class Owner {
+   public:
+    /// The server's position; writing may begin.
+    virtual void on_welcome(const wire::Position& position) = 0;
+    virtual void on_ack(const wire::Position& position) = 0;
+    /// The server's last message: all is recorded up to `position`, or it is going down.
+    virtual void on_bye(const wire::Position& position) = 0;
+    /// The last message has gone to the kernel, which has little left unsent: the moment to choose
+    /// the next one.
+    virtual void on_writable() = 0;
+    /// The connection could not be made, or broke. Last call.
+    virtual void on_failed(const Error& error) = 0;
+
+   protected:
+    ~Owner() = default;
+  };
+
+  /// `owner` must outlive the connection or its close().
+  ServerConnection(boost::asio::io_context& io, Owner& owner);
+
+  /// Connects, keeping at most about `unsent_limit` bytes unsent in the kernel, and says `hello`.
+  void open(const boost::asio::ip::tcp::endpoint& server, const wire::Hello& hello,
+            std::uint32_t unsent_limit);
+
+  /// True between on_writable() and the next write. Requires it before a write.
+  bool is_writable() const { return is_writable_; }
+  void write(std::vector<std::uint8_t> message);
+  void write(FramePtr frame);
+
+  /// What the kernel says of the sending side; nothing if it cannot tell.
+  std::optional<TcpProgress> progress();
+
+  /// Ends the connection at once, unsent bytes and all. No more calls to the owner.
+  void close();
+
+ private:
+  using FrameHead = std::array<std::uint8_t, wire::kHeaderBytes + wire::kFrameMetaBytes>;
+
+  void say_hello(std::uint32_t unsent_limit);
+  void wait_writable();
+  void on_written(const boost::system::error_code& error);
+  void read_header();
+  void read_body(const wire::Header& header);
+  void dispatch(const wire::Header& header);
+  template <class Message>
+  bool accept(const wire::Parsed<Message>& message);
+  void fail(const Error& error);
+  void fail(const char* attempt, const boost::system::error_code& error);
+
+  boost::asio::ip::tcp::socket socket_;
+  Owner* owner_;  // null once closed
+  bool is_writable_ = false;
+  bool is_welcome_ = false;
+  std::vector<std::uint8_t> message_;  // being written
+  FramePtr frame_;                     // being written
+  FrameHead frame_head_{};
+  std::array<std::uint8_t, wire::kHeaderBytes> header_{};
+  std::vector<std::uint8_t> body_;
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+
+namespace orbbuf {
+
+/// How far the kernel has got with a TCP connection's sending side (tcp(7), TCP_INFO).
+struct TcpProgress {
+  std::uint64_t acked_bytes = 0;  ///< acknowledged by the peer's kernel since the connection opened
+  std::uint32_t unacked_segments = 0;      ///< sent, not yet acknowledged
+  std::uint32_t unsent_bytes = 0;          ///< accepted from us, not yet sent
+  std::chrono::microseconds round_trip{};  ///< smoothed
+};
+
+/// Nothing if `socket` is not a connected TCP socket. One system call.
+std::optional<TcpProgress> tcp_progress(int socket);
+
+/// TCP_NOTSENT_LOWAT: the kernel takes no more from us while it has this much unsent. False if the
+/// system refuses.
+bool limit_unsent(int socket, std::uint32_t bytes);
+
+}  // namespace orbbuf

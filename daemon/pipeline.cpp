@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/pipeline.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <optional>
+#include <utility>
+
+#include "common/log.hpp"
+
+namespace orbbuf {
+
+Pipeline::Pipeline(std::unique_ptr<FrameSource> source, const JpegSettings& jpeg,
+                   FrameBuffer& buffer, Events events)
+    : source_(std::move(source)), buffer_(buffer), events_(std::move(events)), encoder_(jpeg) {}
+
+Pipeline::~Pipeline() { stop(); }
+
+void Pipeline::start() {
+  worker_ = std::jthread([this](const std::stop_token& stop) { work(stop); });
+  capture_ = std::jthread([this](const std::stop_token& stop) { capture(stop); });
+}
+
+void Pipeline::stop() {
+  capture_.request_stop();
+  worker_.request_stop();
+}
+
+void Pipeline::capture(const std::stop_token& stop) {
+  name_this_thread("capture");
+  try {
+    for (Sequence sequence = 0; auto raw = source_->next(stop); ++sequence) {
+      buffer_.captured();
+      Captured captured{std::move(*raw), sequence};
+      if (!source_->is_live() && !mailbox_.wait_until_empty(stop)) {
+        lose(captured, DropReason::kShutdown);
+      } else if (auto late = mailbox_.put(std::move(captured))) {
+        lose(*late, DropReason::kBusy);
+      }
+    }
+  } catch (const std::exception& error) {
+    source_failed_ = true;
+    spdlog::error("source: {}", error.what());
+  }
+  mailbox_.close();
+}
+
+void Pipeline::work(const std::stop_token& stop) {
+  name_this_thread("worker");
+  while (auto captured = mailbox_.take()) {
+    if (source_->is_live() || buffer_.wait_for_room(stop)) {
+      encode(*captured);
+    } else {
+      lose(*captured, DropReason::kShutdown);
+    }
+    events_.changed();
+  }
+  events_.ended(source_failed_);
+}
+
+void Pipeline::encode(const Captured& captured) {
+  auto encoded = encoder_.encode(captured.raw, captured.sequence);
+  if (encoded) {
+    buffer_.push(std::move(encoded.value()));
+  } else {
+    spdlog::warn("frame {}: {}", captured.sequence, encoded.error().text);
+    lose(captured, DropReason::kFailed);
+  }
+}
+
+void Pipeline::lose(const Captured& captured, DropReason reason) {
+  buffer_.lost({captured.sequence, captured.raw.capture_time_ns, reason});
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <thread>
+
+#include "common/frame.hpp"
+#include "daemon/buffer/frame_buffer.hpp"
+#include "daemon/capture/frame_source.hpp"
+#include "daemon/image/jpeg_encoder.hpp"
+#include "daemon/mailbox.hpp"
+
+namespace orbbuf {
+
+/// From the source into the buffer, on two threads of its own: `capture` takes frames from the
+/// source and numbers them, `worker` encodes and pushes them. Between them is a one-slot mailbox: a
+/// live source never waits, and a frame that the worker does not get to in time is named as
+/// skipped. A source that can wait is read only as fast as the buffer has room, so it loses
+/// nothing. Thread-bound to `main`.
+class Pipeline {
+ public:
+  struct Events {
+    std::function<void()> changed;           ///< `worker`: the buffer has news for the sender
+    std::function<void(bool failed)> ended;  ///< `worker`, last: the source is at its end, or gone
+  };
+
+  /// `buffer` must outlive the pipeline. Nothing runs before start().
+  Pipeline(std::unique_ptr<FrameSource> source, const JpegSettings& jpeg, FrameBuffer& buffer,
+           Events events);
+  /// Stops as stop() does, and joins.
+  ~Pipeline();
+
+  void start();
+  /// Asks the source to end; what has been captured is still encoded. `ended` follows.
+  void stop();
+
+ private:
+  struct Captured {
+    RawFrame raw;
+    Sequence sequence = 0;
+  };
+
+  void capture(const std::stop_token& stop);
+  void work(const std::stop_token& stop);
+  void encode(const Captured& captured);
+  void lose(const Captured& captured, DropReason reason);
+
+  const std::unique_ptr<FrameSource> source_;
+  FrameBuffer& buffer_;
+  const Events events_;
+  JpegEncoder encoder_;  // worker only
+  Mailbox<Captured> mailbox_;
+  bool source_failed_ = false;  // set before mailbox_.close(), read once it is closed
+  std::jthread capture_;
+  std::jthread worker_;
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/robot.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/signal_set.hpp>
+#include <csignal>
+#include <utility>
+
+#include "daemon/pipeline.hpp"
+
+namespace orbbuf {
+namespace asio = boost::asio;
+
+namespace {
+
+/// Everything of one session, in the order it is built; taken down in the reverse.
+class Robot {
+ public:
+  explicit Robot(const Settings& settings);
+  bool run();
+
+ private:
+  void await_signal();
+  void on_source_ended(bool failed);
+  void log_account() const;
+
+  asio::io_context io_{1};
+  asio::signal_set signals_{io_, SIGINT, SIGTERM};
+  OrbExtractor extractor_;
+  FrameBuffer buffer_;
+  DropLog drops_;
+  Sender sender_;
+  Pipeline pipeline_;
+  bool is_stopping_ = false;  // by a signal
+  bool source_failed_ = false;
+  bool is_complete_ = false;
+};
+
+wire::Hello make_hello(const Settings& settings) {
+  wire::Hello hello;
+  hello.robot_id = settings.robot_id;
+  hello.session_id = new_session_id();
+  hello.software = "orbbufd " ORBBUF_VERSION;
+  hello.calibration = settings.calibration;
+  spdlog::info("robot {}, session {}, buffer of {} frames, policy {}, server {}", hello.robot_id,
+               hello.session_id, settings.buffer.capacity, settings.buffer.policy,
+               to_string(settings.link.server));
+  return hello;
+}
+
+std::unique_ptr<FrameSource> open_source(const SourceSettings& settings) {
+  auto source = make_source(settings);
+  spdlog::info("source: {}", source->description());
+  return source;
+}
+
+Robot::Robot(const Settings& settings)
+    : extractor_(settings.features),
+      buffer_(settings.buffer.capacity,
+              make_policy(settings.buffer,
+                          [this](const EncodedFrame& frame) { return extractor_.extract(frame); })),
+      drops_(settings.buffer.drop_log),
+      sender_(io_, settings.link, make_hello(settings), buffer_, drops_),
+      pipeline_(
+          open_source(settings.source), settings.jpeg, buffer_,
+          {[this] { asio::post(io_, [this] { sender_.wake(); }); },
+           [this](bool failed) { asio::post(io_, [this, failed] { on_source_ended(failed); }); }}) {
+}
+
+bool Robot::run() {
+  await_signal();
+  sender_.start();
+  pipeline_.start();
+  io_.run();
+  log_account();
+  return !source_failed_ && (is_complete_ || is_stopping_);
+}
+
+void Robot::await_signal() {
+  signals_.async_wait([this](const boost::system::error_code& error, int signal) {
+    if (error) return;
+    if (std::exchange(is_stopping_, true)) return io_.stop();
+    spdlog::info("signal {}: stopping; what waits is still delivered", signal);
+    pipeline_.stop();
+    await_signal();
+  });
+}
+
+void Robot::on_source_ended(bool failed) {
+  source_failed_ = failed;
+  sender_.finish([this](bool complete) {
+    is_complete_ = complete;
+    signals_.cancel();
+  });
+}
+
+void Robot::log_account() const {
+  const wire::Stats stats = buffer_.stats();
+  spdlog::info(
+      "session ended: captured {} = skipped {} + failed {} + dropped {} + acknowledged {} + "
+      "waiting {} + in flight {}",
+      stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged, stats.waiting,
+      stats.in_flight);
+}
+
+}  // namespace
+
+bool run_robot(const Settings& settings) { return Robot(settings).run(); }
+
+}  // namespace orbbuf

@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/settings.hpp"
+
+#include <spdlog/fmt/chrono.h>
+#include <spdlog/fmt/fmt.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <chrono>
+#include <ctime>
+#include <limits>
+#include <random>
+
+#include "common/config.hpp"
+#include "common/wire.hpp"
+
+namespace orbbuf {
+namespace {
+
+using std::chrono::hours;
+using std::chrono::milliseconds;
+
+constexpr std::array<std::string_view, 5> kLogLevels = {"trace", "debug", "info", "warn", "error"};
+constexpr std::int64_t kMaxInteger = std::numeric_limits<std::int64_t>::max();
+
+std::string host_name() {
+  std::array<char, 256> name{};
+  if (::gethostname(name.data(), name.size() - 1) != 0 || !wire::is_valid_id(name.data())) {
+    return "robot";
+  }
+  return name.data();
+}
+
+void read_robot(ConfigReader& config, Settings& settings) {
+  settings.robot_id = config.text("robot.id", "");
+  if (settings.robot_id.empty()) settings.robot_id = host_name();
+  if (!wire::is_valid_id(settings.robot_id)) {
+    config.fail("robot.id", fmt::format("1 to {} of A-Z a-z 0-9 . _ -, beginning with a letter, a "
+                                        "digit or _, got \"{}\"",
+                                        wire::kMaxIdBytes, settings.robot_id));
+  }
+  settings.calibration = config.text("camera.calibration", "");
+  const auto lines = std::count(settings.calibration.begin(), settings.calibration.end(), '\n');
+  if (!settings.calibration.empty() && (lines < 3 || lines > 5)) {
+    config.fail("camera.calibration",
+                fmt::format("expected the four lines of DSO's camera.txt, got {}", lines));
+  }
+  if (settings.calibration.size() > wire::kMaxCalibrationBytes) {
+    config.fail("camera.calibration", "longer than 16 KiB");
+  }
+}
+
+void read_source(ConfigReader& config, SourceSettings& source) {
+  source.kind = config.choice("source.kind", source.kind, kSourceKinds);
+  source.path = config.path("source.path", source.path);
+  if (source.kind != "generated" && source.path.empty()) {
+    config.fail("source.path", "needed for source.kind = \"" + source.kind + "\"");
+  }
+  source.fps = config.number("source.fps", source.fps, 0.01, 1000);
+  source.realtime = config.flag("source.realtime", source.realtime);
+  source.loop = config.flag("source.loop", source.loop);
+  source.width_px = static_cast<int>(config.integer("source.width", source.width_px, 64, 4096));
+  source.height_px = static_cast<int>(config.integer("source.height", source.height_px, 64, 4096));
+  source.frames = config.integer("source.frames", source.frames, 1, kMaxInteger);
+  source.seed = static_cast<std::uint64_t>(config.integer("source.seed", 1, 0, kMaxInteger));
+}
+
+void read_images(ConfigReader& config, Settings& settings) {
+  JpegSettings& jpeg = settings.jpeg;
+  jpeg.quality = static_cast<int>(config.integer("jpeg.quality", jpeg.quality, 1, 100));
+  jpeg.color = config.flag("jpeg.color", jpeg.color);
+  settings.source.color = jpeg.color;
+  FeatureSettings& features = settings.features;
+  features.count = static_cast<int>(config.integer("features.count", features.count, 10, 10000));
+  features.levels = static_cast<int>(config.integer("features.levels", features.levels, 1, 16));
+  features.scale = static_cast<int>(config.integer("features.scale", features.scale, 1, 8));
+  if (std::popcount(static_cast<unsigned>(features.scale)) != 1) {
+    config.fail("features.scale", "must be 1, 2, 4 or 8");
+  }
+}
+
+void read_buffer(ConfigReader& config, BufferSettings& buffer) {
+  buffer.capacity = static_cast<std::size_t>(
+      config.integer("buffer.capacity", static_cast<std::int64_t>(buffer.capacity), 3, 100000));
+  buffer.policy = config.choice("buffer.policy", buffer.policy, kPolicies);
+  buffer.seed = static_cast<std::uint64_t>(config.integer("buffer.seed", 1, 0, kMaxInteger));
+  buffer.drop_log = config.path("buffer.drop_log", buffer.drop_log);
+}
+
+void read_link(ConfigReader& config, LinkSettings& link) {
+  const auto server = parse_address(config.text("link.server", to_string(link.server)));
+  if (!server) config.fail("link.server", server.error().text);
+  link.server = server.value();
+  if (link.server.port == 0) config.fail("link.server", "port 0 cannot be connected to");
+  link.connect_timeout =
+      config.duration("link.connect_timeout", link.connect_timeout, milliseconds(10), hours(1));
+  link.stall_timeout =
+      config.duration("link.stall_timeout", link.stall_timeout, milliseconds(100), hours(1));
+  link.drain_timeout =
+      config.duration("link.drain_timeout", link.drain_timeout, milliseconds(0), hours(24));
+  link.unsent_bytes = config.bytes("link.unsent", link.unsent_bytes, 1024, 1 << 30);
+}
+
+}  // namespace
+
+Settings load_settings(const std::filesystem::path& file, std::span<const std::string> overrides) {
+  ConfigReader config(file, overrides);
+  Settings settings;
+  settings.log_level = config.choice("log.level", settings.log_level, kLogLevels);
+  read_robot(config, settings);
+  read_source(config, settings.source);
+  read_images(config, settings);
+  read_buffer(config, settings.buffer);
+  read_link(config, settings.link);
+  config.reject_unknown();
+  return settings;
+}
+
+std::string new_session_id() {
+  const std::time_t now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
+  return fmt::format("{:%Y%m%dT%H%M%SZ}-{:04x}", fmt::gmtime(now), std::random_device()() & 0xFFFF);
+}
+
+}  // namespace orbbuf

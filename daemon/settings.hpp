@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <filesystem>
+#include <span>
+#include <string>
+
+#include "daemon/buffer/make_policy.hpp"
+#include "daemon/capture/make_source.hpp"
+#include "daemon/image/jpeg_encoder.hpp"
+#include "daemon/image/orb_extractor.hpp"
+#include "daemon/net/sender.hpp"
+
+namespace orbbuf {
+
+/// All of orbbufd.toml, each module's part in the module's own struct, which holds the defaults.
+struct Settings {
+  std::string log_level = "info";
+  std::string robot_id;     ///< `[robot] id`; by default the host's name
+  std::string calibration;  ///< `[camera] calibration`: DSO's camera.txt, four lines; may be empty
+  SourceSettings source;
+  JpegSettings jpeg;
+  FeatureSettings features;
+  BufferSettings buffer;
+  LinkSettings link;
+};
+
+/// Reads `file` (empty: defaults) with `overrides` (`table.key=value`) laid over it. Throws
+/// ConfigError.
+Settings load_settings(const std::filesystem::path& file, std::span<const std::string> overrides);
+
+/// A name for this run of the daemon, unlike any other run's: UTC time and four random digits,
+/// `20261121T073000Z-4f3a`. Sorts by time.
+std::string new_session_id();
+
+}  // namespace orbbuf

@@ -1,0 +1,273 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/connection.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <boost/asio/buffer.hpp>
+#include <boost/asio/error.hpp>
+#include <boost/asio/write.hpp>
+#include <utility>
+
+#include "common/address.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace asio = boost::asio;
+using asio::ip::tcp;
+using boost::system::error_code;
+using wire::ErrorCode;
+
+constexpr std::chrono::seconds kPartingTime{1};
+
+std::string address_of_peer(const tcp::socket& socket) {
+  error_code failed;
+  const auto endpoint = socket.remote_endpoint(failed);
+  return failed ? "(gone)" : to_text(endpoint);
+}
+
+}  // namespace
+
+std::string to_text(const tcp::endpoint& endpoint) {
+  return to_string(Address{endpoint.address().to_string(), endpoint.port()});
+}
+
+Connection::Connection(tcp::socket socket, const ListenSettings& settings, ConnectionOwner& owner)
+    : socket_(std::move(socket)),
+      settings_(settings),
+      owner_(owner),
+      address_(address_of_peer(socket_)),
+      timer_(socket_.get_executor()),
+      reader_(settings.max_frame_bytes) {}
+
+void Connection::start() {
+  error_code ignored;  // acks are then merely later
+  socket_.set_option(tcp::no_delay(true), ignored);
+  start_timer(settings_.hello_timeout);
+  read();
+}
+
+void Connection::join(std::shared_ptr<Session> session) {
+  session_ = std::move(session);
+  state_ = State::kJoining;
+  session_->attach(shared_from_this());
+}
+
+void Connection::refuse(std::string_view why) { fail({ErrorCode::kRefused, std::string(why)}); }
+
+void Connection::attached(wire::Position position) {
+  state_ = State::kServing;
+  spdlog::info("{}: session {} at frame {}, {}", name(), session_->info().session_id,
+               position.next_sequence, software_);
+  send(encode(wire::Welcome{wire::kProtocolVersion, position}));
+  read();
+}
+
+void Connection::replaced() {
+  spdlog::info("{}: replaced, the robot connected again", name());
+  part(encode(wire::ErrorMessage{ErrorCode::kReplaced, "the robot connected again"}));
+}
+
+void Connection::ended(wire::Position position) { part(encode(wire::Bye{position})); }
+
+void Connection::read() {
+  if (state_ == State::kServing) start_timer(settings_.idle_timeout);
+  const auto space =
+      state_ == State::kParting ? std::span<std::uint8_t>(discarded_) : reader_.space();
+  is_reading_ = true;
+  socket_.async_read_some(asio::buffer(space.data(), space.size()),
+                          [self = shared_from_this()](const error_code& failed, std::size_t bytes) {
+                            self->is_reading_ = false;
+                            self->bytes_came(failed, bytes);
+                          });
+}
+
+/// The one place where the stream advances: each call either reads on, or hands over to handle(),
+/// which does so when it is done, or ends the connection.
+void Connection::bytes_came(const error_code& failed, std::size_t bytes) {
+  if (state_ == State::kClosed) return;
+  if (failed) return reading_failed(failed);
+  if (state_ == State::kParting) return read();
+  const auto is_complete = reader_.commit(bytes);
+  if (!is_complete) return fail(is_complete.error());
+  if (!is_complete.value()) return read();
+  handle(reader_.take());
+}
+
+void Connection::reading_failed(const error_code& failed) {
+  has_peer_closed_ = true;
+  if (state_ == State::kParting) {
+    if (!is_writing_) close();
+    return;
+  }
+  const bool is_end = failed == asio::error::eof;
+  const std::string why = is_end ? "closed by the robot" : failed.message();
+  if (!reader_.is_between_messages()) {
+    spdlog::warn("{}: connection lost within a message: {}", name(), why);
+  } else if (state_ == State::kHello) {
+    spdlog::info("{}: connection lost before hello: {}", name(), why);
+  } else {
+    spdlog::info("{}: connection lost: {}", name(), why);
+  }
+  close();
+}
+
+void Connection::handle(Message message) {
+  const wire::Type type = message.header.type;
+  if (state_ == State::kHello) {
+    if (type == wire::Type::kHello) return handle_hello(message);
+    return fail({ErrorCode::kUnexpected, fmt::format("{} before hello", to_string(type))});
+  }
+  switch (type) {
+    case wire::Type::kFrame:
+      return handle_frame(std::move(message));
+    case wire::Type::kDropped:
+      return handle_dropped(message);
+    case wire::Type::kStats: {
+      const auto stats = wire::parse_stats(message.header, message.body);
+      if (!stats) return fail(stats.error());
+      session_->note(stats.value());
+      return read();
+    }
+    case wire::Type::kBye: {
+      const auto bye = wire::parse_bye(message.header, message.body);
+      return bye ? session_->close(SessionEnd::kBye) : fail(bye.error());
+    }
+    case wire::Type::kError: {
+      const auto error = wire::parse_error(message.header, message.body);
+      if (!error) return fail(error.error());
+      spdlog::warn("{}: the robot reports: {}", name(), error.value().text);
+      return close();
+    }
+    default:
+      return fail({ErrorCode::kUnexpected, fmt::format("unexpected {}", to_string(type))});
+  }
+}
+
+void Connection::handle_hello(const Message& message) {
+  const auto hello = wire::parse_hello(message.header, message.body);
+  if (!hello) return fail(hello.error());
+  robot_id_ = hello.value().robot_id;
+  software_ = hello.value().software;
+  const auto& [min, max] = std::pair(hello.value().min_version, hello.value().max_version);
+  if (min > wire::kProtocolVersion || max < wire::kProtocolVersion) {
+    return fail({ErrorCode::kVersion, fmt::format("the robot speaks protocol {} to {}, we speak {}",
+                                                  min, max, wire::kProtocolVersion)});
+  }
+  timer_.cancel();
+  owner_.introduced(shared_from_this(), hello.value());
+}
+
+void Connection::handle_frame(Message message) {
+  auto frame = wire::parse_frame(message.header, message.meta, std::move(message.body));
+  if (!frame) return fail(frame.error());
+  timer_.cancel();  // from here on it is the sinks that take their time
+  session_->write(std::make_shared<const EncodedFrame>(std::move(frame).value()),
+                  [weak = weak_from_this()] {
+                    if (const auto self = weak.lock()) self->taken();
+                  });
+}
+
+void Connection::handle_dropped(const Message& message) {
+  auto dropped = wire::parse_dropped(message.header, message.body);
+  if (!dropped) return fail(dropped.error());
+  timer_.cancel();
+  session_->write_drops(std::move(dropped).value(), [weak = weak_from_this()] {
+    if (const auto self = weak.lock()) self->taken();
+  });
+}
+
+void Connection::taken() {
+  if (state_ != State::kServing) return;
+  is_ack_due_ = true;
+  send_next();
+  read();
+}
+
+void Connection::fail(const wire::Fault& fault) {
+  spdlog::warn("{}: {}", name(), fault.text);
+  part(encode(wire::ErrorMessage{fault.code, fault.text}));
+}
+
+/// Leaves the session to others at once; what remains is the robot's farewell.
+void Connection::part(std::vector<std::uint8_t> last_words) {
+  if (state_ == State::kParting || state_ == State::kClosed) return;
+  state_ = State::kParting;
+  if (const auto session = std::exchange(session_, nullptr)) session->detach(*this);
+  is_ack_due_ = false;
+  start_timer(kPartingTime);
+  send(std::move(last_words));
+  if (!is_reading_) read();
+}
+
+void Connection::send(std::vector<std::uint8_t> message) {
+  waiting_.insert(waiting_.end(), message.begin(), message.end());
+  send_next();
+}
+
+/// Whatever is to be written, in this order: the waiting message, an ack of all there is by now,
+/// and our side's end once the last words are out.
+void Connection::send_next() {
+  if (is_writing_) return;
+  if (!waiting_.empty()) {
+    out_ = std::exchange(waiting_, {});
+  } else if (is_ack_due_) {
+    out_ = encode(wire::Ack{session_->position()});
+    is_ack_due_ = false;
+  } else if (state_ == State::kParting) {
+    if (has_peer_closed_) return close();
+    error_code ignored;  // if that fails the connection is gone, which reading shows
+    socket_.shutdown(tcp::socket::shutdown_send, ignored);
+    return;
+  } else {
+    return;
+  }
+  is_writing_ = true;
+  asio::async_write(socket_, asio::buffer(out_),
+                    [self = shared_from_this()](const error_code& failed, std::size_t) {
+                      self->is_writing_ = false;
+                      // What broke the connection is told by reading it, sooner or later.
+                      if (!failed && self->state_ != State::kClosed) self->send_next();
+                    });
+}
+
+void Connection::close() {
+  if (state_ == State::kClosed) return;
+  state_ = State::kClosed;
+  const auto self = shared_from_this();  // the owner lets go of it
+  if (const auto session = std::exchange(session_, nullptr)) session->detach(*this);
+  timer_.cancel();
+  error_code ignored;  // there is nothing to do about it
+  socket_.close(ignored);
+  owner_.closed(self);
+}
+
+/// Replaces the timer that runs, even one whose handler is already on its way.
+void Connection::start_timer(std::chrono::nanoseconds time) {
+  timer_.expires_after(time);
+  timer_.async_wait([self = shared_from_this()](const error_code& failed) {
+    if (failed || self->timer_.expiry() > std::chrono::steady_clock::now()) return;
+    self->time_is_up();
+  });
+}
+
+void Connection::time_is_up() {
+  using Seconds = std::chrono::duration<double>;
+  switch (state_) {
+    case State::kHello:
+      return fail({ErrorCode::kTimeout,
+                   fmt::format("no hello within {} s", Seconds(settings_.hello_timeout).count())});
+    case State::kServing:
+      return fail({ErrorCode::kTimeout,
+                   fmt::format("nothing came for {} s", Seconds(settings_.idle_timeout).count())});
+    case State::kParting:
+      return close();
+    case State::kJoining:
+    case State::kClosed:
+      return;
+  }
+}
+
+std::string Connection::name() const { return robot_id_ + " " + address_; }
+
+}  // namespace orbbuf

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/listener.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <chrono>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+#include "server/sink/make_sinks.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace asio = boost::asio;
+using asio::ip::tcp;
+using boost::system::error_code;
+
+constexpr std::chrono::milliseconds kAcceptRetry{200};
+
+tcp::acceptor listen_on(asio::io_context& main, const ListenSettings& settings) {
+  try {
+    tcp::resolver resolver(main);
+    const tcp::endpoint endpoint = *resolver.resolve(
+        settings.address.host, std::to_string(settings.address.port), tcp::resolver::passive);
+    tcp::acceptor acceptor(main, endpoint.protocol());
+    acceptor.set_option(tcp::acceptor::reuse_address(true));
+    if (settings.receive_buffer_bytes > 0) {  // accepted sockets inherit it, if set before listen
+      acceptor.set_option(
+          asio::socket_base::receive_buffer_size(static_cast<int>(settings.receive_buffer_bytes)));
+    }
+    acceptor.bind(endpoint);
+    acceptor.listen();
+    return acceptor;
+  } catch (const boost::system::system_error& error) {
+    throw std::runtime_error("listen on " + to_string(settings.address) + ": " +
+                             error.code().message());
+  }
+}
+
+/// Best effort, at once: there is no room to be polite to more than we can serve.
+void turn_away(tcp::socket& socket, const std::string& why) {
+  const auto message = encode(wire::ErrorMessage{wire::ErrorCode::kRefused, why});
+  error_code ignored;
+  socket.non_blocking(true, ignored);
+  socket.write_some(asio::buffer(message), ignored);
+  socket.shutdown(tcp::socket::shutdown_send, ignored);
+}
+
+}  // namespace
+
+Listener::Listener(asio::io_context& main, asio::thread_pool& pool, Settings settings)
+    : main_(main),
+      pool_(pool),
+      settings_(std::move(settings)),
+      acceptor_(listen_on(main, settings_.listen)),
+      retry_(main) {}
+
+void Listener::start() {
+  spdlog::info("listening on {}", to_text(endpoint()));
+  accept();
+}
+
+void Listener::accept() {
+  acceptor_.async_accept([this](const error_code& failed, tcp::socket socket) {
+    if (!acceptor_.is_open()) return;  // stopped
+    if (failed) return accept_failed(failed);
+    accepted(std::move(socket));
+    accept();
+  });
+}
+
+/// Out of descriptors or memory, mostly: those who wait in the kernel's queue are not lost.
+void Listener::accept_failed(const error_code& failed) {
+  if (!std::exchange(is_accept_failing_, true)) {
+    spdlog::error("accept on {}: {}; trying again", to_text(endpoint()), failed.message());
+  }
+  retry_.expires_after(kAcceptRetry);
+  retry_.async_wait([this](const error_code& aborted) {
+    if (!aborted && !stopped_) accept();
+  });
+}
+
+void Listener::accepted(tcp::socket socket) {
+  if (std::exchange(is_accept_failing_, false)) spdlog::info("accepting connections again");
+  const std::size_t limit = settings_.listen.max_connections;
+  if (connections_.size() >= limit) {
+    const std::string why = fmt::format("all {} connections are taken", limit);
+    if (!std::exchange(is_full_, true)) spdlog::warn("refusing connections: {}", why);
+    return turn_away(socket, why);
+  }
+  is_full_ = false;
+  auto connection = std::make_shared<Connection>(std::move(socket), settings_.listen, *this);
+  connections_.insert(connection);
+  connection->start();
+}
+
+void Listener::introduced(const std::shared_ptr<Connection>& connection, const wire::Hello& hello) {
+  if (stopped_) return connection->refuse("the server stops");
+  const SessionKey key(hello.robot_id, hello.session_id);
+  close_other_sessions(key);
+  auto session = session_for(key, hello);
+  if (!session) {
+    spdlog::error("{} {}: no session: {}", key.first, key.second, session.error().text);
+    return connection->refuse("the server cannot keep this session: " + session.error().text);
+  }
+  if (session.value()->is_closing()) return connection->refuse("the session is being closed");
+  connection->join(std::move(session).value());
+}
+
+/// A robot is in one session at a time: whoever says hello for a new one has left the old.
+void Listener::close_other_sessions(const SessionKey& key) {
+  std::vector<std::shared_ptr<Session>> others;
+  for (auto it = sessions_.lower_bound({key.first, ""});
+       it != sessions_.end() && it->first.first == key.first; ++it) {
+    if (it->first != key) others.push_back(it->second);
+  }
+  for (const auto& other : others) other->close(SessionEnd::kSuperseded);
+}
+
+Result<std::shared_ptr<Session>> Listener::session_for(const SessionKey& key,
+                                                       const wire::Hello& hello) {
+  if (const auto known = sessions_.find(key); known != sessions_.end()) return known->second;
+  SessionInfo info{key.first, key.second, hello.calibration};
+  auto sinks = make_sinks(settings_.sinks, info, main_, pool_);
+  if (!sinks) return std::move(sinks).error();
+  auto session = std::make_shared<Session>(main_, std::move(info), std::move(sinks).value(),
+                                           settings_.session_timeout, [this, key] {
+                                             sessions_.erase(key);
+                                             check_stopped();
+                                           });
+  sessions_.emplace(key, session);
+  return session;
+}
+
+void Listener::closed(const std::shared_ptr<Connection>& connection) {
+  connections_.erase(connection);
+  check_stopped();
+}
+
+void Listener::stop(std::function<void()> stopped) {
+  stopped_ = std::move(stopped);
+  error_code ignored;  // it is closed either way
+  acceptor_.close(ignored);
+  retry_.cancel();
+  // Copies: whoever ends leaves the originals.
+  const auto connections = connections_;
+  for (const auto& connection : connections) {
+    if (!connection->is_introduced()) connection->refuse("the server stops");
+  }
+  const auto sessions = sessions_;
+  for (const auto& [key, session] : sessions) session->close(SessionEnd::kStopping);
+  check_stopped();
+}
+
+/// Sessions outlive their connections by what their sinks have begun, connections their sessions by
+/// their last words: it is over when both are gone.
+void Listener::check_stopped() {
+  if (stopped_ && connections_.empty() && sessions_.empty()) std::exchange(stopped_, nullptr)();
+}
+
+}  // namespace orbbuf

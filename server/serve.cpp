@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/serve.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/signal_set.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+
+#include "common/log.hpp"
+#include "server/listener.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace asio = boost::asio;
+using boost::system::error_code;
+
+constexpr std::chrono::seconds kLastReaping{1};
+
+}  // namespace
+
+void serve(const Settings& settings) {
+  name_this_thread("main");
+  std::signal(SIGPIPE, SIG_IGN);
+  check_sinks(settings.sinks);
+  asio::io_context main(1);
+  asio::thread_pool files(1);  // ends before `main`, to which its work reports
+  asio::post(files, [] { name_this_thread("files"); });
+  Listener listener(main, files, settings);
+
+  asio::signal_set signals(main, SIGINT, SIGTERM);
+  signals.async_wait([&](const error_code& failed, int signal) {
+    if (failed) return;
+    spdlog::info("stopping on signal {}", signal);
+    signals.async_wait([](const error_code& aborted, int /*signal*/) {
+      if (!aborted) std::_Exit(EXIT_FAILURE);
+    });
+    listener.stop([&] {
+      signals.clear();  // from here on a signal ends the process as usual
+      signals.cancel();
+      main.stop();
+    });
+  });
+  listener.start();
+  main.run();
+  main.restart();
+  main.run_for(kLastReaping);  // commands that end soon after their input leave their status
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+
+#include "common/address.hpp"
+#include "common/config.hpp"
+#include "server/sink/make_sinks.hpp"
+
+namespace orbbuf {
+
+/// What the server listens on, and what it allows there.
+struct ListenSettings {
+  Address address{"127.0.0.1", 7722};  ///< port 0: any free one
+  std::size_t max_connections = 256;
+  std::chrono::nanoseconds hello_timeout = std::chrono::seconds(5);
+  std::chrono::nanoseconds idle_timeout = std::chrono::seconds(10);
+  std::uint32_t max_frame_bytes = 16 * 1024 * 1024;
+  std::uint32_t receive_buffer_bytes = 256 * 1024;  ///< per connection; 0: the kernel's choice
+
+  friend bool operator==(const ListenSettings&, const ListenSettings&) = default;
+};
+
+/// The server's configuration; config/orbbuf-server.toml explains each key.
+struct Settings {
+  std::string log_level = "info";
+  ListenSettings listen;
+  std::chrono::nanoseconds session_timeout = std::chrono::minutes(10);
+  SinkSettings sinks;
+
+  friend bool operator==(const Settings&, const Settings&) = default;
+};
+
+/// Reads every key, defaults as above, and refuses unknown ones. Throws ConfigError.
+Settings load_settings(ConfigReader& reader);
+
+}  // namespace orbbuf

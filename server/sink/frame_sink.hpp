@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/drop_record.hpp"
+#include "common/error.hpp"
+#include "common/frame.hpp"
+#include "common/wire.hpp"
+
+namespace orbbuf {
+
+/// Whose frames a sink gets. Both ids are safe as file names (wire::is_valid_id).
+struct SessionInfo {
+  std::string robot_id;
+  std::string session_id;
+  std::string calibration;  ///< camera.txt in DSO's form; may be empty
+};
+
+/// Where the frames of one session go. Thread-bound to `main`; blocking work is the sink's own to
+/// hand to another thread. One call is outstanding at a time. A slow sink is back-pressure: nothing
+/// more of the robot's stream is read before the handler has run.
+class FrameSink {
+ public:
+  /// No error: taken, and as safe as this sink makes things. Error: not taken, nothing half done;
+  /// the caller tries the same again later. Runs on `main`, never from within the call itself.
+  using Done = std::function<void(std::optional<Error>)>;
+
+  virtual ~FrameSink() = default;
+
+  /// What the sink holds of this session already, from before this server was started.
+  virtual wire::Position position() const { return {}; }
+
+  virtual void async_write(FramePtr frame, Done done) = 0;
+  virtual void async_write_drops(std::vector<DropRecord> records, Done done) = 0;
+
+  /// Stops waiting for somebody to come: a call that has not begun to write ends soon, with an
+  /// error. What has begun goes on, at the pace of the disk or of the reader.
+  virtual void cancel() {}
+
+  /// Nothing more will be written; readers see the end. An outstanding call ends soon, with an
+  /// error if need be, even where that leaves the reader with half a frame. Harmless when repeated.
+  virtual void close() {}
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "common/error.hpp"
+#include "server/sink/frame_sink.hpp"
+#include "server/sink/pipe_sink.hpp"
+
+namespace orbbuf {
+
+/// Which sinks every session gets. `{robot}` and `{session}` in `fifo` and `command` stand for the
+/// session's ids.
+struct SinkSettings {
+  bool files_enabled = true;
+  std::filesystem::path files_path = "orbbuf-data";
+  std::filesystem::path fifo;  ///< empty: none; excludes `command`
+  std::string command;         ///< empty: none
+  PipeFormat pipe_format = PipeFormat::kPgm;
+
+  friend bool operator==(const SinkSettings&, const SinkSettings&) = default;
+};
+
+/// For the start: throws std::runtime_error if the folder for files cannot be made or written to.
+void check_sinks(const SinkSettings& settings);
+
+/// The sinks of a new or resumed session, the one that keeps frames before the one that shows them.
+/// With files, a pipe lets frames pass while nobody reads it; alone, it holds them.
+/// Reads what the files hold (see SessionFiles::recover()), so it may block for as long as that
+/// takes. An error if it cannot be read. `main` and `pool` as in FileSink.
+Result<std::vector<std::shared_ptr<FrameSink>>> make_sinks(const SinkSettings& settings,
+                                                           const SessionInfo& info,
+                                                           boost::asio::io_context& main,
+                                                           boost::asio::thread_pool& pool);
+
+}  // namespace orbbuf

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+
+#include "common/error.hpp"
+#include "server/sink/unique_fd.hpp"
+
+namespace orbbuf {
+
+/// Who reads a session's pipe, and how to get hold of them. Thread-bound to `main`.
+class PipeReader {
+ public:
+  virtual ~PipeReader() = default;
+
+  /// The writing end of a pipe that somebody reads; empty if nobody does yet. Closing it shows the
+  /// reader the end. Never blocks. Called again when the pipe broke.
+  virtual Result<UniqueFd> open() = 0;
+
+  /// For the log.
+  virtual std::string name() const = 0;
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sink/session_files.hpp"
+
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <charconv>
+#include <cstdint>
+#include <string_view>
+#include <system_error>
+#include <utility>
+
+#include "server/sink/write_file.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// The number `text` begins with, if `end` follows it.
+std::optional<std::uint64_t> leading_number(std::string_view text, std::string_view end) {
+  std::uint64_t number = 0;
+  const auto [rest, failed] = std::from_chars(text.data(), text.data() + text.size(), number);
+  if (failed != std::errc{}) return std::nullopt;
+  const auto suffix = text.substr(static_cast<std::size_t>(rest - text.data()));
+  if (!suffix.starts_with(end)) return std::nullopt;
+  return number;
+}
+
+std::string image_name(Sequence sequence) { return fmt::format("{:06}.jpg", sequence); }
+
+std::string times_line(const EncodedFrame& frame) {
+  constexpr std::uint32_t kNsPerMs = 1'000'000;
+  return fmt::format("{} {} {}.{:06}\n", frame.sequence, format_seconds(frame.capture_time_ns),
+                     frame.exposure_ns / kNsPerMs, frame.exposure_ns % kNsPerMs);
+}
+
+}  // namespace
+
+SessionFiles::SessionFiles(fs::path folder, std::string calibration)
+    : folder_(std::move(folder)),
+      images_(folder_ / "images"),
+      temporary_(folder_ / "incoming.tmp"),
+      calibration_(std::move(calibration)),
+      times_(folder_ / "times.txt"),
+      drops_(folder_ / "drops.csv", std::string(kDropCsvHeader)) {}
+
+Result<wire::Position> SessionFiles::recover() {
+  auto times = times_.recover();
+  if (!times) return std::move(times).error();
+  auto drops = drops_.recover();
+  if (!drops) return std::move(drops).error();
+
+  wire::Position position;
+  if (times.value().lines > 0) {
+    const auto last = leading_number(times.value().last, " ");
+    if (!last) {
+      // Taking this for an empty record would remove images that are somebody's data.
+      return Error{"resume from " + times_.path().string() + ": the last line, \"" +
+                   times.value().last + "\", is not SEQUENCE SECONDS EXPOSURE"};
+    }
+    position.next_sequence = *last + 1;
+  }
+  if (drops.value().lines > 0) position.next_drop = drops.value().lines - 1;
+  ::unlink(temporary_.c_str());
+  if (auto error = remove_images_from(position.next_sequence)) return std::move(*error);
+  return position;
+}
+
+std::optional<Error> SessionFiles::write(const EncodedFrame& frame) {
+  if (auto error = prepare()) return error;
+  const fs::path image = images_ / image_name(frame.sequence);
+  auto error = write_file(image, temporary_, frame.jpeg);
+  if (!error) {
+    error = times_.append(times_line(frame));
+    if (error) ::unlink(image.c_str());
+  }
+  if (error) is_prepared_ = false;
+  return error;
+}
+
+std::optional<Error> SessionFiles::write_drops(std::span<const DropRecord> records) {
+  if (auto error = prepare()) return error;
+  std::string lines;
+  for (const DropRecord& record : records) lines += to_csv(record) + '\n';
+  auto error = drops_.append(lines);
+  if (error) is_prepared_ = false;
+  return error;
+}
+
+/// Folders and calibration, again after each failure, in case somebody has removed them.
+std::optional<Error> SessionFiles::prepare() {
+  if (is_prepared_) return std::nullopt;
+  std::error_code failed;
+  fs::create_directories(images_, failed);
+  if (failed) return system_error("create " + images_.string(), failed.value());
+  if (!calibration_.empty()) {
+    const std::span bytes(reinterpret_cast<const std::uint8_t*>(calibration_.data()),
+                          calibration_.size());
+    if (auto error = write_file(folder_ / "camera.txt", temporary_, bytes)) return error;
+  }
+  is_prepared_ = true;
+  return std::nullopt;
+}
+
+/// Only what is named as a frame of ours; anything else in the folder is somebody's.
+std::optional<Error> SessionFiles::remove_images_from(Sequence first) {
+  std::error_code failed;
+  std::size_t removed = 0;
+  fs::directory_iterator entry(images_, failed);
+  for (; !failed && entry != fs::directory_iterator(); entry.increment(failed)) {
+    const auto sequence = leading_number(entry->path().filename().string(), ".jpg");
+    if (!sequence || *sequence < first) continue;
+    if (::unlink(entry->path().c_str()) != 0) {
+      return system_error("remove " + entry->path().string(), errno);
+    }
+    ++removed;
+  }
+  if (removed > 0) {
+    spdlog::warn("{}: removed {} without a line in times.txt", images_.string(), removed);
+  }
+  if (!failed || failed == std::errc::no_such_file_or_directory) return std::nullopt;
+  return system_error("read " + images_.string(), failed.value());
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+
+#include "common/drop_record.hpp"
+#include "common/error.hpp"
+#include "common/frame.hpp"
+#include "common/wire.hpp"
+#include "server/sink/line_file.hpp"
+
+namespace orbbuf {
+
+/// One session as a folder that DSO's dso_dataset opens as it is:
+///
+///   images/000123.jpg   the frames, byte for byte, named by sequence
+///   times.txt           `123 1.633012000 0.000000`: sequence, seconds, exposure in ms (0: unknown)
+///   camera.txt          the robot's calibration, if it sent one
+///   drops.csv           the frames that will not come, kDropCsvHeader first
+///
+/// The line in times.txt is what makes a frame accepted: whatever is found without one was in the
+/// middle of being written. Each file appears by rename and each line by one append, without fsync:
+/// an accepted frame survives the death of this process, not of the machine.
+/// Blocking; reentrant. Called by one thread at a time; recover() is the first call.
+class SessionFiles {
+ public:
+  /// Touches nothing: the folder is made by the first write.
+  SessionFiles(std::filesystem::path folder, std::string calibration);
+
+  /// How far the record in the folder reaches. Removes what lies beyond: a torn last line, images
+  /// at or past the position, a temporary file. No folder is an empty record. Reads both lists.
+  Result<wire::Position> recover();
+
+  /// On error nothing of the frame remains.
+  std::optional<Error> write(const EncodedFrame& frame);
+  std::optional<Error> write_drops(std::span<const DropRecord> records);
+
+ private:
+  std::optional<Error> prepare();
+  std::optional<Error> remove_images_from(Sequence first);
+
+  std::filesystem::path folder_;
+  std::filesystem::path images_;
+  std::filesystem::path temporary_;  // not in images_, of which dso_dataset opens every file
+  std::string calibration_;
+  LineFile times_;
+  LineFile drops_;
+  bool is_prepared_ = false;
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/config.hpp"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <limits>
+
+#include "tests/common/config_fixture.hpp"
+
+namespace orbbuf {
+namespace {
+
+using namespace std::chrono_literals;
+using std::chrono::nanoseconds;
+
+class Config : public ConfigFixture {
+ protected:
+  /// Each reads key t.k from a file whose second line is `line`; the error's text if it throws.
+  std::string text(std::string_view line) {
+    return error_with(line, [](ConfigReader& reader) { reader.text("t.k", ""); });
+  }
+  std::string flag(std::string_view line) {
+    return error_with(line, [](ConfigReader& reader) { reader.flag("t.k", false); });
+  }
+  std::string integer(std::string_view line) {
+    return error_with(line, [](ConfigReader& reader) { reader.integer("t.k", 1, -5, 65535); });
+  }
+  std::string number(std::string_view line) {
+    return error_with(line, [](ConfigReader& reader) { reader.number("t.k", 1, 0.5, 100); });
+  }
+  std::string duration(std::string_view line) {
+    return error_with(line, [](ConfigReader& reader) { reader.duration("t.k", 1s, 10ms, 1h); });
+  }
+  std::string bytes(std::string_view line) {
+    return error_with(line, [](ConfigReader& reader) { reader.bytes("t.k", 1, 1024, 1 << 20); });
+  }
+  std::string choice(std::string_view line) {
+    return error_with(line, [](ConfigReader& reader) { reader.choice("t.k", "a", kPolicies); });
+  }
+
+  static constexpr std::array<std::string_view, 3> kPolicies = {"orbbuf", "random", "uniform"};
+};
+
+TEST_F(Config, ValuesAreReadByTheirTypes) {
+  auto reader = read(
+      "[a]\n"
+      "text = 'hello'\nflag = true\ninteger = -3\nnumber = 2.5\nwhole = 4\n"
+      "[b]\n"
+      "duration = '1.5 s'\nbytes = '16 KiB'\nchoice = 'random'\n"
+      "[c.d]\ndeep = 'yes'\n");
+  EXPECT_EQ(reader.text("a.text", ""), "hello");
+  EXPECT_TRUE(reader.flag("a.flag", false));
+  EXPECT_EQ(reader.integer("a.integer", 0, -5, 5), -3);
+  EXPECT_EQ(reader.number("a.number", 0, 0, 5), 2.5);
+  EXPECT_EQ(reader.number("a.whole", 0, 0, 5), 4);
+  EXPECT_EQ(reader.duration("b.duration", 1s, 0s, 1h), 1500ms);
+  EXPECT_EQ(reader.bytes("b.bytes", 1, 0, 1 << 20), 16384U);
+  EXPECT_EQ(reader.choice("b.choice", "orbbuf", kPolicies), "random");
+  EXPECT_EQ(reader.text("c.d.deep", ""), "yes");
+  reader.reject_unknown();
+}
+
+TEST_F(Config, WhatIsNotSetHasItsDefault) {
+  auto reader = read("[t]\n");
+  EXPECT_EQ(reader.text("t.text", "default"), "default");
+  EXPECT_TRUE(reader.flag("t.flag", true));
+  EXPECT_EQ(reader.integer("t.integer", 7, 0, 9), 7);
+  EXPECT_EQ(reader.number("t.number", 0.5, 0, 1), 0.5);
+  EXPECT_EQ(reader.duration("t.duration", 3s, 0s, 5s), 3s);
+  EXPECT_EQ(reader.bytes("t.bytes", 512, 0, 1024), 512U);
+  EXPECT_EQ(reader.choice("t.choice", "orbbuf", kPolicies), "orbbuf");
+  EXPECT_EQ(reader.path("t.path", "/var/lib"), "/var/lib");
+  EXPECT_EQ(reader.text("other.text", "default"), "default");
+  reader.reject_unknown();
+}
+
+TEST_F(Config, LimitsAreAllowedThemselves) {
+  EXPECT_EQ(integer("k = -5"), "");
+  EXPECT_EQ(integer("k = 65535"), "");
+  EXPECT_EQ(number("k = 0.5"), "");
+  EXPECT_EQ(number("k = 100"), "");
+  EXPECT_EQ(duration("k = '10 ms'"), "");
+  EXPECT_EQ(duration("k = '60 min'"), "");
+  EXPECT_EQ(bytes("k = '1 KiB'"), "");
+  EXPECT_EQ(bytes("k = '1 MiB'"), "");
+}
+
+TEST_F(Config, WrongTypeNamesValueAndWhatWasExpected) {
+  EXPECT_EQ(text("k = 5"), "FILE:2: t.k: expected a string, got integer 5");
+  EXPECT_EQ(flag("k = 'true'"), "FILE:2: t.k: expected true or false, got string \"true\"");
+  EXPECT_EQ(integer("k = 1.5"), "FILE:2: t.k: expected an integer, got number 1.5");
+  EXPECT_EQ(integer("k = '1'"), "FILE:2: t.k: expected an integer, got string \"1\"");
+  EXPECT_EQ(number("k = true"), "FILE:2: t.k: expected a number, got boolean true");
+  EXPECT_EQ(duration("k = 5"),
+            "FILE:2: t.k: expected a duration such as \"500 ms\", got integer 5");
+  EXPECT_EQ(bytes("k = 4096"), "FILE:2: t.k: expected a size such as \"16 KiB\", got integer 4096");
+  EXPECT_EQ(choice("k = 1"), "FILE:2: t.k: expected one of orbbuf, random, uniform, got integer 1");
+  EXPECT_EQ(text("k = [1]"), "FILE:2: t.k: expected a string, got an array");
+  EXPECT_EQ(text("k = { x = 1 }"), "FILE:2: t.k: expected a string, got a table");
+  EXPECT_EQ(text("k = 2020-10-24"), "FILE:2: t.k: expected a string, got a date or time");
+  EXPECT_EQ(integer("[t.k]"), "FILE:2: t.k: expected an integer, got a table");
+}
+
+TEST_F(Config, ValueOutOfItsRangeNamesTheRange) {
+  EXPECT_EQ(integer("k = -6"), "FILE:2: t.k: must be between -5 and 65535, got -6");
+  EXPECT_EQ(integer("k = 65536"), "FILE:2: t.k: must be between -5 and 65535, got 65536");
+  EXPECT_EQ(number("k = 0.25"), "FILE:2: t.k: must be between 0.5 and 100, got 0.25");
+  EXPECT_EQ(number("k = nan"), "FILE:2: t.k: must be between 0.5 and 100, got nan");
+  EXPECT_EQ(number("k = inf"), "FILE:2: t.k: must be between 0.5 and 100, got inf");
+  EXPECT_EQ(number("k = -inf"), "FILE:2: t.k: must be between 0.5 and 100, got -inf");
+  EXPECT_EQ(duration("k = '9.9 ms'"), "FILE:2: t.k: must be between 10 ms and 1 h, got \"9.9 ms\"");
+  EXPECT_EQ(duration("k = '-1 s'"), "FILE:2: t.k: must be between 10 ms and 1 h, got \"-1 s\"");
+  EXPECT_EQ(bytes("k = '1023 B'"), "FILE:2: t.k: must be between 1 KiB and 1 MiB, got \"1023 B\"");
+}
+
+TEST_F(Config, NoNumberIsLargeEnoughToBeInfinite) {
+  const double infinity = std::numeric_limits<double>::infinity();
+  EXPECT_EQ(
+      error_with("k = inf", [&](ConfigReader& reader) { reader.number("t.k", 0, 0, infinity); }),
+      "FILE:2: t.k: must be between 0 and inf, got inf");
+}
+
+TEST_F(Config, WhatIsNoQuantityIsRefused) {
+  EXPECT_EQ(duration("k = '5 parsecs'"),
+            "FILE:2: t.k: expected a duration such as \"500 ms\", got string \"5 parsecs\"");
+  EXPECT_EQ(duration("k = '9999999999 h'"),
+            "FILE:2: t.k: expected a duration such as \"500 ms\", got string \"9999999999 h\"");
+  EXPECT_EQ(bytes("k = '-1 B'"),
+            "FILE:2: t.k: expected a size such as \"16 KiB\", got string \"-1 B\"");
+}
+
+TEST_F(Config, WrongChoiceListsThemAll) {
+  EXPECT_EQ(choice("k = 'newest'"),
+            "FILE:2: t.k: expected one of orbbuf, random, uniform, got string \"newest\"");
+}
+
+TEST_F(Config, IntegerTooLargeForTomlIsASyntaxError) {
+  EXPECT_TRUE(integer("k = 9223372036854775808").starts_with("FILE:2: "));
+}
+
+TEST_F(Config, ErrorStaysOnOneLine) {
+  EXPECT_EQ(integer("k = \"a\\nb\\u001B\""),
+            "FILE:2: t.k: expected an integer, got string \"a?b?\"");
+}
+
+TEST_F(Config, RelativePathIsTakenFromTheFoldersOfTheFile) {
+  auto reader = read("[t]\nrelative = 'x/y'\nabsolute = '/x/y'\nempty = ''\n", {"t.given=x/y"});
+  EXPECT_EQ(reader.path("t.relative", ""), file().parent_path() / "x/y");
+  EXPECT_EQ(reader.path("t.absolute", ""), "/x/y");
+  EXPECT_EQ(reader.path("t.empty", "z"), "");
+  EXPECT_EQ(reader.path("t.given", ""), "x/y");
+  EXPECT_EQ(reader.path("t.unset", "z"), "z");
+}
+
+TEST_F(Config, FailNamesWhereTheValueWasSet) {
+  const auto fail = [](std::string_view key) {
+    return [key](const ConfigReader& reader) { reader.fail(key, "no such camera"); };
+  };
+  EXPECT_EQ(error_with("k = 1", fail("t.k")), "FILE:2: t.k: no such camera");
+  EXPECT_EQ(error_with("k = 1", fail("t.other")), "FILE: t.other: no such camera");
+  EXPECT_EQ(error_with("k = 1", fail("t.k"), {"t.k=2"}), "--set t.k=2: t.k: no such camera");
+  EXPECT_EQ(error_of([&] { ConfigReader("", {}).fail("t.k", "no such camera"); }),
+            "t.k: no such camera");
+}
+
+}  // namespace
+}  // namespace orbbuf

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/drop_record.hpp"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+namespace orbbuf {
+namespace {
+
+TEST(DropRecord, CsvLineNamesFrameReasonAndTime) {
+  EXPECT_EQ(to_csv({17, 1'633'012'000, DropReason::kPolicy}), "17,policy,1.633012000");
+  EXPECT_EQ(to_csv({18, 0, DropReason::kBusy}), "18,busy,0.000000000");
+  EXPECT_EQ(to_csv({19, 5, DropReason::kFailed}), "19,failed,0.000000005");
+  EXPECT_EQ(to_csv({20, -5, DropReason::kShutdown}), "20,shutdown,-0.000000005");
+}
+
+TEST(DropRecord, SecondsAreExactToTheLastDigit) {
+  EXPECT_EQ(format_seconds(1'600'000'000'033'333'333), "1600000000.033333333");
+  EXPECT_EQ(format_seconds(999'999'999), "0.999999999");
+  EXPECT_EQ(format_seconds(-1'500'000'000), "-1.500000000");
+  EXPECT_EQ(format_seconds(std::numeric_limits<std::int64_t>::max()), "9223372036.854775807");
+  EXPECT_EQ(format_seconds(std::numeric_limits<std::int64_t>::min()), "-9223372036.854775808");
+}
+
+}  // namespace
+}  // namespace orbbuf

@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/jpeg.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+
+namespace orbbuf {
+namespace {
+
+using testing::HasSubstr;
+
+/// Soft waves, as a camera's picture is soft: JPEG keeps them within a few gray levels.
+class Jpeg : public testing::Test {
+ protected:
+  static std::uint8_t luma(int x, int y) {
+    return static_cast<std::uint8_t>(128 + 60 * std::sin(x * 0.05) + 60 * std::cos(y * 0.04));
+  }
+  /// Rows are `padding` bytes longer than their pixels.
+  std::vector<std::uint8_t> encode(int width_px, int height_px, int channels, bool color,
+                                   std::size_t padding = 0, int quality = 90) {
+    const std::size_t stride = static_cast<std::size_t>(width_px * channels) + padding;
+    std::vector<std::uint8_t> pixels(stride * static_cast<std::size_t>(height_px), 0xEE);
+    for (int y = 0; y < height_px; ++y) {
+      std::uint8_t* at = &pixels[static_cast<std::size_t>(y) * stride];
+      for (int x = 0; x < width_px * channels; ++x) *at++ = luma(x / channels, y);
+    }
+    return codec_.encode({pixels.data(), width_px, height_px, stride, channels}, quality, color)
+        .value();
+  }
+  static double mean_error(const GrayImage& image, int scale) {
+    double sum = 0;
+    for (int y = 0; y < image.height_px; ++y) {
+      for (int x = 0; x < image.width_px; ++x) {
+        const std::size_t i =
+            static_cast<std::size_t>(y) * static_cast<std::size_t>(image.width_px) +
+            static_cast<std::size_t>(x);
+        sum += std::abs(image.pixels[i] - luma(x * scale + scale / 2, y * scale + scale / 2));
+      }
+    }
+    return sum / static_cast<double>(image.pixels.size());
+  }
+
+  JpegCodec codec_;
+};
+
+TEST_F(Jpeg, GrayImageSurvivesThereAndBack) {
+  const auto image = codec_.decode_gray(encode(161, 121, 1, false), 1).value();
+  EXPECT_EQ(image.width_px, 161);
+  EXPECT_EQ(image.height_px, 121);
+  EXPECT_EQ(image.pixels.size(), 161U * 121U);
+  EXPECT_LT(mean_error(image, 1), 1.5);
+}
+
+TEST_F(Jpeg, RowsMayBePadded) {
+  EXPECT_EQ(encode(161, 121, 1, false, 13), encode(161, 121, 1, false));
+  EXPECT_EQ(encode(161, 121, 3, true, 13), encode(161, 121, 3, true));
+}
+
+TEST_F(Jpeg, ScaledImageIsRoundedUpAndAlike) {
+  const auto jpeg = encode(161, 121, 1, false);
+  for (const int scale : {2, 4, 8}) {
+    const auto image = codec_.decode_gray(jpeg, scale).value();
+    EXPECT_EQ(image.width_px, (161 + scale - 1) / scale);
+    EXPECT_EQ(image.height_px, (121 + scale - 1) / scale);
+    EXPECT_LT(mean_error(image, scale), 4) << scale;
+  }
+}
+
+TEST_F(Jpeg, SmallestImageCanBeScaled) {
+  const auto image = codec_.decode_gray(encode(1, 1, 1, false), 8).value();
+  EXPECT_EQ(image.width_px, 1);
+  EXPECT_EQ(image.height_px, 1);
+}
+
+TEST_F(Jpeg, ColorImageIsEncodedInColorOrGrayAsWished) {
+  EXPECT_FALSE(codec_.inspect(encode(64, 48, 3, true)).value().is_gray);
+  EXPECT_TRUE(codec_.inspect(encode(64, 48, 3, false)).value().is_gray);
+  EXPECT_TRUE(codec_.inspect(encode(64, 48, 1, true)).value().is_gray);
+}
+
+TEST_F(Jpeg, ColorImageDecodesToItsLuma) {
+  const auto image = codec_.decode_gray(encode(161, 121, 3, true), 1).value();
+  EXPECT_LT(mean_error(image, 1), 1.5);
+}
+
+TEST_F(Jpeg, BlueIsTheFirstChannel) {
+  const std::vector<std::uint8_t> blue = {255, 0, 0};
+  const auto jpeg = codec_.encode({blue.data(), 1, 1, 3, 3}, 100, true).value();
+  EXPECT_NEAR(codec_.decode_gray(jpeg, 1).value().pixels[0], 29, 3);  // 0.114 of 255
+}
+
+TEST_F(Jpeg, LowerQualityIsSmaller) {
+  EXPECT_LT(encode(320, 240, 1, false, 0, 40).size(), encode(320, 240, 1, false, 0, 95).size());
+}
+
+TEST_F(Jpeg, ImageThatCannotBeEncodedIsAnError) {
+  const std::uint8_t pixel = 0;
+  EXPECT_THAT(codec_.encode({&pixel, 0, 1, 1, 1}, 80, false).error().text,
+              HasSubstr("cannot encode an image of 0x1 pixels at quality 80: "));
+  EXPECT_THAT(codec_.encode({&pixel, 1, 1, 1, 1}, 101, false).error().text,
+              HasSubstr("at quality 101: "));
+}
+
+TEST_F(Jpeg, InspectTellsTheSize) {
+  const auto info = codec_.inspect(encode(161, 121, 1, false)).value();
+  EXPECT_EQ(info.width_px, 161);
+  EXPECT_EQ(info.height_px, 121);
+}
+
+TEST_F(Jpeg, ZerosAfterTheEndAreAllowed) {
+  auto jpeg = encode(64, 48, 1, false);
+  jpeg.resize(jpeg.size() + 100);
+  EXPECT_TRUE(codec_.inspect(jpeg));
+  EXPECT_TRUE(codec_.decode_gray(jpeg, 1));
+}
+
+TEST_F(Jpeg, TruncatedAtAnyLengthIsAnError) {
+  const auto jpeg = encode(64, 48, 1, false);
+  for (std::size_t size = 0; size < jpeg.size(); ++size) {
+    const auto cut = std::span(jpeg).first(size);
+    EXPECT_FALSE(codec_.inspect(cut)) << size;
+    EXPECT_FALSE(codec_.decode_gray(cut, 1)) << size;
+  }
+}
+
+TEST_F(Jpeg, ErrorsSayWhatIsMissing) {
+  const auto jpeg = encode(64, 48, 1, false);
+  EXPECT_EQ(codec_.inspect(std::span(jpeg).first(jpeg.size() - 2)).error().text,
+            "JPEG is cut short: no end marker");
+  EXPECT_EQ(codec_.decode_gray(std::span(jpeg).first(jpeg.size() - 2), 1).error().text,
+            "cannot decode a JPEG: Premature end of JPEG file");
+  const std::vector<std::uint8_t> png = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'};
+  EXPECT_EQ(codec_.inspect(png).error().text,
+            "cannot read the header of a JPEG: Not a JPEG file: starts with 0x89 0x50");
+}
+
+TEST_F(Jpeg, CorruptDataIsAnError) {
+  auto jpeg = encode(320, 240, 1, false);
+  jpeg[jpeg.size() / 2] = 0xFF;  // no marker has this place
+  jpeg[jpeg.size() / 2 + 1] = 0xD3;
+  EXPECT_TRUE(codec_.inspect(jpeg));
+  EXPECT_FALSE(codec_.decode_gray(jpeg, 1));
+}
+
+TEST_F(Jpeg, HugeSizeIsRefusedBeforeMemoryIsTakenForIt) {
+  auto jpeg = encode(64, 48, 1, false);
+  for (std::size_t i = 0; i + 8 < jpeg.size(); ++i) {
+    if (jpeg[i] != 0xFF || jpeg[i + 1] != 0xC0) continue;  // start of frame
+    jpeg[i + 5] = jpeg[i + 7] = 0x80;                      // the high bytes of height and width
+    jpeg[i + 6] = jpeg[i + 8] = 0;
+    break;
+  }
+  EXPECT_EQ(codec_.decode_gray(jpeg, 1).error().text,
+            "JPEG of 32768x32768 pixels is over the limit of 67108864 pixels");
+}
+
+TEST_F(Jpeg, CodecWorksOnAfterAnError) {
+  EXPECT_FALSE(codec_.decode_gray({}, 1));
+  EXPECT_TRUE(codec_.decode_gray(encode(64, 48, 1, false), 1));
+}
+
+}  // namespace
+}  // namespace orbbuf

@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/byte_order.hpp"
+#include "common/wire.hpp"
+
+/// One valid message of each type, and ways to take one apart.
+namespace orbbuf::wire {
+
+using Bytes = std::vector<std::uint8_t>;
+
+inline constexpr std::uint32_t kSampleMaxJpegBytes = 1024 * 1024;
+
+inline Bytes bytes_of(std::string_view text) { return {text.begin(), text.end()}; }
+
+inline std::string hex(std::span<const std::uint8_t> bytes) {
+  constexpr std::string_view kDigits = "0123456789abcdef";
+  std::string result;
+  for (const std::uint8_t byte : bytes) result.append({kDigits[byte >> 4], kDigits[byte & 15]});
+  return result;
+}
+
+inline EncodedFrame sample_frame() {
+  EncodedFrame frame{0x0102030405060708, -2, 0x11121314, 1226, 370, 0, {0xFF, 0xD8, 0, 0xFF, 0xD9}};
+  frame.jpeg_crc = crc32(frame.jpeg);
+  return frame;
+}
+
+inline Bytes encode_whole(const EncodedFrame& frame) {
+  const auto head = encode_frame_head(frame);
+  Bytes bytes(head.size() + frame.jpeg.size());
+  std::copy(frame.jpeg.begin(), frame.jpeg.end(),
+            std::copy(head.begin(), head.end(), bytes.begin()));
+  return bytes;
+}
+
+inline std::map<Type, Bytes> sample_messages() {
+  const Hello hello{1, 1, "tb3-07", "20201024T101500Z", "orbbufd 0.1.0", "0.5\t0.5\n"};
+  const Dropped dropped{5,
+                        {{10, -1, DropReason::kPolicy},
+                         {11, 0, DropReason::kBusy},
+                         {12, 1, DropReason::kFailed},
+                         {13, 2, DropReason::kShutdown}}};
+  return {{Type::kHello, encode(hello)},
+          {Type::kWelcome, encode(Welcome{1, {0x0102030405060708, 0x1112131415161718}})},
+          {Type::kFrame, encode_whole(sample_frame())},
+          {Type::kAck, encode(Ack{{7, 3}})},
+          {Type::kDropped, encode(dropped)},
+          {Type::kStats, encode(Stats{21, 1, 2, 3, 4, 5, 6})},
+          {Type::kBye, encode(Bye{{8, 4}})},
+          {Type::kError, encode(ErrorMessage{ErrorCode::kVersion, "no version in common"})}};
+}
+
+inline Parsed<Header> header_of(std::span<const std::uint8_t> message) {
+  return parse_header(message.first<kHeaderBytes>(), kSampleMaxJpegBytes);
+}
+
+/// Makes header and body agree again after either was changed: lengths and checksums.
+inline void reseal(Bytes& message) {
+  const auto body = std::span(message).subspan(kHeaderBytes);
+  store(&message[8], static_cast<std::uint32_t>(body.size()));
+  store(&message[12], crc32(body));
+  store(&message[16], crc32(std::span(message).first(16)));
+}
+
+template <class Message>
+Parsed<Bytes> encode_again(const Parsed<Message>& message) {
+  if (!message) return message.error();
+  return encode(message.value());
+}
+
+/// Parses the body and encodes what came of it.
+inline Parsed<Bytes> body_and_back(const Header& header, std::span<const std::uint8_t> body) {
+  switch (header.type) {
+    case Type::kHello:
+      return encode_again(parse_hello(header, body));
+    case Type::kWelcome:
+      return encode_again(parse_welcome(header, body));
+    case Type::kAck:
+      return encode_again(parse_ack(header, body));
+    case Type::kDropped:
+      return encode_again(parse_dropped(header, body));
+    case Type::kStats:
+      return encode_again(parse_stats(header, body));
+    case Type::kBye:
+      return encode_again(parse_bye(header, body));
+    case Type::kError:
+      return encode_again(parse_error(header, body));
+    case Type::kFrame:
+      break;
+  }
+  const auto jpeg = body.subspan(kFrameMetaBytes);
+  const auto frame =
+      parse_frame(header, body.first<kFrameMetaBytes>(), Bytes(jpeg.begin(), jpeg.end()));
+  if (!frame) return frame.error();
+  return encode_whole(frame.value());
+}
+
+/// Reads one message from the front of a stream and encodes it again.
+inline Parsed<Bytes> there_and_back(std::span<const std::uint8_t> stream) {
+  const Fault too_short{ErrorCode::kMalformed, "stream ends"};
+  if (stream.size() < kHeaderBytes) return too_short;
+  const auto header = header_of(stream);
+  if (!header) return header.error();
+  const std::size_t body_bytes = header.value().body_bytes;
+  if (stream.size() - kHeaderBytes < body_bytes) return too_short;
+  return body_and_back(header.value(), stream.subspan(kHeaderBytes, body_bytes));
+}
+
+/// What is wrong with `stream`; "accepted" if nothing is.
+inline std::string fault_of(std::span<const std::uint8_t> stream) {
+  const auto result = there_and_back(stream);
+  return result ? "accepted" : result.error().text;
+}
+
+}  // namespace orbbuf::wire

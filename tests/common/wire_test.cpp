@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/wire.hpp"
+
+#include <gtest/gtest.h>
+
+#include "tests/common/wire_samples.hpp"
+
+namespace orbbuf::wire {
+namespace {
+
+using namespace std::string_literals;
+
+/// The body of an encoded message, as an announced one.
+Parsed<Hello> parse_back(const Hello& hello) {
+  const Bytes message = encode(hello);
+  return parse_hello(header_of(message).value(), std::span(message).subspan(kHeaderBytes));
+}
+
+Hello hello_with(std::string software, std::string calibration) {
+  return {1, 1, "robot", "session", std::move(software), std::move(calibration)};
+}
+
+TEST(Wire, EachMessageHasItsGoldenBytes) {
+  // Made by Python's struct and zlib from docs/protocol.md, not by the code under test.
+  const std::map<Type, std::string> golden = {
+      {Type::kHello,
+       "4f524242010100000000003733e8bdade27fb644"
+       "0101000000067462332d303700103230323031303234543130313530305a000d"
+       "6f72626275666420302e312e300008302e3509302e350a"},
+      {Type::kWelcome,
+       "4f524242010200000000001888315df2d58d103d"
+       "010000000000000001020304050607081112131415161718"},
+      {Type::kFrame,
+       "4f5242420103000000000021a7edbbe7a109d6b7"
+       "0102030405060708fffffffffffffffe1112131404ca017201000000ffd800ffd9"},
+      {Type::kAck,
+       "4f524242010400000000001011d3772689b3e1ba"
+       "00000000000000070000000000000003"},
+      {Type::kDropped,
+       "4f524242010500000000004e554342e21843fc55"
+       "00000000000000050004000000000000000affffffffffffffff010000000000"
+       "00000b000000000000000002000000000000000c000000000000000103000000"
+       "000000000d000000000000000204"},
+      {Type::kStats,
+       "4f5242420106000000000038f43f20093f1c52ba"
+       "0000000000000015000000000000000100000000000000020000000000000003"
+       "000000000000000400000000000000050000000000000006"},
+      {Type::kBye,
+       "4f5242420107000000000010500e2d5448f7bb4e"
+       "00000000000000080000000000000004"},
+      {Type::kError,
+       "4f5242420108000000000018dcc22456eb89b88b"
+       "000200146e6f2076657273696f6e20696e20636f6d6d6f6e"},
+  };
+  for (const auto& [type, message] : sample_messages()) {
+    EXPECT_EQ(hex(message), golden.at(type)) << to_string(type);
+  }
+}
+
+TEST(Wire, EachMessageSurvivesThereAndBack) {
+  for (const auto& [type, message] : sample_messages()) {
+    const auto again = there_and_back(message);
+    ASSERT_TRUE(again) << to_string(type) << ": " << again.error().text;
+    EXPECT_EQ(again.value(), message) << to_string(type);
+  }
+}
+
+TEST(Wire, FieldsComeBackAsTheyWere) {
+  const Hello hello{1, 3, "tb3", "s-1", "orbbufd 0.1.0", "fx fy\r\n\tcx"};
+  EXPECT_EQ(parse_back(hello).value(), hello);
+
+  const EncodedFrame sent = sample_frame();
+  const auto message = encode_whole(sent);
+  const auto body = std::span(message).subspan(kHeaderBytes);
+  const auto got =
+      parse_frame(header_of(message).value(), body.first<kFrameMetaBytes>(), Bytes(sent.jpeg));
+  EXPECT_EQ(got.value().sequence, sent.sequence);
+  EXPECT_EQ(got.value().capture_time_ns, sent.capture_time_ns);
+  EXPECT_EQ(got.value().exposure_ns, sent.exposure_ns);
+  EXPECT_EQ(got.value().width_px, sent.width_px);
+  EXPECT_EQ(got.value().height_px, sent.height_px);
+  EXPECT_EQ(got.value().jpeg_crc, sent.jpeg_crc);
+  EXPECT_EQ(got.value().jpeg, sent.jpeg);
+}
+
+TEST(Wire, FrameHeadHoldsTheChecksumOfTheWholeBody) {
+  for (const std::size_t size : {1U, 2U, 77'000U, 1'000'000U}) {
+    EncodedFrame frame = sample_frame();
+    frame.jpeg.assign(size, 0xA5);
+    frame.jpeg_crc = crc32(frame.jpeg);
+    const Bytes message = encode_whole(frame);
+    EXPECT_EQ(header_of(message).value().body_crc, crc32(std::span(message).subspan(kHeaderBytes)));
+    EXPECT_TRUE(there_and_back(message)) << size;
+  }
+}
+
+TEST(Wire, Crc32IsThatOfZlib) {
+  const Bytes check = bytes_of("123456789");
+  EXPECT_EQ(crc32(check), 0xCBF43926U);
+  EXPECT_EQ(crc32({}), 0U);
+}
+
+TEST(Wire, Crc32ContinuesFromItsSeed) {
+  const Bytes check = bytes_of("123456789");
+  for (std::size_t i = 0; i <= check.size(); ++i) {
+    const std::uint32_t begin = crc32(std::span(check).first(i));
+    EXPECT_EQ(crc32(std::span(check).subspan(i), begin), 0xCBF43926U) << i;
+  }
+}
+
+TEST(Wire, TextOverItsLimitIsCut) {
+  const auto hello = parse_back(
+      hello_with(std::string(kMaxTextBytes + 1, 's'), std::string(kMaxCalibrationBytes + 1, 'c')));
+  EXPECT_EQ(hello.value().software, std::string(kMaxTextBytes, 's'));
+  EXPECT_EQ(hello.value().calibration, std::string(kMaxCalibrationBytes, 'c'));
+}
+
+TEST(Wire, TextIsNotCutThroughACharacter) {
+  const std::string begin(kMaxTextBytes - 2, 'x');
+  EXPECT_EQ(parse_back(hello_with(begin + "\u20AC", "")).value().software, begin);
+  EXPECT_EQ(parse_back(hello_with(begin + "\u00E4\u00E4", "")).value().software, begin + "\u00E4");
+}
+
+TEST(Wire, ControlCharactersInTextsAreMadeVisible) {
+  const auto hello = parse_back(hello_with("a\nb\x1B[2Jc\x7F\0d\u0085\u009Be\u00E4"s, ""));
+  EXPECT_EQ(hello.value().software, "a?b?[2Jc??d??e\u00E4");
+}
+
+TEST(Wire, CalibrationKeepsItsLines) {
+  const auto hello = parse_back(hello_with("", "0.5\t0.5\r\n640 480\n\x1B\x07"));
+  EXPECT_EQ(hello.value().calibration, "0.5\t0.5\r\n640 480\n??");
+}
+
+TEST(Wire, IdsAreSafeAsFileNames) {
+  for (const auto* id : {"a", "tb3-07", "2020.10_24", "_", "0"}) EXPECT_TRUE(is_valid_id(id)) << id;
+  for (const auto* id :
+       {"", ".", "..", ".x", "-rf", "a/b", "a b", "a\n", "\u00E4", "a:b", "a\\b"}) {
+    EXPECT_FALSE(is_valid_id(id)) << id;
+  }
+  EXPECT_FALSE(is_valid_id(std::string_view("a\0b", 3)));
+}
+
+TEST(Wire, IdsEndAtTheirLimit) {
+  EXPECT_TRUE(is_valid_id(std::string(kMaxIdBytes, 'a')));
+  EXPECT_FALSE(is_valid_id(std::string(kMaxIdBytes + 1, 'a')));
+}
+
+TEST(Wire, TypesHaveNames) {
+  std::string names;
+  for (const auto& [type, message] : sample_messages()) names.append(to_string(type)).append(" ");
+  EXPECT_EQ(names, "hello welcome frame ack dropped stats bye error ");
+}
+
+}  // namespace
+}  // namespace orbbuf::wire

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/capture/make_source.hpp"
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+
+#include "tests/daemon/capture/source_test_support.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace orbbuf {
+namespace {
+
+using test::error_of;
+using test::TemporaryFolder;
+using testing::HasSubstr;
+
+SourceSettings generated(std::int64_t frames) {
+  SourceSettings settings;
+  settings.width_px = 64;
+  settings.height_px = 64;
+  settings.frames = frames;
+  settings.realtime = false;
+  return settings;
+}
+
+std::string error(const SourceSettings& settings) {
+  return error_of([&] { make_source(settings); });
+}
+
+TEST(MakeSource, TheDefaultIsALiveGeneratedScene) {
+  const auto source = make_source({});
+  EXPECT_TRUE(source->is_live());
+  EXPECT_EQ(source->description(),
+            "generated scene 1: 500 frames of 640x480 px, 25 fps, in real time");
+}
+
+TEST(MakeSource, AnUnknownKindIsRefusedWithAListOfThose) {
+  SourceSettings settings;
+  settings.kind = "webcam";
+  EXPECT_THAT(error(settings), HasSubstr("'webcam': the kinds are generated, folder, video"));
+}
+
+TEST(MakeSource, EveryKindIsOpenedAtOnce) {
+  const TemporaryFolder folder;
+  for (const auto kind : kSourceKinds) {
+    SourceSettings settings;
+    settings.kind = kind;
+    settings.path = folder / "absent";
+    settings.width_px = 0;
+    EXPECT_NE(error(settings), "") << kind;
+  }
+}
+
+TEST(MakeSource, ARateThatIsNoneIsRefused) {
+  for (const double fps : {0.0, -1.0, 1e-9, 1e9, HUGE_VAL, std::nan("")}) {
+    SourceSettings settings;
+    settings.fps = fps;
+    EXPECT_THAT(error(settings), HasSubstr("fps")) << fps;
+  }
+}
+
+TEST(MakeSource, ALoopBeginsAgainWithTimesGoingOn) {
+  auto settings = generated(2);
+  settings.fps = 10;
+  settings.loop = true;
+  const auto source = make_source(settings);
+  EXPECT_FALSE(source->is_live());
+  std::vector<RawFrame> frames;
+  for (int i = 0; i < 5; ++i) {
+    auto frame = source->next({});
+    ASSERT_TRUE(frame);
+    EXPECT_EQ(frame->capture_time_ns, i * 100'000'000);
+    frames.push_back(std::move(*frame));
+  }
+  EXPECT_TRUE(std::equal(frames[1].data.begin(), frames[1].data.end(), frames[3].data.begin()));
+}
+
+TEST(MakeSource, WithoutALoopItEnds) {
+  const auto source = make_source(generated(1));
+  EXPECT_TRUE(source->next({}));
+  EXPECT_FALSE(source->next({}));
+}
+
+}  // namespace
+}  // namespace orbbuf

@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/image/jpeg_encoder.hpp"
+
+#include <gmock/gmock.h>
+
+#include <cstdlib>
+
+#include "common/wire.hpp"
+#include "daemon/capture/make_source.hpp"
+
+namespace orbbuf {
+namespace {
+
+using testing::HasSubstr;
+
+RawFrame scene_frame(bool color = false) {
+  SourceSettings settings;
+  settings.width_px = 160;
+  settings.height_px = 120;
+  settings.color = color;
+  settings.realtime = false;
+  auto frame = *make_source(settings)->next({});
+  frame.capture_time_ns = 1'305'031'102'175'304'000;
+  frame.exposure_ns = 10'000'000;
+  return frame;
+}
+
+RawFrame jpeg_frame(std::span<const std::uint8_t> jpeg) {
+  RawFrame frame;
+  frame.format = PixelFormat::kJpeg;
+  frame.data = jpeg;
+  return frame;
+}
+
+std::string error_of(JpegEncoder& encoder, const RawFrame& raw) {
+  auto frame = encoder.encode(raw, 0);
+  return frame ? "" : frame.error().text;
+}
+
+TEST(JpegEncoder, GrayPixelsBecomeAGrayJpegThatLooksLikeThem) {
+  const auto raw = scene_frame();
+  const auto frame = JpegEncoder({}).encode(raw, 42);
+  ASSERT_TRUE(frame);
+  EXPECT_EQ(frame.value().sequence, 42U);
+  EXPECT_EQ(frame.value().capture_time_ns, raw.capture_time_ns);
+  EXPECT_EQ(frame.value().exposure_ns, raw.exposure_ns);
+  EXPECT_EQ(frame.value().width_px, 160);
+  EXPECT_EQ(frame.value().height_px, 120);
+  EXPECT_EQ(frame.value().jpeg_crc, wire::crc32(frame.value().jpeg));
+
+  JpegCodec codec;
+  EXPECT_TRUE(codec.inspect(frame.value().jpeg).value().is_gray);
+  const auto decoded = codec.decode_gray(frame.value().jpeg, 1);
+  ASSERT_TRUE(decoded);
+  const auto& pixels = decoded.value().pixels;
+  ASSERT_EQ(pixels.size(), raw.data.size());
+  std::int64_t difference = 0;
+  for (std::size_t i = 0; i < pixels.size(); ++i) difference += std::abs(pixels[i] - raw.data[i]);
+  EXPECT_LT(difference, 8 * static_cast<std::int64_t>(pixels.size()));
+}
+
+TEST(JpegEncoder, ColourIsKeptOnlyWhereAskedFor) {
+  const auto raw = scene_frame(true);
+  JpegCodec codec;
+  const auto in_gray = JpegEncoder({}).encode(raw, 0);
+  const auto in_color = JpegEncoder({.quality = 80, .color = true}).encode(raw, 0);
+  ASSERT_TRUE(in_gray && in_color);
+  EXPECT_TRUE(codec.inspect(in_gray.value().jpeg).value().is_gray);
+  EXPECT_FALSE(codec.inspect(in_color.value().jpeg).value().is_gray);
+}
+
+constexpr std::size_t kStride = 192;
+
+TEST(JpegEncoder, RowsMayBePadded) {
+  const auto raw = scene_frame();
+  std::vector<std::uint8_t> padded(kStride * 119 + 160, 255);
+  for (std::size_t y = 0; y < 120; ++y) {
+    std::copy_n(raw.data.begin() + static_cast<std::ptrdiff_t>(y * 160), 160,
+                padded.begin() + static_cast<std::ptrdiff_t>(y * kStride));
+  }
+  auto raw_padded = raw;
+  raw_padded.data = padded;
+  raw_padded.stride_bytes = kStride;
+  JpegEncoder encoder({});
+  EXPECT_EQ(encoder.encode(raw_padded, 0).value().jpeg, encoder.encode(raw, 0).value().jpeg);
+}
+
+TEST(JpegEncoder, AHigherQualityCostsMoreBytes) {
+  const auto raw = scene_frame();
+  EXPECT_LT(JpegEncoder({.quality = 40}).encode(raw, 0).value().jpeg.size(),
+            JpegEncoder({.quality = 95}).encode(raw, 0).value().jpeg.size());
+}
+
+TEST(JpegEncoder, WhatIsJpegAlreadyIsPassedThroughByteForByte) {
+  JpegEncoder encoder({.quality = 10});
+  const auto jpeg = JpegEncoder({.quality = 95, .color = true}).encode(scene_frame(true), 0);
+  ASSERT_TRUE(jpeg);
+  const auto frame = encoder.encode(jpeg_frame(jpeg.value().jpeg), 7);
+  ASSERT_TRUE(frame);
+  EXPECT_EQ(frame.value().jpeg, jpeg.value().jpeg);
+  EXPECT_EQ(frame.value().jpeg_crc, jpeg.value().jpeg_crc);
+  EXPECT_EQ(frame.value().width_px, 160);
+  EXPECT_EQ(frame.value().height_px, 120);
+}
+
+TEST(JpegEncoder, ATruncatedJpegFailsAtEveryLength) {
+  JpegEncoder encoder({});
+  const auto jpeg = encoder.encode(scene_frame(), 0).value().jpeg;
+  for (std::size_t size = 0; size < jpeg.size(); ++size) {
+    ASSERT_NE(error_of(encoder, jpeg_frame(std::span(jpeg).first(size))), "") << size;
+  }
+}
+
+TEST(JpegEncoder, ADefectIsTheReasonOfTheFailure) {
+  JpegEncoder encoder({});
+  RawFrame raw;
+  raw.defect = "cannot read 000001.png: it is empty";
+  EXPECT_EQ(error_of(encoder, raw), raw.defect);
+}
+
+TEST(JpegEncoder, SizesThatNoFrameCanHaveFail) {
+  JpegEncoder encoder({});
+  const std::vector<std::uint8_t> pixels(65536);
+  RawFrame raw;
+  raw.data = pixels;
+  raw.width_px = 65536;
+  raw.height_px = 1;
+  raw.stride_bytes = 65536;
+  EXPECT_THAT(error_of(encoder, raw), HasSubstr("65536x1"));
+  raw.width_px = 0;
+  EXPECT_THAT(error_of(encoder, raw), HasSubstr("0x1"));
+}
+
+TEST(JpegEncoder, PixelsThatAreNotThereFail) {
+  JpegEncoder encoder({});
+  auto raw = scene_frame();
+  raw.data = raw.data.first(raw.data.size() - 1);
+  EXPECT_THAT(error_of(encoder, raw), HasSubstr("too few"));
+  raw = scene_frame();
+  raw.stride_bytes = 159;
+  EXPECT_THAT(error_of(encoder, raw), HasSubstr("too few"));
+  raw.data = {};
+  EXPECT_THAT(error_of(encoder, raw), HasSubstr("too few"));
+}
+
+}  // namespace
+}  // namespace orbbuf

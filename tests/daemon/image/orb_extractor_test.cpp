@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/image/orb_extractor.hpp"
+
+#include <gmock/gmock.h>
+
+#include <filesystem>
+#include <numeric>
+
+#include "daemon/buffer/similarity.hpp"
+#include "daemon/capture/make_source.hpp"
+#include "daemon/image/jpeg_encoder.hpp"
+
+namespace orbbuf {
+namespace {
+
+using testing::AllOf;
+using testing::Each;
+using testing::Ge;
+using testing::IsEmpty;
+using testing::Lt;
+
+EncodedFrame flat_frame(int width_px, int height_px) {
+  const std::vector<std::uint8_t> pixels(static_cast<std::size_t>(width_px * height_px), 90);
+  EncodedFrame frame;
+  frame.jpeg = JpegCodec()
+                   .encode({pixels.data(), width_px, height_px, static_cast<std::size_t>(width_px)},
+                           80, false)
+                   .value();
+  return frame;
+}
+
+/// The features of a source's first frames, by way of their JPEG.
+std::vector<FeatureSet> features_of(SourceSettings source_settings, std::size_t count,
+                                    const FeatureSettings& settings = {}) {
+  source_settings.realtime = false;
+  const auto source = make_source(source_settings);
+  JpegEncoder encoder({});
+  OrbExtractor extractor(settings);
+  std::vector<FeatureSet> features;
+  while (features.size() < count) {
+    const auto raw = source->next({});
+    if (!raw) break;
+    features.push_back(extractor.extract(encoder.encode(*raw, features.size()).value()));
+  }
+  return features;
+}
+
+/// M of all pairs that many frames apart.
+std::vector<int> similarities(const std::vector<FeatureSet>& features, std::size_t apart) {
+  std::vector<int> result;
+  for (std::size_t i = 0; i + apart < features.size(); ++i) {
+    result.push_back(similarity(features[i], features[i + apart]));
+  }
+  return result;
+}
+
+int mean(const std::vector<int>& values) {
+  return std::accumulate(values.begin(), values.end(), 0) / static_cast<int>(values.size());
+}
+
+TEST(OrbExtractor, FindsAboutAsManyFeaturesAsAskedForAndTheSameEveryTime) {
+  SourceSettings scene;
+  const auto features = features_of(scene, 2, {.count = 300});
+  ASSERT_EQ(features.size(), 2U);
+  EXPECT_GE(features[0].descriptors.size(), 250U);
+  EXPECT_LE(features[0].descriptors.size(), 330U);
+  EXPECT_EQ(features[0].descriptors, features_of(scene, 1, {.count = 300})[0].descriptors);
+}
+
+TEST(OrbExtractor, WorksAtEveryScaleOfTheDecoder) {
+  for (const int scale : {1, 2, 4}) {
+    EXPECT_GT(features_of({}, 1, {.scale = scale})[0].descriptors.size(), 50U) << scale;
+  }
+}
+
+TEST(OrbExtractor, AJpegThatCannotBeDecodedHasNoFeatures) {
+  OrbExtractor extractor({});
+  EncodedFrame frame;
+  EXPECT_THAT(extractor.extract(frame).descriptors, IsEmpty());
+  frame.jpeg = {0xFF, 0xD8, 0xFF, 0xD9};
+  EXPECT_THAT(extractor.extract(frame).descriptors, IsEmpty());
+}
+
+TEST(OrbExtractor, ABlankWallHasNoFeatures) {
+  EXPECT_THAT(OrbExtractor({}).extract(flat_frame(640, 480)).descriptors, IsEmpty());
+}
+
+TEST(OrbExtractor, ImagesOfAnySizeAreTakenHoweverSmall) {
+  OrbExtractor extractor({.scale = 1});
+  for (const int side : {1, 2, 8, 31, 61, 62, 63, 64, 65, 80, 100}) {
+    EXPECT_THAT(extractor.extract(flat_frame(side, side)).descriptors, IsEmpty()) << side;
+    EXPECT_THAT(extractor.extract(flat_frame(640, side)).descriptors, IsEmpty()) << side;
+  }
+  SourceSettings scene;
+  for (const int side : {64, 67, 72, 96, 128}) {
+    scene.width_px = side;
+    scene.height_px = side;
+    EXPECT_LE(features_of(scene, 1, {.scale = 1})[0].descriptors.size(), 600U) << side;
+  }
+}
+
+TEST(OrbExtractor, InAGeneratedTurnASecondLosesEverythingAndElsewhereLittle) {
+  const auto features = features_of({}, 280);
+  ASSERT_EQ(features.size(), 280U);
+  EXPECT_THAT(similarities(features, 1), Each(Ge(150)));
+  EXPECT_GT(similarity(features[0], features[25]), 150);
+  EXPECT_GT(similarity(features[175], features[200]), 150);
+  EXPECT_LT(similarity(features[250], features[275]), 20);
+}
+
+TEST(OrbExtractor, NeighboursOfRealSequencesAreAlikeAndFramesFarApartAreNot) {
+  for (const auto& [name, apart] :
+       {std::pair("picar_indoor", 100U), {"kitti06_mono", 40U}, {"kitti05_stereo", 40U}}) {
+    SourceSettings sequence;
+    sequence.kind = "folder";
+    sequence.path =
+        std::filesystem::path(ORBBUF_SOURCE_DIR) / ".." / "shared" / "data" / "sequences" / name;
+    if (!exists(sequence.path)) GTEST_SKIP() << sequence.path << " is absent";
+    const auto features = features_of(sequence, 150);
+    EXPECT_GT(mean(similarities(features, 1)), 100) << name;
+    EXPECT_THAT(similarities(features, apart), Each(AllOf(Ge(0), Lt(25)))) << name;
+    EXPECT_LT(mean(similarities(features, apart)), 10) << name;
+    EXPECT_GE(similarity(features[0], features[0]), 350) << name;
+  }
+}
+
+}  // namespace
+}  // namespace orbbuf

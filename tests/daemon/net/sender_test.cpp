@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/net/sender.hpp"
+
+#include <gtest/gtest.h>
+
+#include <boost/asio/post.hpp>
+#include <future>
+#include <thread>
+
+#include "daemon/buffer/simple_policies.hpp"
+#include "tests/support/scripted_server.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace asio = boost::asio;
+using test::Message;
+using wire::Type;
+
+/// A sender on its own thread, as `main` is, against a server that the test plays.
+class SenderTest : public ::testing::Test {
+ protected:
+  void start() {
+    link_.server.port = server_.port();
+    wire::Hello hello;
+    hello.robot_id = "r";
+    hello.session_id = "s";
+    sender_ = std::make_unique<Sender>(io_, link_, hello, buffer_, drops_);
+    sender_->start();
+    main_ = std::jthread([this] { io_.run(); });
+  }
+  void push(Sequence first, Sequence last) {
+    for (Sequence sequence = first; sequence <= last; ++sequence) {
+      EncodedFrame frame;
+      frame.sequence = sequence;
+      frame.capture_time_ns = static_cast<std::int64_t>(sequence) * 1000;
+      frame.jpeg.assign(100, static_cast<std::uint8_t>(sequence));
+      frame.jpeg_crc = wire::crc32(frame.jpeg);
+      buffer_.captured();
+      buffer_.push(std::move(frame));
+    }
+    asio::post(io_, [this] { sender_->wake(); });
+  }
+  std::future<bool> finish() {
+    auto done = std::make_shared<std::promise<bool>>();
+    asio::post(io_, [this, done] {
+      sender_->finish([done](bool complete) { done->set_value(complete); });
+    });
+    return done->get_future();
+  }
+  void TearDown() override {
+    asio::post(io_, [this] { io_.stop(); });
+    if (main_.joinable()) main_.join();
+  }
+
+  LinkSettings link_;
+  test::ScriptedServer server_;
+  FrameBuffer buffer_{5, std::make_unique<DropOldestPolicy>()};
+  DropLog drops_{{}};
+  asio::io_context io_;
+  std::unique_ptr<Sender> sender_;
+  std::jthread main_;
+};
+
+TEST_F(SenderTest, SaysHelloAndSendsWhatWaitsInOrder) {
+  push(0, 2);
+  start();
+  const wire::Hello hello = server_.welcome({});
+  EXPECT_EQ(hello.robot_id, "r");
+  EXPECT_EQ(hello.session_id, "s");
+  for (Sequence sequence = 0; sequence < 3; ++sequence) {
+    const EncodedFrame frame = server_.read(Type::kFrame).frame();
+    EXPECT_EQ(frame.sequence, sequence);
+    EXPECT_EQ(frame.jpeg, std::vector<std::uint8_t>(100, static_cast<std::uint8_t>(sequence)));
+  }
+}
+
+TEST_F(SenderTest, UnacknowledgedFramesComeAgainOnTheNextConnection) {
+  push(0, 3);
+  start();
+  server_.welcome({});
+  for (int i = 0; i < 4; ++i) server_.read(Type::kFrame);
+  server_.ack({1, 0});
+  server_.close();
+  server_.welcome({2, 0});  // it had taken frame 1 as well, but the ack was lost
+  EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 2U);
+  EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 3U);
+  EXPECT_EQ(buffer_.stats().acknowledged, 2U);
+}
+
+TEST_F(SenderTest, DropsAreReportedNumberedAndAgainUntilAcknowledged) {
+  start();
+  push(0, 7);  // three more than fit: 0, 1 and 2 go
+  server_.welcome({});
+  wire::Dropped all;
+  while (all.records.size() < buffer_.stats().dropped || all.records.empty()) {
+    const Message message = server_.read(Type::kDropped);
+    const wire::Dropped some = wire::parse_dropped(message.header, message.body).value();
+    EXPECT_EQ(some.first_drop, all.records.size());
+    all.records.insert(all.records.end(), some.records.begin(), some.records.end());
+  }
+  server_.close();
+  server_.welcome({0, 1});
+  const Message message = server_.read(Type::kDropped);
+  const wire::Dropped again = wire::parse_dropped(message.header, message.body).value();
+  EXPECT_EQ(again.first_drop, 1U);
+  EXPECT_EQ(again.records.front(), all.records[1]);
+}
+
+TEST_F(SenderTest, FinishSaysByeOnceAllIsAcknowledged) {
+  push(0, 1);
+  start();
+  server_.welcome({});
+  std::future<bool> done = finish();
+  server_.read(Type::kFrame);
+  server_.read(Type::kFrame);
+  server_.ack({2, 0});
+  const Message message = server_.read(Type::kBye);
+  EXPECT_EQ(wire::parse_bye(message.header, message.body).value(), (wire::Bye{{2, 0}}));
+  server_.send(wire::encode(wire::Bye{{2, 0}}));
+  EXPECT_TRUE(done.get());
+  EXPECT_EQ(buffer_.stats().acknowledged, 2U);
+}
+
+TEST_F(SenderTest, FinishWithoutAServerGivesUpByNameWhenTheTimeIsOver) {
+  link_.drain_timeout = std::chrono::milliseconds(10);
+  push(0, 1);
+  start();
+  EXPECT_FALSE(finish().get());
+  EXPECT_EQ(buffer_.stats().dropped, 2U);
+  EXPECT_EQ(drops_.next_drop(), 2U);
+}
+
+TEST_F(SenderTest, FinishOnASlowServerReportsWhatItGaveUp) {
+  link_.drain_timeout = std::chrono::milliseconds(10);
+  start();
+  server_.welcome({});
+  push(0, 0);
+  server_.read(Type::kFrame);  // not acknowledged until after the time is over
+  std::future<bool> done = finish();
+  EXPECT_EQ(done.wait_for(std::chrono::milliseconds(100)), std::future_status::timeout);
+  server_.ack({1, 0});
+  server_.read(Type::kBye);
+  server_.send(wire::encode(wire::Bye{{1, 0}}));
+  EXPECT_TRUE(done.get());
+}
+
+TEST_F(SenderTest, ServerThatNeverAnswersIsTriedAgain) {
+  link_.connect_timeout = std::chrono::milliseconds(20);
+  push(0, 0);
+  start();
+  server_.accept();
+  server_.welcome({});
+  EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 0U);
+}
+
+TEST_F(SenderTest, ServerThatTalksNonsenseIsLeftAndTriedAgain) {
+  push(0, 0);
+  start();
+  server_.accept();
+  server_.send({'H', 'T', 'T', 'P', '/', '1', '.', '1', ' ', '4',
+                '0', '0', ' ', 'B', 'a', 'd', ' ', 'R', 'e', 'q'});
+  server_.welcome({});
+  EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 0U);
+}
+
+TEST_F(SenderTest, RefusalIsSurvived) {
+  push(0, 0);
+  start();
+  server_.accept();
+  server_.send(wire::encode(wire::ErrorMessage{wire::ErrorCode::kRefused, "full"}));
+  server_.welcome({});
+  EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 0U);
+}
+
+TEST_F(SenderTest, StatsAddUp) {
+  start();
+  push(0, 9);
+  server_.welcome({});
+  const Message message = server_.read(Type::kStats);
+  const wire::Stats s = wire::parse_stats(message.header, message.body).value();
+  EXPECT_EQ(s.captured, 10U);
+  EXPECT_EQ(s.captured,
+            s.skipped + s.failed + s.dropped + s.acknowledged + s.waiting + s.in_flight);
+}
+
+}  // namespace
+}  // namespace orbbuf

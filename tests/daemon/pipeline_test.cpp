@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/pipeline.hpp"
+
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <future>
+#include <stdexcept>
+#include <utility>
+
+#include "daemon/buffer/simple_policies.hpp"
+
+namespace orbbuf {
+namespace {
+
+/// Gray frames made on demand; what the test wants to happen at a frame, happens there.
+class FakeSource : public FrameSource {
+ public:
+  FakeSource(int frames, bool live) : frames_(frames), live_(live) {}
+
+  std::optional<RawFrame> next(std::stop_token stop) override {
+    if (index_ == frames_ || stop.stop_requested()) return std::nullopt;
+    RawFrame frame;
+    frame.capture_time_ns = 1000 * index_;
+    frame.width_px = 16;
+    frame.height_px = 8;
+    frame.stride_bytes = 16;
+    frame.data = pixels_;
+    if (before) before(index_, frame);
+    ++index_;
+    return frame;
+  }
+  bool is_live() const override { return live_; }
+  std::string description() const override { return "fake"; }
+
+  std::function<void(int index, RawFrame& frame)> before;
+
+ private:
+  const int frames_;
+  const bool live_;
+  int index_ = 0;
+  std::vector<std::uint8_t> pixels_ = std::vector<std::uint8_t>(16 * 8, 128);
+};
+
+class PipelineTest : public ::testing::Test {
+ protected:
+  void start(std::unique_ptr<FakeSource> source) {
+    pipeline_ = std::make_unique<Pipeline>(
+        std::move(source), JpegSettings{}, buffer_,
+        Pipeline::Events{[this] { ++changes_; },
+                         [this](bool failed) { ended_.set_value(failed); }});
+    pipeline_->start();
+  }
+  bool wait_for_end() { return ended_.get_future().get(); }
+
+  FrameBuffer buffer_{5, std::make_unique<DropOldestPolicy>()};
+  int changes_ = 0;  // worker only
+  std::promise<bool> ended_;
+  std::unique_ptr<Pipeline> pipeline_;
+};
+
+TEST_F(PipelineTest, FramesReachTheBufferNumberedInOrder) {
+  start(std::make_unique<FakeSource>(5, false));
+  EXPECT_FALSE(wait_for_end());
+  for (Sequence sequence = 0; sequence < 5; ++sequence) {
+    const FramePtr frame = buffer_.take();
+    ASSERT_TRUE(frame);
+    EXPECT_EQ(frame->sequence, sequence);
+    EXPECT_EQ(frame->capture_time_ns, 1000 * static_cast<std::int64_t>(sequence));
+  }
+  EXPECT_FALSE(buffer_.take());
+  EXPECT_EQ(changes_, 5);
+}
+
+TEST_F(PipelineTest, SourceThatCanWaitLosesNothingToAFullBuffer) {
+  start(std::make_unique<FakeSource>(50, false));
+  Sequence next = 0;
+  while (next < 50) {
+    if (const FramePtr frame = buffer_.take()) {
+      EXPECT_EQ(frame->sequence, next++);
+      buffer_.acknowledge(next);
+    } else {
+      std::this_thread::yield();
+    }
+  }
+  EXPECT_FALSE(wait_for_end());
+  EXPECT_EQ(buffer_.stats().acknowledged, 50U);
+  EXPECT_EQ(buffer_.stats().dropped, 0U);
+}
+
+TEST_F(PipelineTest, LiveSourceNeverWaitsAndEveryFrameIsAccountedFor) {
+  start(std::make_unique<FakeSource>(1000, true));
+  EXPECT_FALSE(wait_for_end());
+  const wire::Stats stats = buffer_.stats();
+  EXPECT_EQ(stats.captured, 1000U);
+  EXPECT_EQ(stats.captured, stats.skipped + stats.dropped + stats.waiting);
+  EXPECT_EQ(buffer_.collect_drops().size(), stats.skipped + stats.dropped);
+}
+
+TEST_F(PipelineTest, FrameThatCannotBeReadIsNamedAndTheRestGoesOn) {
+  auto source = std::make_unique<FakeSource>(3, false);
+  source->before = [](int index, RawFrame& frame) {
+    if (index == 1) frame.defect = "cannot read a.png: truncated";
+  };
+  start(std::move(source));
+  EXPECT_FALSE(wait_for_end());
+  EXPECT_EQ(buffer_.take()->sequence, 0U);
+  EXPECT_EQ(buffer_.take()->sequence, 2U);
+  EXPECT_EQ(buffer_.stats().failed, 1U);
+  EXPECT_EQ(buffer_.collect_drops(), (std::vector<DropRecord>{{1, 1000, DropReason::kFailed}}));
+}
+
+TEST_F(PipelineTest, SourceThatIsGoneEndsTheStreamAsFailed) {
+  auto source = std::make_unique<FakeSource>(3, false);
+  source->before = [](int index, RawFrame&) {
+    if (index == 2) throw std::runtime_error("unplugged");
+  };
+  start(std::move(source));
+  EXPECT_TRUE(wait_for_end());
+  EXPECT_EQ(buffer_.stats().captured, 2U);
+}
+
+TEST_F(PipelineTest, StopEndsAPipelineThatWaitsForRoom) {
+  auto source = std::make_unique<FakeSource>(1000, false);
+  std::promise<void> is_full;
+  source->before = [&](int index, RawFrame&) {
+    if (index == 7)
+      is_full.set_value();  // five wait in the buffer, one with the worker, one between
+  };
+  start(std::move(source));
+  is_full.get_future().wait();
+  pipeline_->stop();
+  EXPECT_FALSE(wait_for_end());
+  const wire::Stats stats = buffer_.stats();
+  EXPECT_EQ(stats.waiting, 5U);
+  EXPECT_EQ(stats.captured, stats.dropped + stats.waiting);
+  for (const DropRecord& record : buffer_.collect_drops()) {
+    EXPECT_EQ(record.reason, DropReason::kShutdown);
+  }
+}
+
+}  // namespace
+}  // namespace orbbuf

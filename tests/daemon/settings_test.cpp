@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/settings.hpp"
+
+#include <gtest/gtest.h>
+
+#include "common/config.hpp"
+#include "common/wire.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace orbbuf {
+namespace {
+
+const std::filesystem::path kSample = ORBBUF_SOURCE_DIR "/config/orbbufd.toml";
+
+Settings with(const std::vector<std::string>& overrides) { return load_settings({}, overrides); }
+
+std::string why(const std::vector<std::string>& overrides) {
+  try {
+    with(overrides);
+  } catch (const ConfigError& error) {
+    return error.what();
+  }
+  return "accepted";
+}
+
+TEST(Settings, SampleFileHoldsEveryKeyWithItsDefault) {
+  const Settings sample = load_settings(kSample, {});
+  const Settings fallback = with({});
+  EXPECT_EQ(sample.log_level, fallback.log_level);
+  EXPECT_EQ(sample.robot_id, fallback.robot_id);
+  EXPECT_EQ(sample.calibration, fallback.calibration);
+  EXPECT_EQ(sample.source.kind, fallback.source.kind);
+  EXPECT_EQ(sample.source.path, fallback.source.path);
+  EXPECT_EQ(sample.source.fps, fallback.source.fps);
+  EXPECT_EQ(sample.source.realtime, fallback.source.realtime);
+  EXPECT_EQ(sample.source.loop, fallback.source.loop);
+  EXPECT_EQ(sample.source.seed, fallback.source.seed);
+  EXPECT_EQ(sample.source.width_px, fallback.source.width_px);
+  EXPECT_EQ(sample.source.height_px, fallback.source.height_px);
+  EXPECT_EQ(sample.source.frames, fallback.source.frames);
+  EXPECT_EQ(sample.jpeg.quality, fallback.jpeg.quality);
+  EXPECT_EQ(sample.jpeg.color, fallback.jpeg.color);
+  EXPECT_EQ(sample.features.count, fallback.features.count);
+  EXPECT_EQ(sample.features.levels, fallback.features.levels);
+  EXPECT_EQ(sample.features.scale, fallback.features.scale);
+  EXPECT_EQ(sample.buffer.capacity, fallback.buffer.capacity);
+  EXPECT_EQ(sample.buffer.policy, fallback.buffer.policy);
+  EXPECT_EQ(sample.buffer.seed, fallback.buffer.seed);
+  EXPECT_EQ(sample.buffer.drop_log, fallback.buffer.drop_log);
+  EXPECT_EQ(sample.link.server, fallback.link.server);
+  EXPECT_EQ(sample.link.connect_timeout, fallback.link.connect_timeout);
+  EXPECT_EQ(sample.link.stall_timeout, fallback.link.stall_timeout);
+  EXPECT_EQ(sample.link.drain_timeout, fallback.link.drain_timeout);
+  EXPECT_EQ(sample.link.unsent_bytes, fallback.link.unsent_bytes);
+}
+
+TEST(Settings, EveryValueReachesItsPlace) {
+  const Settings s =
+      with({"log.level=debug", "robot.id=front", "source.kind=folder", "source.path=/data",
+            "source.realtime=false", "source.loop=true", "jpeg.color=true", "features.scale=4",
+            "buffer.policy=uniform", "link.server=[::1]:9", "link.stall_timeout=250 ms",
+            "link.unsent=1 MiB"});
+  EXPECT_EQ(s.log_level, "debug");
+  EXPECT_EQ(s.robot_id, "front");
+  EXPECT_EQ(s.source.kind, "folder");
+  EXPECT_EQ(s.source.path, "/data");
+  EXPECT_FALSE(s.source.realtime);
+  EXPECT_TRUE(s.source.loop);
+  EXPECT_TRUE(s.jpeg.color);
+  EXPECT_TRUE(s.source.color);
+  EXPECT_EQ(s.features.scale, 4);
+  EXPECT_EQ(s.buffer.policy, "uniform");
+  EXPECT_EQ(s.link.server, (Address{"::1", 9}));
+  EXPECT_EQ(s.link.stall_timeout, std::chrono::milliseconds(250));
+  EXPECT_EQ(s.link.unsent_bytes, 1U << 20);
+}
+
+TEST(Settings, WhatCannotBeIsRefusedByName) {
+  const auto names = [](const std::string& text, const std::string& part) {
+    EXPECT_NE(text.find(part), std::string::npos) << text;
+  };
+  names(why({"robot.id=../etc"}), "robot.id: ");
+  names(why({"source.kind=folder"}), "source.path: needed for source.kind = \"folder\"");
+  names(why({"source.kind=kinect"}), "source.kind: ");
+  names(why({"features.scale=3"}), "features.scale: must be 1, 2, 4 or 8");
+  names(why({"buffer.capacity=2"}), "buffer.capacity: ");
+  names(why({"buffer.policy=best"}), "drop-youngest");
+  names(why({"link.server=nowhere"}), "link.server: expected HOST:PORT");
+  names(why({"link.server=nowhere:0"}), "link.server: port 0");
+  names(why({"camera.calibration=1 2 3"}), "camera.calibration: expected the four lines");
+  names(why({"bufer.capacity=9"}), "buffer.capacity");
+}
+
+TEST(Settings, CalibrationOfFourLinesIsKeptAsItIs) {
+  const test::TemporaryFolder folder;
+  const std::string calibration = "Pinhole 1 2 3 4 0\n640 480\nnone\n640 480\n";
+  test::write_file(folder / "c.toml", "[camera]\ncalibration = '''\n" + calibration + "'''\n");
+  EXPECT_EQ(load_settings(folder / "c.toml", {}).calibration, calibration);
+}
+
+TEST(Settings, SessionIdsAreValidAndDiffer) {
+  const std::string a = new_session_id();
+  EXPECT_TRUE(wire::is_valid_id(a)) << a;
+  EXPECT_EQ(a.size(), std::string("20261121T073000Z-4f3a").size());
+}
+
+}  // namespace
+}  // namespace orbbuf

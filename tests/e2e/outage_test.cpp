@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+// The link drops every packet for three seconds, between two network namespaces.
+#include <gtest/gtest.h>
+
+#include "tests/e2e/rig.hpp"
+#include "tests/support/namespaces.hpp"
+
+namespace orbbuf::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Stream {
+  const char* name;
+  Overrides overrides;
+  int seconds_before;  // of outage, on the robot's clock: it logs a line a second
+};
+
+void PrintTo(const Stream& stream, std::ostream* out) { *out << stream.name; }
+
+class OutageTest : public ::testing::TestWithParam<Stream> {};
+
+TEST_P(OutageTest, EveryFrameIsDeliveredOnceOrNamedAsDropped) {
+  const Stream& stream = GetParam();
+  Overrides overrides = stream.overrides;
+  if (overrides.empty()) {
+    const fs::path sequence = shared_sequence(stream.name);
+    if (sequence.empty()) GTEST_SKIP() << "no ../shared/data/sequences/" << stream.name;
+    overrides = {"source.kind=folder", "source.path=" + sequence.string(), "buffer.capacity=10"};
+  }
+  const Namespaces hosts;
+  if (!hosts.exist()) GTEST_SKIP() << hosts.why();
+  const TemporaryFolder folder;
+  const fs::path log = folder / "drops.csv";
+  overrides.push_back("buffer.drop_log=" + log.string());
+  Server server(folder / "out", {}, Namespaces::kServerListen, hosts.on_server());
+  Process robot(robot_command("r", server.address(), overrides, hosts.on_robot()));
+
+  ASSERT_TRUE(robot.wait_for_lines("] captured ", stream.seconds_before));
+  hosts.cut_link();
+  ASSERT_TRUE(robot.wait_for_lines("] captured ", stream.seconds_before + 3));
+  hosts.mend_link();
+  ASSERT_EQ(robot.wait(), 0) << robot.output();
+
+  const auto account = closing_account(robot);
+  const Record record = read_record(folder / "out", "r");
+  expect_exactly_once(record, account.at("captured"));
+  EXPECT_EQ(record.delivered.size(), account.at("acknowledged"));
+  EXPECT_EQ(record.dropped.size(),
+            account.at("dropped") + account.at("skipped") + account.at("failed"));
+  EXPECT_GT(account.at("dropped"), 0U) << "the outage did not fill the buffer";
+  EXPECT_EQ(read_file(record.folder / "drops.csv"), read_file(log));
+  EXPECT_GE(robot.count_lines("lost: stalled"), 1) << robot.output();
+}
+
+INSTANTIATE_TEST_SUITE_P(Streams, OutageTest,
+                         ::testing::Values(Stream{"kitti06_mono", {}, 1},
+                                           Stream{"picar_indoor", {}, 5},
+                                           Stream{"generated",
+                                                  {"source.frames=200", "buffer.policy=uniform",
+                                                   "source.width=320", "source.height=240"},
+                                                  2}),
+                         [](const auto& stream) { return stream.param.name; });
+
+}  // namespace
+}  // namespace orbbuf::test

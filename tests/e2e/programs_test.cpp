@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the two programs say for themselves: options, configuration errors, start-up errors.
+#include <gtest/gtest.h>
+
+#include "tests/e2e/rig.hpp"
+
+namespace orbbuf::test {
+namespace {
+
+TEST(Programs, VersionAndHelpNeedNoConfiguration) {
+  EXPECT_EQ(run({ORBBUFD, "--version"}).output, "orbbufd " ORBBUF_VERSION "\n");
+  EXPECT_EQ(run({ORBBUF_SERVER, "--version"}).output, "orbbuf-server " ORBBUF_VERSION "\n");
+  for (const char* program : {ORBBUFD, ORBBUF_SERVER}) {
+    const Finished help = run({program, "--help"});
+    EXPECT_EQ(help.status, 0);
+    for (const char* option : {"--config", "--set", "--check-config", "--version"}) {
+      EXPECT_NE(help.output.find(option), std::string::npos) << option;
+    }
+  }
+}
+
+TEST(Programs, CheckConfigAcceptsTheSamples) {
+  const std::string config = ORBBUF_SOURCE_DIR "/config/";
+  EXPECT_EQ(run({ORBBUFD, "--check-config", "--config", config + "orbbufd.toml"}).status, 0);
+  EXPECT_EQ(
+      run({ORBBUF_SERVER, "--check-config", "--config", config + "orbbuf-server.toml"}).status, 0);
+}
+
+TEST(Programs, TypoInTheConfigurationNamesFileLineAndKey) {
+  const TemporaryFolder folder;
+  const std::string file = (folder / "c.toml").string();
+  write_file(file, "[log]\nlevel = \"info\"\n\n[link]\nstal_timeout = \"1 s\"\n");
+  const Finished robot = run({ORBBUFD, "--config", file});
+  EXPECT_EQ(robot.status, 1);
+  EXPECT_NE(robot.output.find(file + ":5: link.stal_timeout: "), std::string::npos) << robot.output;
+  EXPECT_NE(robot.output.find("link.stall_timeout"), std::string::npos) << robot.output;
+  write_file(file, "[listen]\naddress = 7722\n");
+  const Finished server = run({ORBBUF_SERVER, "--config", file});
+  EXPECT_EQ(server.status, 1);
+  EXPECT_NE(server.output.find(file + ":2: listen.address: "), std::string::npos) << server.output;
+}
+
+TEST(Programs, FolderThatCannotBeReadIsNamedWithTheReason) {
+  const Finished robot = run(robot_command("r", "127.0.0.1:1", replay("/nowhere")));
+  EXPECT_EQ(robot.status, 1);
+  EXPECT_NE(robot.output.find("/nowhere"), std::string::npos) << robot.output;
+  EXPECT_NE(robot.output.find("No such file or directory"), std::string::npos) << robot.output;
+}
+
+TEST(Programs, PortThatIsTakenIsNamedWithTheReason) {
+  const TemporaryFolder out;
+  Server server(out.path());
+  const Finished second = run({ORBBUF_SERVER, "--set", "listen.address=" + server.address()});
+  EXPECT_EQ(second.status, 1);
+  EXPECT_NE(second.output.find(server.address()), std::string::npos) << second.output;
+  EXPECT_NE(second.output.find("in use"), std::string::npos) << second.output;
+}
+
+TEST(Programs, WrongPortIsSaidOnceAndTriedOn) {
+  std::string address;
+  {
+    const TemporaryFolder out;
+    address = Server(out.path()).address();  // free again once the server is gone
+  }
+  Process robot(robot_command("r", address, {"link.drain_timeout=0 s", "source.frames=50"}));
+  EXPECT_EQ(robot.wait(), 1) << "frames that could not be delivered are a failure";
+  EXPECT_EQ(robot.count_lines("no connection to " + address + ": "), 1) << robot.output();
+  EXPECT_EQ(robot.count_lines("Connection refused"), 1) << robot.output();
+  EXPECT_EQ(closing_account(robot).at("dropped"), 50U);
+}
+
+}  // namespace
+}  // namespace orbbuf::test

@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/e2e/rig.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <iterator>
+#include <regex>
+#include <stdexcept>
+
+namespace orbbuf::test {
+namespace fs = std::filesystem;
+
+namespace {
+
+std::vector<std::string> with_overrides(std::vector<std::string> command,
+                                        const Overrides& overrides) {
+  for (const std::string& override : overrides) {
+    command.emplace_back("--set");
+    command.push_back(override);
+  }
+  return command;
+}
+
+}  // namespace
+
+Server::Server(const fs::path& out, const Overrides& overrides, const std::string& listen,
+               const std::vector<std::string>& where) {
+  std::vector<std::string> command = where;
+  command.insert(command.end(), {ORBBUF_SERVER, "--set", "listen.address=" + listen, "--set",
+                                 "files.path=" + out.string()});
+  process_ = std::make_unique<Process>(with_overrides(std::move(command), overrides));
+  const auto line = process_->wait_for_line("listening on ");
+  if (!line) throw std::runtime_error("no server: " + process_->output());
+  address_ = line->substr(line->find("listening on ") + 13);
+}
+
+std::vector<std::string> robot_command(const std::string& id, const std::string& server,
+                                       const Overrides& overrides,
+                                       const std::vector<std::string>& where) {
+  std::vector<std::string> command = where;
+  command.insert(command.end(),
+                 {ORBBUFD, "--set", "robot.id=" + id, "--set", "link.server=" + server});
+  return with_overrides(std::move(command), overrides);
+}
+
+Overrides replay(const fs::path& folder) {
+  return {"source.kind=folder", "source.path=" + folder.string(), "source.realtime=false"};
+}
+
+fs::path shared_sequence(const std::string& name) {
+  const fs::path folder = fs::path(ORBBUF_SOURCE_DIR) / ".." / "shared/data/sequences" / name;
+  return exists(folder) ? folder : fs::path();
+}
+
+Record read_record(const fs::path& out, const std::string& robot) {
+  std::vector<fs::path> sessions;
+  if (exists(out / robot)) {
+    std::ranges::copy(fs::directory_iterator(out / robot), std::back_inserter(sessions));
+  }
+  if (sessions.size() != 1) {
+    throw std::runtime_error("not one session but " + std::to_string(sessions.size()) + " in " +
+                             (out / robot).string());
+  }
+  Record record;
+  record.folder = sessions.front();
+  for (const std::string& line : read_lines(record.folder / "times.txt")) {
+    std::istringstream fields(line);
+    std::uint64_t id = 0;
+    std::string time;
+    fields >> id >> time;
+    record.delivered.push_back(id);
+    record.times.push_back(time);
+  }
+  std::vector<std::string> drops = read_lines(record.folder / "drops.csv");
+  if (!drops.empty()) drops.erase(drops.begin());
+  record.drop_lines = drops.size();
+  for (const std::string& line : drops) {
+    const std::size_t comma = line.find(',');
+    record.dropped[std::stoull(line)] = line.substr(comma + 1, line.rfind(',') - comma - 1);
+  }
+  const auto images = fs::directory_iterator(record.folder / "images");
+  record.images = static_cast<std::size_t>(std::distance(begin(images), end(images)));
+  return record;
+}
+
+void expect_exactly_once(const Record& record, std::uint64_t captured) {
+  EXPECT_EQ(record.delivered.size() + record.dropped.size(), captured);
+  EXPECT_EQ(record.drop_lines, record.dropped.size()) << "a drop is recorded twice";
+  EXPECT_EQ(record.images, record.delivered.size());
+  std::int64_t last = -1;
+  for (const std::uint64_t id : record.delivered) {
+    EXPECT_GT(static_cast<std::int64_t>(id), last);
+    last = static_cast<std::int64_t>(id);
+    EXPECT_LT(id, captured);
+    EXPECT_FALSE(record.dropped.contains(id)) << "frame " << id << " delivered and dropped";
+    char name[32];
+    std::snprintf(name, sizeof name, "%06llu.jpg", static_cast<unsigned long long>(id));
+    EXPECT_TRUE(exists(record.folder / "images" / name)) << name;
+  }
+}
+
+std::map<std::string, std::uint64_t> closing_account(const Process& robot) {
+  const std::string output = robot.output();
+  std::smatch line;
+  if (!std::regex_search(output, line, std::regex("session ended: (.*)"))) {
+    throw std::runtime_error("no closing account in: " + output);
+  }
+  const std::string account = line[1];
+  std::map<std::string, std::uint64_t> counts;
+  const std::regex item("([a-z][a-z ]*) ([0-9]+)");
+  for (std::sregex_iterator i(account.begin(), account.end(), item), end; i != end; ++i) {
+    counts[(*i)[1]] = std::stoull((*i)[2]);
+  }
+  EXPECT_EQ(counts.size(), 7U) << account;
+  EXPECT_EQ(counts["captured"], counts["skipped"] + counts["failed"] + counts["dropped"] +
+                                    counts["acknowledged"] + counts["waiting"] +
+                                    counts["in flight"])
+      << account;
+  return counts;
+}
+
+}  // namespace orbbuf::test

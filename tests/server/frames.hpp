@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "common/frame.hpp"
+#include "common/jpeg.hpp"
+#include "common/wire.hpp"
+
+namespace orbbuf::test {
+
+inline constexpr std::int64_t kFrameNs = 40'000'000;  // 25 frames a second
+
+inline EncodedFrame frame_of(Sequence sequence, std::vector<std::uint8_t> jpeg) {
+  EncodedFrame frame;
+  frame.sequence = sequence;
+  frame.capture_time_ns = static_cast<std::int64_t>(sequence) * kFrameNs;
+  frame.exposure_ns = 8'500'000;
+  frame.jpeg_crc = wire::crc32(jpeg);
+  frame.jpeg = std::move(jpeg);
+  return frame;
+}
+
+/// A frame of `bytes` bytes that tell its sequence; no JPEG, but nobody looks.
+inline EncodedFrame plain_frame(Sequence sequence, std::size_t bytes = 100) {
+  std::vector<std::uint8_t> jpeg(bytes);
+  for (std::size_t i = 0; i < bytes; ++i) jpeg[i] = static_cast<std::uint8_t>(sequence * 31 + i);
+  return frame_of(sequence, std::move(jpeg));
+}
+
+inline FramePtr plain_frame_ptr(Sequence sequence, std::size_t bytes = 100) {
+  return std::make_shared<const EncodedFrame>(plain_frame(sequence, bytes));
+}
+
+/// A frame that is a real JPEG, of noise, so that it is about as large as its pixels.
+inline FramePtr jpeg_frame_ptr(Sequence sequence, int width_px, int height_px) {
+  std::vector<std::uint8_t> pixels(static_cast<std::size_t>(width_px * height_px));
+  std::uint32_t state = static_cast<std::uint32_t>(sequence) + 1;
+  for (auto& pixel : pixels) {
+    state = state * 1664525U + 1013904223U;
+    pixel = static_cast<std::uint8_t>(state >> 24U);
+  }
+  JpegCodec codec;
+  auto jpeg = codec.encode(
+      {pixels.data(), width_px, height_px, static_cast<std::size_t>(width_px), 1}, 90, false);
+  return std::make_shared<const EncodedFrame>(frame_of(sequence, std::move(jpeg).value()));
+}
+
+inline std::string as_text(const std::vector<std::uint8_t>& bytes) {
+  return {bytes.begin(), bytes.end()};
+}
+
+}  // namespace orbbuf::test

@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/server/robot_client.hpp"
+
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <sys/socket.h>
+#include <sys/time.h>
+
+#include <array>
+#include <stdexcept>
+#include <utility>
+
+namespace orbbuf::test {
+
+UniqueFd RobotClient::tcp_socket() {
+  return UniqueFd(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0));
+}
+
+RobotClient::RobotClient(std::uint16_t port, UniqueFd socket) : socket_(std::move(socket)) {
+  const timeval limit{30, 0};
+  ::setsockopt(socket_.get(), SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
+  ::setsockopt(socket_.get(), SOL_SOCKET, SO_SNDTIMEO, &limit, sizeof limit);
+  const int yes = 1;  // else Nagle's algorithm waits for the server's delayed ACK
+  ::setsockopt(socket_.get(), IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(port);
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  if (::connect(socket_.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
+    throw std::runtime_error("cannot connect to the server under test");
+  }
+}
+
+void RobotClient::send(std::span<const std::uint8_t> bytes) const {
+  while (!bytes.empty()) {
+    const ssize_t sent = ::send(socket_.get(), bytes.data(), bytes.size(), MSG_NOSIGNAL);
+    if (sent <= 0) return;  // reading shows what happened
+    bytes = bytes.subspan(static_cast<std::size_t>(sent));
+  }
+}
+
+void RobotClient::send_text(std::string_view text) const {
+  send({reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
+}
+
+void RobotClient::send_frame(const EncodedFrame& frame) const {
+  send(wire::encode_frame_head(frame));
+  send(frame.jpeg);
+}
+
+std::optional<wire::Position> RobotClient::hello(const std::string& robot,
+                                                 const std::string& session) const {
+  wire::Hello hello;
+  hello.robot_id = robot;
+  hello.session_id = session;
+  hello.software = "test";
+  send(wire::encode(hello));
+  return welcome();
+}
+
+std::optional<wire::Position> RobotClient::welcome() const {
+  const auto message = read(wire::Type::kWelcome);
+  if (!message) return std::nullopt;
+  return wire::parse_welcome(message->header, message->body).value().position;
+}
+
+std::optional<wire::Position> RobotClient::ack() const {
+  const auto message = read(wire::Type::kAck);
+  if (!message) return std::nullopt;
+  return wire::parse_ack(message->header, message->body).value().position;
+}
+
+std::optional<wire::Position> RobotClient::bye() const {
+  const auto message = read(wire::Type::kBye);
+  if (!message) return std::nullopt;
+  return wire::parse_bye(message->header, message->body).value().position;
+}
+
+std::optional<wire::ErrorMessage> RobotClient::error() const {
+  const auto message = read(wire::Type::kError);
+  if (!message) return std::nullopt;
+  return wire::parse_error(message->header, message->body).value();
+}
+
+bool RobotClient::acked(Sequence next) const {
+  auto position = ack();
+  while (position && position->next_sequence < next) position = ack();
+  return position && position->next_sequence == next;
+}
+
+bool RobotClient::is_closed() const {
+  std::uint8_t byte = 0;
+  return ::recv(socket_.get(), &byte, 1, 0) == 0;
+}
+
+void RobotClient::close(bool abruptly) {
+  const linger reset{1, 0};
+  if (abruptly) ::setsockopt(socket_.get(), SOL_SOCKET, SO_LINGER, &reset, sizeof reset);
+  const UniqueFd gone(socket_.release());
+}
+
+std::optional<RobotClient::Message> RobotClient::read(wire::Type type) const {
+  std::array<std::uint8_t, wire::kHeaderBytes> bytes{};
+  if (!read_exactly(bytes)) return std::nullopt;
+  const auto header = wire::parse_header(bytes, 0);
+  if (!header || header.value().type != type) return std::nullopt;
+  Message message{header.value(), std::vector<std::uint8_t>(header.value().body_bytes)};
+  if (!read_exactly(message.body)) return std::nullopt;
+  return message;
+}
+
+bool RobotClient::read_exactly(std::span<std::uint8_t> bytes) const {
+  if (bytes.empty()) return true;
+  return ::recv(socket_.get(), bytes.data(), bytes.size(), MSG_WAITALL) ==
+         static_cast<ssize_t>(bytes.size());
+}
+
+}  // namespace orbbuf::test

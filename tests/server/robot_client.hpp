@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/wire.hpp"
+#include "server/sink/unique_fd.hpp"
+
+namespace orbbuf::test {
+
+/// A robot's side of the link, each step of which a test writes out, over a real loopback socket.
+/// Calls block; a server that stays silent for 30 s counts as having closed the connection.
+class RobotClient {
+ public:
+  explicit RobotClient(std::uint16_t port, UniqueFd socket = tcp_socket());
+  static UniqueFd tcp_socket();
+
+  void send(std::span<const std::uint8_t> bytes) const;
+  void send_text(std::string_view text) const;
+  void send_frame(const EncodedFrame& frame) const;
+  /// Says hello and returns where the welcome puts the robot; nothing if there was none.
+  std::optional<wire::Position> hello(const std::string& robot, const std::string& session) const;
+
+  /// Reads the next message if it is of that kind.
+  std::optional<wire::Position> welcome() const;
+  std::optional<wire::Position> ack() const;
+  std::optional<wire::Position> bye() const;
+  std::optional<wire::ErrorMessage> error() const;
+  /// Reads acks until one covers `next` frames. False if something else comes.
+  bool acked(Sequence next) const;
+
+  /// True when the server has closed its side and nothing is left to read.
+  bool is_closed() const;
+  /// Closes the socket at once; with a reset if `abruptly`.
+  void close(bool abruptly = false);
+  int fd() const { return socket_.get(); }
+
+ private:
+  struct Message {
+    wire::Header header;
+    std::vector<std::uint8_t> body;
+  };
+  std::optional<Message> read(wire::Type type) const;
+  bool read_exactly(std::span<std::uint8_t> bytes) const;
+
+  UniqueFd socket_;
+};
+
+}  // namespace orbbuf::test

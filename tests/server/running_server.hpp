@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <csignal>
+#include <cstdint>
+#include <optional>
+#include <thread>
+
+#include "server/listener.hpp"
+#include "server/settings.hpp"
+
+namespace orbbuf::test {
+
+/// A whole server in this process, on any free loopback port, its `main` a thread of its own so
+/// that tests may block. Stops gracefully at the end of its life, if not before.
+class RunningServer {
+ public:
+  explicit RunningServer(Settings settings) {
+    std::signal(SIGPIPE, SIG_IGN);
+    settings.listen.address.port = 0;
+    listener_.emplace(main_, files_, settings);
+    port_ = listener_->endpoint().port();
+    listener_->start();
+    thread_ = std::thread([this] { main_.run(); });
+  }
+  ~RunningServer() { stop(); }
+  RunningServer(const RunningServer&) = delete;
+  RunningServer& operator=(const RunningServer&) = delete;
+
+  std::uint16_t port() const { return port_; }
+
+  /// As a signal does it; returns when the server has closed everything.
+  void stop() {
+    if (!thread_.joinable()) return;
+    boost::asio::post(main_, [this] { listener_->stop([] {}); });
+    thread_.join();  // `main` runs out of work when all is closed
+  }
+
+ private:
+  boost::asio::io_context main_{1};
+  boost::asio::thread_pool files_{1};
+  std::optional<Listener> listener_;
+  std::uint16_t port_ = 0;
+  std::thread thread_;
+};
+
+}  // namespace orbbuf::test

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/settings.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <string>
+#include <vector>
+
+namespace orbbuf {
+namespace {
+
+using testing::HasSubstr;
+
+Settings load(const std::vector<std::string>& overrides, const std::string& file = "") {
+  ConfigReader reader(file, overrides);
+  return load_settings(reader);
+}
+
+TEST(Settings, TheSampleSaysTheDefaults) {
+  const std::filesystem::path folder = std::filesystem::path(ORBBUF_SOURCE_DIR) / "config";
+  Settings expected;
+  expected.sinks.files_path = folder / "orbbuf-data";
+  EXPECT_EQ(load({}, folder / "orbbuf-server.toml"), expected);
+  EXPECT_EQ(load({}), Settings());
+}
+
+TEST(Settings, EveryKeyIsRead) {
+  const Settings got =
+      load({"log.level=debug", "listen.address=[::1]:80", "listen.max_connections=3",
+            "listen.hello_timeout=100 ms", "listen.idle_timeout=2 s", "listen.max_frame=1 MiB",
+            "listen.receive_buffer=0 B", "session.timeout=1 min", "files.enabled=false",
+            "files.path=/out", "pipe.fifo=/run/{robot}", "pipe.format=mjpeg"});
+  Settings expected;
+  expected.log_level = "debug";
+  expected.listen = {{"::1", 80}, 3, std::chrono::milliseconds(100), std::chrono::seconds(2),
+                     1024 * 1024, 0};
+  expected.session_timeout = std::chrono::minutes(1);
+  expected.sinks = {false, "/out", "/run/{robot}", "", PipeFormat::kMjpeg};
+  EXPECT_EQ(got, expected);
+}
+
+struct BadValue {
+  std::vector<std::string> overrides;
+  std::string complaint;
+};
+
+class BadSettings : public testing::TestWithParam<BadValue> {};
+
+TEST_P(BadSettings, AreRefusedByName) {
+  try {
+    load(GetParam().overrides);
+    FAIL() << "accepted";
+  } catch (const ConfigError& error) {
+    EXPECT_THAT(error.what(), HasSubstr(GetParam().complaint));
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Each, BadSettings,
+    testing::Values(BadValue{{"log.level=loud"}, "log.level"},
+                    BadValue{{"listen.address=7722"}, "listen.address"},
+                    BadValue{{"listen.address=:7722"}, "listen.address"},
+                    BadValue{{"listen.address=::1:7722"}, "listen.address"},
+                    BadValue{{"listen.address=localhost:65536"}, "listen.address"},
+                    BadValue{{"listen.max_connections=0"}, "listen.max_connections"},
+                    BadValue{{"listen.hello_timeout=0 s"}, "listen.hello_timeout"},
+                    BadValue{{"listen.idle_timeout=10"}, "listen.idle_timeout"},
+                    BadValue{{"listen.max_frame=2 GiB"}, "listen.max_frame"},
+                    BadValue{{"listen.receive_buffer=-1 B"}, "listen.receive_buffer"},
+                    BadValue{{"session.timeout=never"}, "session.timeout"},
+                    BadValue{{"files.enabled=yes"}, "files.enabled"},
+                    BadValue{{"files.path=''"}, "files.path"},
+                    BadValue{{"files.enabled=false"}, "a sink"},
+                    BadValue{{"pipe.fifo=/f", "pipe.command=cat"}, "pipe.command"},
+                    BadValue{{"pipe.format=png"}, "pipe.format"},
+                    BadValue{{"pipe.fifa=/f"}, "pipe.fifa"}));
+
+}  // namespace
+}  // namespace orbbuf

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sink/make_sinks.hpp"
+
+#include <stdexcept>
+
+#include "tests/server/frames.hpp"
+#include "tests/server/sink/event_loop.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace orbbuf {
+namespace {
+
+class MakeSinksTest : public test::EventLoop {
+ protected:
+  MakeSinksTest() { settings_.files_path = folder_ / "data"; }
+  ~MakeSinksTest() override {
+    for (const auto& sink : sinks_) sink->close();
+    run_until([] { return has_no_children(); });
+    run_ready();
+  }
+  std::size_t make() {
+    auto sinks = make_sinks(settings_, {"r1", "s1", ""}, main_, files_);
+    EXPECT_TRUE(sinks);
+    sinks_ = std::move(sinks).value();
+    return sinks_.size();
+  }
+
+  test::TemporaryFolder folder_;
+  SinkSettings settings_;
+  std::vector<std::shared_ptr<FrameSink>> sinks_;
+};
+
+TEST_F(MakeSinksTest, FilesGoToAFolderForTheRobotAndTheSession) {
+  ASSERT_EQ(make(), 1U);
+  EXPECT_FALSE(write(*sinks_[0], test::plain_frame_ptr(2)));
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "data/r1/s1/images/000002.jpg"));
+  ASSERT_EQ(make(), 1U);
+  EXPECT_EQ(sinks_[0]->position(), (wire::Position{3, 0}));
+}
+
+TEST_F(MakeSinksTest, TheFifoOfASessionIsNamedAfterIt) {
+  settings_.fifo = folder_ / "{robot}" / "{session}-{robot}.fifo";
+  ASSERT_EQ(make(), 2U);
+  EXPECT_TRUE(std::filesystem::is_fifo(folder_ / "r1/s1-r1.fifo"));
+  EXPECT_FALSE(write(*sinks_[1], test::plain_frame_ptr(0)));  // passes: files have it
+}
+
+TEST_F(MakeSinksTest, TheCommandOfASessionKnowsWhoseItIs) {
+  settings_.files_enabled = false;
+  settings_.command =
+      "echo {robot} {session} $ORBBUF_ROBOT $ORBBUF_SESSION > " + (folder_ / "out").string();
+  ASSERT_EQ(make(), 1U);
+  ASSERT_TRUE(run_until([] { return has_no_children(); }));
+  EXPECT_EQ(test::read_file(folder_ / "out"), "r1 s1 r1 s1\n");
+}
+
+TEST_F(MakeSinksTest, ARecordThatCannotBeReadIsAnError) {
+  std::filesystem::create_directories(folder_ / "data/r1/s1/times.txt");
+  EXPECT_FALSE(make_sinks(settings_, {"r1", "s1", ""}, main_, files_));
+}
+
+TEST_F(MakeSinksTest, AFolderThatCannotBeMadeIsToldAtTheStart) {
+  test::write_file(folder_ / "data", "a file where the folder should be");
+  settings_.files_path = folder_ / "data" / "deeper";
+  EXPECT_THROW(check_sinks(settings_), std::runtime_error);
+  settings_.files_path = folder_ / "new" / "deeper";
+  check_sinks(settings_);
+  EXPECT_TRUE(std::filesystem::is_directory(settings_.files_path));
+}
+
+}  // namespace
+}  // namespace orbbuf

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <sys/types.h>
+
+#include <chrono>
+#include <condition_variable>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+namespace orbbuf::test {
+
+/// A real child process whose standard output and error are read line by line as they come.
+class Process {
+ public:
+  /// command[0] is looked up in $PATH. Throws std::runtime_error if it cannot be started.
+  explicit Process(const std::vector<std::string>& command);
+  /// Kills the process if it still runs.
+  ~Process();
+  Process(const Process&) = delete;
+  Process& operator=(const Process&) = delete;
+
+  void signal(int number) const;
+
+  /// Waits for a line that contains `text`, from the first line on; the line itself, or nothing if
+  /// the process ends or `limit` passes without one.
+  std::optional<std::string> wait_for_line(const std::string& text,
+                                           std::chrono::seconds limit = std::chrono::seconds(60));
+
+  /// Waits until `wanted` lines contain `text`. False if the process ends or `limit` passes first.
+  bool wait_for_lines(const std::string& text, int wanted,
+                      std::chrono::seconds limit = std::chrono::seconds(60));
+
+  /// Waits for the end: the exit status, 128 + the signal's number, or -1 if `limit` passes.
+  int wait(std::chrono::seconds limit = std::chrono::seconds(120));
+
+  /// All that was written so far.
+  std::string output() const;
+  /// How many lines contain `text`.
+  int count_lines(const std::string& text) const;
+
+ private:
+  void read_lines(int pipe);
+  int count(const std::string& text) const;  // requires mutex_
+
+  pid_t pid_ = -1;
+  std::optional<int> status_;  // test's thread only
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  std::vector<std::string> lines_;  // guarded by mutex_
+  bool is_at_end_ = false;          // guarded by mutex_
+  std::jthread reader_;
+};
+
+/// Runs a command to its end: exit status and output.
+struct Finished {
+  int status = -1;
+  std::string output;
+};
+Finished run(const std::vector<std::string>& command);
+
+}  // namespace orbbuf::test

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "common/wire.hpp"
+
+namespace orbbuf::test {
+
+/// One message as it came, its header checked.
+struct Message {
+  wire::Header header;
+  std::vector<std::uint8_t> body;
+
+  wire::Type type() const { return header.type; }
+  EncodedFrame frame() const;
+};
+
+/// A server's side of the link, each step of which a test writes out, over a real loopback socket.
+/// Every call blocks until it is done; ctest's time-out guards against a peer that stays silent.
+class ScriptedServer {
+ public:
+  ScriptedServer();
+
+  std::uint16_t port() const;
+
+  /// Takes the next connection in place of the one before.
+  void accept();
+  /// accept(), hello, welcome.
+  wire::Hello welcome(const wire::Position& position);
+
+  /// The next message but stats; nothing once the peer has closed.
+  std::optional<Message> read();
+  /// The next message of that type; others before it are read and forgotten.
+  Message read(wire::Type type);
+  void send(const std::vector<std::uint8_t>& bytes);
+  void ack(const wire::Position& position);
+  void close();
+
+ private:
+  std::optional<Message> read_any();
+
+  boost::asio::io_context io_;
+  boost::asio::ip::tcp::acceptor acceptor_;
+  boost::asio::ip::tcp::socket socket_;
+};
+
+}  // namespace orbbuf::test
