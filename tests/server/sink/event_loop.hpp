@@ -41,7 +41,7 @@ class EventLoop : public testing::Test {
   /// Writes and waits for the sink's answer.
   std::optional<Error> write(FrameSink& sink, FramePtr frame) {
     std::optional<std::optional<Error>> answer;
-    sink.async_write(std::move(frame), [&](std::optional<Error> error) { answer = error; });
+    sink.async_write(std::move(frame), [&](const std::optional<Error>& error) { answer = error; });
     EXPECT_TRUE(run_until([&] { return answer.has_value(); }));
     return answer ? *answer : Error{"no answer"};
   }

@@ -62,7 +62,8 @@ class PipeSinkTest : public test::EventLoop {
   }
   /// Starts a write; the answer comes to `answers_`.
   void begin(PipeSink& sink, FramePtr frame) {
-    sink.async_write(std::move(frame), [this](std::optional<Error> e) { answers_.push_back(e); });
+    sink.async_write(std::move(frame),
+                     [this](const std::optional<Error>& e) { answers_.push_back(e); });
   }
   bool run_until_answered(std::size_t count = 1) {
     return run_until([&] { return answers_.size() == count; });
@@ -247,7 +248,7 @@ TEST_F(PipeSinkTest, APathThatIsNoFifoIsOneErrorAndTriedAgain) {
 TEST_F(PipeSinkTest, DropRecordsAreNotPartOfTheStream) {
   auto& out = fifo_sink(PipeFormat::kMjpeg);
   out.async_write_drops({{1, 0, DropReason::kPolicy}},
-                        [this](std::optional<Error> e) { answers_.push_back(e); });
+                        [this](const std::optional<Error>& e) { answers_.push_back(e); });
   EXPECT_TRUE(answers_.empty());
   ASSERT_TRUE(run_until_answered());
   EXPECT_FALSE(answers_[0]);
