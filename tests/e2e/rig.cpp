@@ -4,8 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cctype>
+#include <cstdio>
 #include <iterator>
-#include <regex>
+#include <sstream>
 #include <stdexcept>
 
 namespace orbbuf::test {
@@ -100,17 +102,25 @@ void expect_exactly_once(const Record& record, std::uint64_t captured) {
   }
 }
 
+// No std::regex: with asan, g++ 12 warns of what it finds in there.
 std::map<std::string, std::uint64_t> closing_account(const Process& robot) {
+  static const std::string kBegin = "session ended: ";
   const std::string output = robot.output();
-  std::smatch line;
-  if (!std::regex_search(output, line, std::regex("session ended: (.*)"))) {
-    throw std::runtime_error("no closing account in: " + output);
-  }
-  const std::string account = line[1];
+  const std::size_t begin = output.find(kBegin);
+  if (begin == std::string::npos) throw std::runtime_error("no closing account in: " + output);
+  const std::string account =
+      output.substr(begin + kBegin.size(), output.find('\n', begin) - begin - kBegin.size());
   std::map<std::string, std::uint64_t> counts;
-  const std::regex item("([a-z][a-z ]*) ([0-9]+)");
-  for (std::sregex_iterator i(account.begin(), account.end(), item), end; i != end; ++i) {
-    counts[(*i)[1]] = std::stoull((*i)[2]);
+  std::istringstream words(account);
+  std::string name;
+  for (std::string word; words >> word;) {
+    if (word == "=" || word == "+") {
+      name.clear();
+    } else if (std::isdigit(static_cast<unsigned char>(word[0])) != 0) {
+      counts[name] = std::stoull(word);
+    } else {
+      name += (name.empty() ? "" : " ") + word;
+    }
   }
   EXPECT_EQ(counts.size(), 7U) << account;
   EXPECT_EQ(counts["captured"], counts["skipped"] + counts["failed"] + counts["dropped"] +
