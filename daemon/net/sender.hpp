@@ -39,7 +39,7 @@ struct LinkSettings {
 /// Every frame stays in the buffer's account until the server has acknowledged it; every drop
 /// record is sent until acknowledged.
 /// Thread-bound to `main`, the thread that runs the io_context.
-class Sender : private ServerConnection::Owner {
+class Sender final : private ServerConnection::Owner {
  public:
   /// `buffer` and `drops` must outlive the sender. Nothing happens before start().
   Sender(boost::asio::io_context& io, LinkSettings settings, wire::Hello hello, FrameBuffer& buffer,

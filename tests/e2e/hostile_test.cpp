@@ -65,7 +65,8 @@ std::vector<Bytes> valid_session(Random& random) {
 }
 
 void put32(Bytes& message, std::size_t at, std::uint32_t value) {
-  for (int i = 0; i < 4; ++i) message[at + i] = static_cast<std::uint8_t>(value >> (24 - 8 * i));
+  for (std::size_t i = 0; i < 4; ++i)
+    message[at + i] = static_cast<std::uint8_t>(value >> (24 - 8 * i));
 }
 
 /// Makes the checksums of a mutated message right again, so that it gets past them.
