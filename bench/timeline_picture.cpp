@@ -58,9 +58,9 @@ class Canvas {
 
   void draw_axis() {
     const int y = image_.rows - kFooter;
-    const double step = end_s_ - begin_s_ > 60 ? 10 : 1;
-    for (double t = 0; t <= end_s_ - begin_s_ + 1e-9; t += step) {
-      text(fmt::format("{:.0f}", t), {x(begin_s_ + t) - 5, y + 14}, 0.4);
+    const int whole_s = static_cast<int>(end_s_ - begin_s_);
+    for (int t = 0; t <= whole_s; t += whole_s > 60 ? 10 : 1) {
+      text(std::to_string(t), {x(begin_s_ + t) - 5, y + 14}, 0.4);
     }
     text("capture time, s", {kWidth - 150, y + 27}, 0.4);
   }
