@@ -62,12 +62,14 @@ TEST(Programs, WrongPortIsSaidOnceAndTriedOn) {
     const TemporaryFolder out;
     address = Server(out.path()).address();  // free again once the server is gone
   }
-  Process robot(robot_command("r", address, {"link.drain_timeout=0 s", "source.frames=50"}));
+  // All frames fit and none is skipped, however slow the machine; then a second of trying on.
+  Process robot(robot_command("r", address,
+                              {"link.drain_timeout=1 s", "source.frames=50",
+                               "source.realtime=false", "buffer.capacity=100"}));
   EXPECT_EQ(robot.wait(), 1) << "frames that could not be delivered are a failure";
   EXPECT_EQ(robot.count_lines("no connection to " + address + ": "), 1) << robot.output();
   EXPECT_EQ(robot.count_lines("Connection refused"), 1) << robot.output();
-  const auto account = closing_account(robot);
-  EXPECT_EQ(account.at("dropped") + account.at("skipped"), 50U);
+  EXPECT_EQ(closing_account(robot).at("dropped"), 50U);
 }
 
 }  // namespace
