@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+#define ORBBUF_TARGET
+
+#include "daemon/buffer/nearest_kernel.hpp"
+#include "daemon/buffer/nearest_loop.hpp"
+
+namespace orbbuf {
+namespace {
+
+struct Portable {
+  using Words = std::uint32_t __attribute__((vector_size(16)));
+  using Keys = std::int32_t __attribute__((vector_size(16)));
+
+  static constexpr std::uint32_t kPairs = 0x55555555;
+  static constexpr std::uint32_t kNibbles = 0x33333333;
+  static constexpr std::uint32_t kBytes = 0x0f0f0f0f;
+
+  ORBBUF_TARGET static Words nibbles(Words x) {
+    x -= (x >> 1) & kPairs;
+    return (x & kNibbles) + ((x >> 2) & kNibbles);
+  }
+  ORBBUF_TARGET static Words bytes(const Words& x) { return (x & kBytes) + ((x >> 4) & kBytes); }
+
+  ORBBUF_TARGET static Words distance(Words (&x)[8]) {
+    carry_save(x);
+    const Words ones = bytes(nibbles(x[0]) + nibbles(x[7]));
+    const Words fours = nibbles(x[3]);
+    const Words twos = bytes(nibbles(x[1]) + fours + fours);
+    const Words sum = ones + twos + twos;
+    // All bytes together may be 256, so it is 16 bits that are added last; the upper ones are
+    // waste.
+    const Words halves = (sum & 0x00ff00ff) + ((sum >> 8) & 0x00ff00ff);
+    return halves + (halves >> 16);
+  }
+  ORBBUF_TARGET static Keys min(const Keys& a, const Keys& b) { return a < b ? a : b; }
+  ORBBUF_TARGET static Keys max(const Keys& a, const Keys& b) { return a < b ? b : a; }
+};
+
+}  // namespace
+
+const NearestKernel* portable_kernel() {
+  static constexpr NearestKernel kKernel{"portable", NearestLoop<Portable>::run};
+  return &kKernel;
+}
+
+}  // namespace orbbuf
