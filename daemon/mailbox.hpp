@@ -37,6 +37,13 @@ class Mailbox {
     return item;
   }
 
+  /// For a reader that has other things to do meanwhile: nothing is there to take, and the writer
+  /// is not done.
+  bool take_would_wait() const {
+    const std::lock_guard lock(mutex_);
+    return !slot_ && !is_closed_;
+  }
+
   /// The writer is done: what is in the slot can still be taken.
   void close() {
     const std::lock_guard lock(mutex_);
@@ -45,7 +52,7 @@ class Mailbox {
   }
 
  private:
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   std::condition_variable_any changed_;
   std::optional<T> slot_;   // guarded by mutex_
   bool is_closed_ = false;  // guarded by mutex_

@@ -54,6 +54,9 @@ void Pipeline::work(const std::stop_token& stop) {
       lose(*captured, DropReason::kShutdown);
     }
     events_.changed();
+    // What the policy does ahead is done here, in small units, so that no frame waits for it long.
+    while (mailbox_.take_would_wait() && buffer_.prepare()) {
+    }
   }
   events_.ended(source_failed_);
 }

@@ -30,14 +30,17 @@ struct BufferView {
   }
 };
 
-/// Who goes when the buffer is full (paper, Sec. III-D and III-F). Thread-bound to `worker`; may be
-/// slow, since it runs outside every lock.
+/// Who goes when the buffer is full (paper, Sec. III-D and III-F). Thread-bound to `worker`. Runs
+/// outside every lock, but while it thinks no frame is encoded, and all but the last of those
+/// captured meanwhile are lost: so neither call may take much longer than a frame's own time.
 class DropPolicy {
  public:
   virtual ~DropPolicy() = default;
 
-  /// A frame has arrived while others waited; nothing has to go. For work done ahead.
-  virtual void observe(const BufferView& /*view*/) {}
+  /// Nothing has to go, and `worker` has nothing else to do: one unit of the work that victim()
+  /// would have to do on this view. True if more remains, for the next call. Requires two frames
+  /// waiting.
+  virtual bool prepare(const BufferView& /*view*/) { return false; }
 
   /// The index in view.waiting of the frame to give up, never the last. Requires two frames
   /// waiting.

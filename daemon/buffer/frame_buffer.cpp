@@ -58,13 +58,6 @@ void FrameBuffer::push(EncodedFrame frame) {
   --entering_;
   // First of all the network may have it: what the policy thinks about must not delay the link.
   waiting_.push_back({std::move(newest)});
-  if (waiting_.size() == 1) return;  // the link keeps up
-  if (waiting_.size() <= capacity_) {
-    const BufferView snapshot = view();
-    lock.unlock();
-    policy_->observe(snapshot);
-    return;
-  }
   while (waiting_.size() > capacity_) {
     const BufferView snapshot = view();
     lock.unlock();
@@ -74,6 +67,14 @@ void FrameBuffer::push(EncodedFrame frame) {
     // The network went on meanwhile: there may be room now, or the victim may be on its way.
     if (waiting_.size() > capacity_) drop_if_waiting(snapshot.waiting[choice]);
   }
+}
+
+bool FrameBuffer::prepare() {
+  std::unique_lock lock(mutex_);
+  if (waiting_.size() < 2) return false;
+  const BufferView snapshot = view();
+  lock.unlock();
+  return policy_->prepare(snapshot);
 }
 
 bool FrameBuffer::wait_for_room(std::stop_token stop) {

@@ -46,8 +46,12 @@ class FrameBuffer {
   void lost(const DropRecord& record);
 
   /// `worker`: adds the newest frame; gives up as many as it takes to be within capacity again. The
-  /// newest is never given up. Does not wait, but takes as long as the policy does.
+  /// newest is never given up. Does not wait, but takes as long as the policy does, which is asked
+  /// only if a frame must go.
   void push(EncodedFrame frame);
+  /// `worker`, when it has nothing else to do: one unit of the policy's work ahead. True if more
+  /// remains. Does nothing while the link keeps up, which is while at most one frame waits.
+  bool prepare();
   /// `worker`: waits until a push would not cost a frame. False if `stop` was requested first.
   bool wait_for_room(std::stop_token stop);
 

@@ -2,11 +2,11 @@
 #pragma once
 
 #include <cstddef>
+#include <deque>
 #include <functional>
 #include <limits>
 #include <memory>
 #include <optional>
-#include <unordered_map>
 #include <vector>
 
 #include "daemon/buffer/drop_policy.hpp"
@@ -26,45 +26,68 @@ using Similarity = std::function<int(const FeatureSet&, const FeatureSet&)>;
 /// changes no score, and an arrival at most three: that of the frame which now has a right
 /// neighbour, and those of the two which lost theirs to the last drop.
 ///
-/// Cost of an arrival: three M() at most, and the features of the new frame. Nothing at all while
+/// Cost of an arrival: three M() at most, and the features of the new frame; nothing at all while
 /// the link keeps up, since nobody asks then. Features are kept as long as the frame itself is, so
 /// they are extracted at most once.
+///
+/// When waiting begins, and when a broken connection returns what was in flight, far more is
+/// missing at once. prepare() makes up for that in idle time. A victim that is wanted sooner is
+/// chosen among the frames whose scores are known by then: see victim().
 class OrbPolicy final : public DropPolicy {
  public:
   /// Of a head with nothing before it: to give it up tears nothing apart, so it goes first.
   static constexpr int kFreeToGo = std::numeric_limits<int>::max();
+  /// What the victims of one arrival may cost together: as many M() as an arrival can change, and
+  /// one extraction besides its own, to catch up.
+  static constexpr int kExtractionsPerArrival = 2;
+  static constexpr int kComparisonsPerArrival = 3;
 
   explicit OrbPolicy(ExtractFeatures extract, Similarity m = similarity);
 
-  /// Brings the scores up to date, so that victim() has less to do when a frame must go.
-  void observe(const BufferView& view) override;
+  /// A unit is at most three M() of features that are there; or else one extraction, and the M()
+  /// that it makes possible, of which there are at most two. The newest come first, in victim()
+  /// too: they are what the next arrivals need.
+  bool prepare(const BufferView& view) override;
 
   /// The frame of the largest score. Of equals the one whose neighbours are closest in time, then
-  /// the older.
+  /// the older. Exact if no more is missing than the above allows; otherwise only the frames whose
+  /// scores are known by then compete, and if there are none, all do, by the time between their
+  /// neighbours, as with UniformPolicy. An arrival is a newest frame not seen by victim() before.
   std::size_t victim(const BufferView& view) override;
 
-  /// The score of each waiting frame but the newest, which has none yet.
+  /// The score of each waiting frame but the newest, which has none yet. Computes whatever is
+  /// missing; for tests.
   std::vector<int> scores(const BufferView& view);
 
  private:
+  struct Budget {
+    int extractions = 0;
+    int comparisons = 0;
+  };
   struct Score {
     Sequence left = 0;
     Sequence right = 0;
     int value = 0;
   };
-  struct Known {
-    std::weak_ptr<const EncodedFrame> frame;
+  /// What is known of a frame. Of one that is gone, a slot to use again.
+  struct Slot {
+    Sequence sequence = 0;
+    std::weak_ptr<const EncodedFrame> frame;  // in the buffer, or in flight: it may come back
     std::optional<FeatureSet> features;
     std::optional<Score> score;
   };
 
-  int score(const FramePtr& left, const FramePtr& frame, const FramePtr& right);
-  const FeatureSet& features(const FramePtr& frame);
-  Known& known(const FramePtr& frame);
+  void compute_scores(const BufferView& view, Budget& budget);
+  std::optional<int> known_score(const BufferView& view, std::size_t i) const;
+  const FeatureSet* features(const FramePtr& frame, Budget& budget);
+  const Slot* find(const FramePtr& frame) const;
+  Slot& slot(const FramePtr& frame);
 
   const ExtractFeatures extract_;
   const Similarity m_;
-  std::unordered_map<Sequence, Known> known_;  // frames that are gone are removed at the next call
+  std::deque<Slot> slots_;  // as many as frames were ever alive at once; never moved
+  std::optional<Sequence> arrival_;
+  Budget budget_;  // what is left of arrival_'s
 };
 
 }  // namespace orbbuf

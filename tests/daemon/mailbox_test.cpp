@@ -24,6 +24,17 @@ TEST(Mailbox, WhatIsInTheSlotCanBeTakenAfterClosing) {
   EXPECT_EQ(mailbox.take(), std::nullopt);
 }
 
+TEST(Mailbox, ReaderWouldWaitOnlyWhileItIsOpenAndEmpty) {
+  Mailbox<int> mailbox;
+  EXPECT_TRUE(mailbox.take_would_wait());
+  mailbox.put(1);
+  EXPECT_FALSE(mailbox.take_would_wait());
+  mailbox.take();
+  EXPECT_TRUE(mailbox.take_would_wait());
+  mailbox.close();
+  EXPECT_FALSE(mailbox.take_would_wait());
+}
+
 TEST(Mailbox, ReaderIsWokenByPutAndByClose) {
   Mailbox<int> mailbox;
   std::jthread writer([&] {

@@ -5,9 +5,12 @@
 
 #include <functional>
 #include <future>
+#include <semaphore>
 #include <stdexcept>
+#include <string>
 #include <utility>
 
+#include "daemon/buffer/orb_policy.hpp"
 #include "daemon/buffer/simple_policies.hpp"
 
 namespace orbbuf {
@@ -137,6 +140,55 @@ TEST_F(PipelineTest, StopEndsAPipelineThatWaitsForRoom) {
   for (const DropRecord& record : buffer_.collect_drops()) {
     EXPECT_EQ(record.reason, DropReason::kShutdown);
   }
+}
+
+/// A pipeline without a sender, whose extractor waits for the source and the source for it.
+class SlowExtractionTest : public ::testing::Test {
+ protected:
+  static constexpr int kFrames = 12;
+  static constexpr int kSlow = kFrames - 3;  // extractions: one between any two frames from here on
+
+  FeatureSet extract() {
+    log_ += 'x';
+    if (++extractions_ <= kSlow) {
+      begun_.release();
+      done_.acquire();
+    }
+    return {};
+  }
+  /// On `capture`, with frame index - 1 in the mailbox. The third frame is the first to be
+  /// prepared for.
+  void before_frame(int index) {
+    if (index == 1 || index == 2) pushed_.acquire();
+    if (index > 3) done_.release();
+    if (index >= 3) begun_.acquire();
+    if (index == kFrames - 1) done_.release();
+  }
+
+  FrameBuffer buffer_{
+      kFrames, std::make_unique<OrbPolicy>([this](const EncodedFrame&) { return extract(); })};
+  std::counting_semaphore<> pushed_{0};
+  std::counting_semaphore<> begun_{0};
+  std::counting_semaphore<> done_{0};
+  int extractions_ = 0;  // worker only
+  std::string log_;      // worker only: a frame pushed, an extraction
+};
+
+TEST_F(SlowExtractionTest, ACapturedFrameComesBeforeTheNextUnitOfPreparation) {
+  auto source = std::make_unique<FakeSource>(kFrames, true);
+  source->before = [this](int index, RawFrame&) { before_frame(index); };
+  std::promise<void> ended;
+  const auto on_changed = [this] {
+    log_ += 'p';
+    pushed_.release();
+  };
+  Pipeline pipeline(std::move(source), JpegSettings{}, buffer_,
+                    {on_changed, [&](bool) { ended.set_value(); }});
+  pipeline.start();
+  ended.get_future().wait();
+  EXPECT_EQ(log_.substr(0, 20), "pppxpxpxpxpxpxpxpxpx");
+  EXPECT_EQ(buffer_.stats().skipped, 0U);
+  EXPECT_EQ(buffer_.stats().waiting, static_cast<std::uint64_t>(kFrames));
 }
 
 }  // namespace

@@ -96,9 +96,9 @@ struct Witness final : DropPolicy {
   Witness(std::unique_ptr<DropPolicy> policy, Account& account)
       : policy_(std::move(policy)), account_(account) {}
 
-  void observe(const BufferView& view) override {
+  bool prepare(const BufferView& view) override {
     check(view);
-    policy_->observe(view);
+    return policy_->prepare(view);
   }
   std::size_t victim(const BufferView& view) override {
     check(view);
@@ -176,6 +176,7 @@ class FrameBufferRunTest : public testing::TestWithParam<std::string_view> {
     account_.resume(server_.next);
     is_connected_ = true;
   }
+  void prepare() { buffer_.prepare(); }
   void collect() {
     const Sequences drops = sequences_of(buffer_.collect_drops());
     collected_.insert(collected_.end(), drops.begin(), drops.end());
@@ -189,7 +190,8 @@ class FrameBufferRunTest : public testing::TestWithParam<std::string_view> {
     if (choice < 46) return server_.take(random_() % 3);
     if (choice < 54) return acknowledge();
     if (choice < 56) return break_connection();
-    if (choice < 60) return connect();
+    if (choice < 58) return connect();
+    if (choice < 62) return prepare();
     collect();
   }
   void check() {
@@ -242,6 +244,7 @@ TEST_P(FrameBufferRunTest, LosesNothingBetweenTwoThreads) {
     for (Sequence sequence = 0; sequence < kThreadedFrames; ++sequence) {
       if (sequence % 2 == 0) buffer.wait_for_room(stop);
       capture_and_push(buffer, sequence);
+      if (sequence % 3 == 0) buffer.prepare();
     }
   });
   for (bool is_done = false; !is_done;) {

@@ -85,39 +85,6 @@ TEST_F(FrameBufferTest, AFullPushGivesUpTheFrameThatThePolicyNames) {
   EXPECT_THAT(take_all(), ElementsAre(0, 1, 3, 4));
 }
 
-TEST_F(FrameBufferTest, AsksThePolicyNothingWhileTheLinkKeepsUp) {
-  policy_->on_observe = [](const BufferView&) { ADD_FAILURE() << "the frame was alone"; };
-  for (Sequence sequence = 0; sequence < 10; ++sequence) {
-    push(sequence, sequence);
-    take(1);
-  }
-}
-
-TEST_F(FrameBufferTest, ShowsThePolicyEachFrameThatFindsAnotherWaiting) {
-  std::vector<std::vector<Sequence>> seen;
-  policy_->on_observe = [&](const BufferView& view) { seen.push_back(sequences_of(view.waiting)); };
-  push(0, 2);
-  EXPECT_THAT(seen, ElementsAre(ElementsAre(0, 1), ElementsAre(0, 1, 2)));
-}
-
-TEST_F(FrameBufferTest, TheHeadIsJudgedAgainstTheFrameLastHandedToTheNetwork) {
-  FramePtr previous;
-  policy_->on_observe = [&](const BufferView& view) { previous = view.previous; };
-  push(0, 1);
-  EXPECT_FALSE(previous);
-  take(2);
-  push(2, 3);
-  EXPECT_EQ(previous->sequence, 1U);
-  buffer_.acknowledge(1);
-  push(4, 4);
-  EXPECT_EQ(previous->sequence, 1U);  // still in flight
-  buffer_.acknowledge(2);
-  take(1);
-  buffer_.return_in_flight();
-  push(5, 5);
-  EXPECT_EQ(previous->sequence, 1U);  // acknowledged; 2 waits again
-}
-
 TEST_F(FrameBufferTest, ReturnedFramesComeFirstAgainAndInOrder) {
   push(0, 3);
   take(3);
@@ -162,19 +129,6 @@ TEST_F(FrameBufferTest, ADropThatTurnsOutDeliveredIsNeverReported) {
   EXPECT_EQ(buffer_.stats().dropped, 1U);
   EXPECT_THAT(drops(), ElementsAre(1));
   EXPECT_THAT(take_all(), ElementsAre(2, 3, 4, 5));
-}
-
-TEST_F(FrameBufferTest, ADropThatTurnsOutDeliveredIsTheHeadsNeighbour) {
-  policy_->on_victim = [](const BufferView&) { return 1; };
-  push(0, 3);
-  take(2);
-  buffer_.return_in_flight();
-  push(4, 4);
-  buffer_.resume(2);
-  FramePtr previous;
-  policy_->on_observe = [&](const BufferView& view) { previous = view.previous; };
-  push(5, 5);
-  EXPECT_EQ(previous->sequence, 1U);
 }
 
 TEST_F(FrameBufferTest, AConnectionThatDiesBeforeItSpeaksSettlesNothing) {

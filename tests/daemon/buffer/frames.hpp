@@ -61,10 +61,10 @@ inline FeatureSet random_features(const EncodedFrame& frame) {
 
 /// Does what the test says.
 struct FakePolicy final : DropPolicy {
-  std::function<void(const BufferView&)> on_observe = [](const BufferView&) {};
+  std::function<bool(const BufferView&)> on_prepare = [](const BufferView&) { return false; };
   std::function<std::size_t(const BufferView&)> on_victim = [](const BufferView&) { return 0; };
 
-  void observe(const BufferView& view) override { on_observe(view); }
+  bool prepare(const BufferView& view) override { return on_prepare(view); }
   std::size_t victim(const BufferView& view) override { return on_victim(view); }
 };
 
