@@ -55,7 +55,8 @@ void compare_neighbours(const std::filesystem::path& folder, std::vector<Recorde
     std::ifstream image = open(folder / "images" / fmt::format("{:06}.jpg", frame.sequence));
     EncodedFrame encoded;
     encoded.jpeg.assign(std::istreambuf_iterator<char>(image), {});
-    FeatureSet features = extractor.extract(encoded);
+    FeatureSet features;
+    extractor.extract(encoded, features);
     if (has_previous) frame.similarity = similarity(previous, features);
     previous = std::move(features);
     has_previous = true;

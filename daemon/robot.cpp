@@ -61,7 +61,9 @@ Robot::Robot(const Settings& settings)
     : extractor_(settings.features),
       buffer_(settings.buffer.capacity,
               make_policy(settings.buffer,
-                          [this](const EncodedFrame& frame) { return extractor_.extract(frame); })),
+                          [this](const EncodedFrame& frame, FeatureSet& features) {
+                            extractor_.extract(frame, features);
+                          })),
       drops_(settings.buffer.drop_log),
       sender_(io_, settings.link, make_hello(settings), buffer_, drops_),
       pipeline_(

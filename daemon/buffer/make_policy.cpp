@@ -9,7 +9,7 @@
 
 namespace orbbuf {
 
-std::unique_ptr<DropPolicy> make_policy(const BufferSettings& settings, ExtractFeatures extract) {
+std::unique_ptr<DropPolicy> make_policy(const BufferSettings& settings, FillFeatures extract) {
   const std::string& name = settings.policy;
   if (name == "orbbuf") return std::make_unique<OrbPolicy>(std::move(extract));
   if (name == "uniform") return std::make_unique<UniformPolicy>();

@@ -10,7 +10,7 @@
 #include <string_view>
 
 #include "daemon/buffer/drop_policy.hpp"
-#include "daemon/buffer/features.hpp"
+#include "daemon/buffer/fill_features.hpp"
 
 namespace orbbuf {
 
@@ -28,6 +28,6 @@ inline constexpr std::array<std::string_view, 5> kPolicies = {"orbbuf", "uniform
 
 /// The policy that `settings.policy` names. `extract` is kept by those that look at images.
 /// Throws std::invalid_argument for a name that is not in kPolicies.
-std::unique_ptr<DropPolicy> make_policy(const BufferSettings& settings, ExtractFeatures extract);
+std::unique_ptr<DropPolicy> make_policy(const BufferSettings& settings, FillFeatures extract);
 
 }  // namespace orbbuf

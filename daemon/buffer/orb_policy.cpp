@@ -7,7 +7,7 @@
 
 namespace orbbuf {
 
-OrbPolicy::OrbPolicy(ExtractFeatures extract, Similarity m)
+OrbPolicy::OrbPolicy(FillFeatures extract, Similarity m)
     : extract_(std::move(extract)), m_(std::move(m)) {
   assert(extract_ && m_);
 }
@@ -88,12 +88,13 @@ std::optional<int> OrbPolicy::known_score(const BufferView& view, std::size_t i)
 // Null if they are missing and the budget has no extraction left.
 const FeatureSet* OrbPolicy::features(const FramePtr& frame, Budget& budget) {
   Slot& slot = this->slot(frame);
-  if (!slot.features) {
+  if (!slot.has_features) {
     if (budget.extractions == 0) return nullptr;
     --budget.extractions;
-    slot.features = extract_(*frame);
+    extract_(*frame, slot.features);
+    slot.has_features = true;
   }
-  return &*slot.features;
+  return &slot.features;
 }
 
 const OrbPolicy::Slot* OrbPolicy::find(const FramePtr& frame) const {
@@ -106,7 +107,10 @@ OrbPolicy::Slot& OrbPolicy::slot(const FramePtr& frame) {
   if (slot != slots_.end()) return *slot;
   slot = std::ranges::find_if(slots_, [](const Slot& s) { return s.frame.expired(); });
   if (slot == slots_.end()) slot = slots_.emplace(slots_.end());
-  *slot = {frame->sequence, frame, std::nullopt, std::nullopt};
+  slot->sequence = frame->sequence;
+  slot->frame = frame;
+  slot->has_features = false;
+  slot->score.reset();
   return *slot;
 }
 

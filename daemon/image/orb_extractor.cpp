@@ -54,14 +54,15 @@ OrbExtractor::OrbExtractor(const FeatureSettings& settings)
 
 OrbExtractor::~OrbExtractor() = default;
 
-FeatureSet OrbExtractor::extract(const EncodedFrame& frame) {
+void OrbExtractor::extract(const EncodedFrame& frame, FeatureSet& features) {
+  features.descriptors.clear();
   auto decoded = state_->codec.decode_gray(frame.jpeg, state_->scale);
   if (!decoded) {
     state_->warn_once("decode", frame.sequence, decoded.error().text);
-    return {};
+    return;
   }
   auto& gray = decoded.value();
-  if (std::min(gray.width_px, gray.height_px) <= 2 * kEdgePx) return {};
+  if (std::min(gray.width_px, gray.height_px) <= 2 * kEdgePx) return;
   cv::Mat rows;
   try {
     const cv::Mat image(gray.height_px, gray.width_px, CV_8UC1, gray.pixels.data());
@@ -69,12 +70,10 @@ FeatureSet OrbExtractor::extract(const EncodedFrame& frame) {
     state_->orb->detectAndCompute(image, cv::noArray(), points, rows);
   } catch (const cv::Exception& error) {
     state_->warn_once(error.func, frame.sequence, error.what());
-    return {};
+    return;
   }
-  FeatureSet features;
   features.descriptors.reserve(static_cast<std::size_t>(rows.rows));
   for (int i = 0; i < rows.rows; ++i) features.descriptors.push_back(descriptor_of(rows.ptr(i)));
-  return features;
 }
 
 }  // namespace orbbuf

@@ -22,8 +22,9 @@ class OrbExtractor {
   explicit OrbExtractor(const FeatureSettings& settings);
   ~OrbExtractor();
 
-  /// A JPEG that cannot be decoded has no features, which is logged.
-  FeatureSet extract(const EncodedFrame& frame);
+  /// Overwrites `features`, whose storage is used again. A JPEG that cannot be decoded has none,
+  /// which is logged.
+  void extract(const EncodedFrame& frame, FeatureSet& features);
 
  private:
   struct State;

@@ -148,13 +148,12 @@ class SlowExtractionTest : public ::testing::Test {
   static constexpr int kFrames = 12;
   static constexpr int kSlow = kFrames - 3;  // extractions: one between any two frames from here on
 
-  FeatureSet extract() {
+  void extract() {
     log_ += 'x';
     if (++extractions_ <= kSlow) {
       begun_.release();
       done_.acquire();
     }
-    return {};
   }
   /// On `capture`, with frame index - 1 in the mailbox. The third frame is the first to be
   /// prepared for.
@@ -165,8 +164,8 @@ class SlowExtractionTest : public ::testing::Test {
     if (index == kFrames - 1) done_.release();
   }
 
-  FrameBuffer buffer_{
-      kFrames, std::make_unique<OrbPolicy>([this](const EncodedFrame&) { return extract(); })};
+  FrameBuffer buffer_{kFrames, std::make_unique<OrbPolicy>(
+                                   [this](const EncodedFrame&, FeatureSet&) { extract(); })};
   std::counting_semaphore<> pushed_{0};
   std::counting_semaphore<> begun_{0};
   std::counting_semaphore<> done_{0};

@@ -50,13 +50,12 @@ inline std::vector<Sequence> sequences_of(const std::vector<DropRecord>& records
 }
 
 /// A handful of descriptors that only this frame has.
-inline FeatureSet random_features(const EncodedFrame& frame) {
+inline void random_features(const EncodedFrame& frame, FeatureSet& features) {
   std::mt19937_64 random(frame.sequence);
-  FeatureSet features;
+  features.descriptors.clear();
   for (int i = 0; i < 4; ++i) {
     features.descriptors.push_back({random(), random(), random(), random()});
   }
-  return features;
 }
 
 /// Does what the test says.

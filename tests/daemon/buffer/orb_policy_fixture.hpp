@@ -38,10 +38,10 @@ class OrbPolicyTest : public testing::Test {
 
   std::unique_ptr<OrbPolicy> make() {
     return std::make_unique<OrbPolicy>(
-        [this](const EncodedFrame& frame) {
+        [this](const EncodedFrame& frame, FeatureSet& features) {
           ++extraction_count_;
           ++extractions_[frame.sequence];
-          return FeatureSet{{Descriptor{frame.sequence}}};
+          features.descriptors.assign(1, Descriptor{frame.sequence});
         },
         [this](const FeatureSet& a, const FeatureSet& b) {
           ++comparisons_;
