@@ -3,23 +3,38 @@
 
 #include <array>
 #include <cstdint>
-#include <functional>
 #include <vector>
-
-#include "common/frame.hpp"
 
 namespace orbbuf {
 
 /// One ORB descriptor: 256 bits, compared by Hamming distance.
 using Descriptor = std::array<std::uint64_t, 4>;
 
-/// The ORB features of one image; may be empty (a blank wall).
-struct FeatureSet {
-  std::vector<Descriptor> descriptors;
+/// Where a feature is: right and down from the image's upper left corner, kWidth to the width of
+/// the image, whatever its size in pixels.
+struct Position {
+  static constexpr int kWidth = 1024;
+
+  std::int16_t x = 0;
+  std::int16_t y = 0;
+
+  bool operator==(const Position&) const = default;
 };
 
-/// Computes the features of a frame from its JPEG. Called on `worker` only. A frame that cannot be
-/// decoded has no features.
-using ExtractFeatures = std::function<FeatureSet(const EncodedFrame&)>;
+/// The ORB features of one image; may be empty (a blank wall). 36 bytes a feature.
+struct FeatureSet {
+  std::vector<Descriptor> descriptors;
+  std::vector<Position> positions = {};  ///< as many
+
+  void add(const Descriptor& descriptor, Position position) {
+    descriptors.push_back(descriptor);
+    positions.push_back(position);
+  }
+  /// Keeps the storage.
+  void clear() {
+    descriptors.clear();
+    positions.clear();
+  }
+};
 
 }  // namespace orbbuf

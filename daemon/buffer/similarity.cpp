@@ -1,35 +1,86 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/buffer/similarity.hpp"
 
+#include <algorithm>
+#include <cassert>
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
+#include <vector>
 
 #include "daemon/buffer/nearest.hpp"
 
 namespace orbbuf {
 namespace {
 
-constexpr std::uint32_t kMaxDistance = 64;  // of 256 bits; unrelated descriptors lie around 128
+constexpr std::uint32_t kMaxDistance =
+    64; // of 256 bits; unrelated descriptors lie around 128
 
-// Lowe's ratio 0.8. Where there is no second, kNone stands for one that is far away.
-bool is_distinct(const Nearest& nearest) {
+// In units of Position, 1024 to the width of the image.
+constexpr int kNear =
+    184; // two matches this far apart, dx + dy, can support each other
+constexpr int kAlike =
+    30; // if they have moved alike to this much, along each axis
+constexpr int kSupporters = 2;
+
+struct Match {
+  Position in_a;
+  Position in_b;
+};
+
+// Lowe's ratio 0.9. Where there is no second, kNone stands for one that is far
+// away.
+bool is_distinct(const Nearest &nearest) {
   return nearest.distance() <= kMaxDistance &&
-         5 * nearest.distance() < 4 * nearest.second_distance();
+         10 * nearest.distance() < 9 * nearest.second_distance();
 }
 
-}  // namespace
-
-int similarity(const FeatureSet& a, const FeatureSet& b) {
-  thread_local Neighbours found;  // kept, so that a daemon in its stride allocates nothing
+void find_matches(const FeatureSet &a, const FeatureSet &b, Neighbours &found,
+                  std::vector<Match> &matches) {
   find_nearest(a.descriptors, b.descriptors, found);
-  int matches = 0;
+  matches.clear();
   for (std::size_t i = 0; i < found.of_rows.size(); ++i) {
-    const Nearest& there = found.of_rows[i];
-    if (!is_distinct(there)) continue;  // also where there are no columns at all
-    const Nearest& back = found.of_columns[there.index()];
-    if (back.index() == i && is_distinct(back)) ++matches;
+    const Nearest &there = found.of_rows[i];
+    if (!is_distinct(there))
+      continue; // also where there are no columns at all
+    const Nearest &back = found.of_columns[there.index()];
+    if (back.index() == i && is_distinct(back)) {
+      matches.push_back({a.positions[i], b.positions[there.index()]});
+    }
   }
-  return matches;
 }
 
-}  // namespace orbbuf
+bool supports(const Match &one, const Match &other) {
+  const int dx_a = other.in_a.x - one.in_a.x;
+  const int dy_a = other.in_a.y - one.in_a.y;
+  const int dx_b = other.in_b.x - one.in_b.x;
+  const int dy_b = other.in_b.y - one.in_b.y;
+  return std::abs(dx_a) + std::abs(dy_a) <= kNear &&
+         std::abs(dx_b) + std::abs(dy_b) <= kNear &&
+         std::abs(dx_b - dx_a) <= kAlike && std::abs(dy_b - dy_a) <= kAlike;
+}
+
+bool is_supported(const Match &match, const std::vector<Match> &all) {
+  int supporters = -1; // it would count itself
+  for (const Match &other : all) {
+    if (supports(match, other) && ++supporters == kSupporters)
+      return true;
+  }
+  return false;
+}
+
+} // namespace
+
+int similarity(const FeatureSet &a, const FeatureSet &b) {
+  assert(a.positions.size() == a.descriptors.size());
+  assert(b.positions.size() == b.descriptors.size());
+  thread_local Neighbours found;
+  thread_local std::vector<Match> matches;
+  find_matches(a, b, found, matches);
+  return static_cast<int>(
+      std::ranges::count_if(matches, [](const Match &match) {
+        return is_supported(match, matches);
+      }));
+}
+
+} // namespace orbbuf

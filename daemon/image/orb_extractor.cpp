@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <opencv2/core.hpp>
 #include <opencv2/features2d.hpp>
@@ -16,7 +17,7 @@
 namespace orbbuf {
 namespace {
 
-constexpr float kScaleFactor = 1.2F;
+constexpr float kScaleFactor = 1.4F;  // between pyramid levels
 constexpr int kEdgePx = 31;  // cv::ORB's default: it finds nothing this close to an edge
 constexpr int kDescriptorBytes = 32;
 
@@ -27,6 +28,15 @@ Descriptor descriptor_of(const std::uint8_t* bytes) {
     descriptor[i / 8] |= static_cast<std::uint64_t>(bytes[i]) << (8 * (i % 8));
   }
   return descriptor;
+}
+
+/// An image over 32 times as high as wide has its lowest features piled up at the end of the range.
+Position position_of(const cv::Point2f& point, int width_px) {
+  const auto scaled = [width_px](float px) {
+    return static_cast<std::int16_t>(
+        std::min(std::lround(px * Position::kWidth / static_cast<float>(width_px)), 32767L));
+  };
+  return {scaled(point.x), scaled(point.y)};
 }
 
 }  // namespace
@@ -55,7 +65,7 @@ OrbExtractor::OrbExtractor(const FeatureSettings& settings)
 OrbExtractor::~OrbExtractor() = default;
 
 void OrbExtractor::extract(const EncodedFrame& frame, FeatureSet& features) {
-  features.descriptors.clear();
+  features.clear();
   auto decoded = state_->codec.decode_gray(frame.jpeg, state_->scale);
   if (!decoded) {
     state_->warn_once("decode", frame.sequence, decoded.error().text);
@@ -64,16 +74,18 @@ void OrbExtractor::extract(const EncodedFrame& frame, FeatureSet& features) {
   auto& gray = decoded.value();
   if (std::min(gray.width_px, gray.height_px) <= 2 * kEdgePx) return;
   cv::Mat rows;
+  std::vector<cv::KeyPoint> points;
   try {
     const cv::Mat image(gray.height_px, gray.width_px, CV_8UC1, gray.pixels.data());
-    std::vector<cv::KeyPoint> points;
     state_->orb->detectAndCompute(image, cv::noArray(), points, rows);
   } catch (const cv::Exception& error) {
     state_->warn_once(error.func, frame.sequence, error.what());
     return;
   }
-  features.descriptors.reserve(static_cast<std::size_t>(rows.rows));
-  for (int i = 0; i < rows.rows; ++i) features.descriptors.push_back(descriptor_of(rows.ptr(i)));
+  for (int i = 0; i < rows.rows; ++i) {
+    features.add(descriptor_of(rows.ptr(i)),
+                 position_of(points[static_cast<std::size_t>(i)].pt, gray.width_px));
+  }
 }
 
 }  // namespace orbbuf

@@ -11,7 +11,7 @@ namespace orbbuf {
 /// `[features]` of orbbufd.toml: cv::ORB's own parameters.
 struct FeatureSettings {
   int count = 500;  ///< features kept per frame, the strongest
-  int levels = 8;   ///< pyramid levels, scale factor 1.2
+  int levels = 3;   ///< pyramid levels, each 1.4 times smaller than the last
   int scale = 2;    ///< the image is reduced by this first, within the JPEG decoder: 1, 2, 4 or 8
 };
 

@@ -52,10 +52,8 @@ inline std::vector<Sequence> sequences_of(const std::vector<DropRecord>& records
 /// A handful of descriptors that only this frame has.
 inline void random_features(const EncodedFrame& frame, FeatureSet& features) {
   std::mt19937_64 random(frame.sequence);
-  features.descriptors.clear();
-  for (int i = 0; i < 4; ++i) {
-    features.descriptors.push_back({random(), random(), random(), random()});
-  }
+  features.clear();
+  for (int i = 0; i < 4; ++i) features.add({random(), random(), random(), random()}, {});
 }
 
 /// Does what the test says.

@@ -3,8 +3,10 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <numeric>
+#include <random>
 
 #include "daemon/buffer/similarity.hpp"
 #include "daemon/capture/make_source.hpp"
@@ -72,7 +74,18 @@ TEST(OrbExtractor, FindsAboutAsManyFeaturesAsAskedForAndTheSameEveryTime) {
   ASSERT_EQ(features.size(), 2U);
   EXPECT_GE(features[0].descriptors.size(), 250U);
   EXPECT_LE(features[0].descriptors.size(), 330U);
-  EXPECT_EQ(features[0].descriptors, features_of(scene, 1, {.count = 300})[0].descriptors);
+  const FeatureSet again = features_of(scene, 1, {.count = 300})[0];
+  EXPECT_EQ(features[0].descriptors, again.descriptors);
+  EXPECT_EQ(features[0].positions, again.positions);
+}
+
+TEST(OrbExtractor, PositionsAreSharesOfTheWidthWhateverTheScale) {
+  for (const int scale : {1, 2}) {
+    for (const Position& position : features_of({}, 1, {.scale = scale})[0].positions) {
+      EXPECT_THAT(position.x, AllOf(Ge(31), Lt(Position::kWidth - 31)));
+      EXPECT_THAT(position.y, AllOf(Ge(31), Lt(Position::kWidth * 480 / 640 - 31)));
+    }
+  }
 }
 
 TEST(OrbExtractor, ReplacesWhatTheSetHeldBeforeAndKeepsItsStorage) {
@@ -127,6 +140,45 @@ TEST(OrbExtractor, InAGeneratedTurnASecondLosesEverythingAndElsewhereLittle) {
   EXPECT_GT(similarity(features[0], features[25]), 150);
   EXPECT_GT(similarity(features[175], features[200]), 150);
   EXPECT_LT(similarity(features[250], features[275]), 20);
+}
+
+/// Of every real sequence; empty, and said so, if one is absent.
+std::vector<std::vector<FeatureSet>> real_features() {
+  std::vector<std::vector<FeatureSet>> all;
+  for (const char* name : {"picar_indoor", "kitti06_mono", "kitti05_stereo"}) {
+    SourceSettings sequence;
+    sequence.kind = "folder";
+    sequence.path =
+        std::filesystem::path(ORBBUF_SOURCE_DIR) / ".." / "shared" / "data" / "sequences" / name;
+    if (!exists(sequence.path)) return {};
+    all.push_back(features_of(sequence, 300));
+  }
+  return all;
+}
+
+TEST(OrbExtractor, UnrelatedFramesMatchInUnderATwentiethOfTheirFeatures) {
+  const auto all = real_features();
+  if (all.empty()) GTEST_SKIP() << "../shared/data/sequences is absent";
+  std::mt19937 random(1);
+  int above = 0;
+  for (int pairs = 0; pairs < 1000;) {
+    const auto& one = all[random() % all.size()];
+    const auto& other = all[random() % all.size()];
+    if (&one == &other) continue;
+    ++pairs;
+    const FeatureSet& a = one[random() % one.size()];
+    const FeatureSet& b = other[random() % other.size()];
+    if (20 * similarity(a, b) >= std::min(similarity(a, a), similarity(b, b))) ++above;
+  }
+  EXPECT_LE(above, 10);
+}
+
+TEST(OrbExtractor, NeighboursAtVideoRateShareOverHalfOfTheirFeatures) {
+  const auto features = features_of({}, 200);  // generated, 25 frames a second
+  const std::vector<int> neighbours = similarities(features, 1);
+  const auto few = std::ranges::count_if(
+      neighbours, [&](int matches) { return 2 * matches <= similarity(features[0], features[0]); });
+  EXPECT_LE(20 * static_cast<std::size_t>(few), neighbours.size());
 }
 
 TEST(OrbExtractor, NeighboursOfRealSequencesAreAlikeAndFramesFarApartAreNot) {
