@@ -7,7 +7,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <chrono>
 #include <ctime>
 #include <limits>
@@ -75,10 +74,8 @@ void read_images(ConfigReader& config, Settings& settings) {
   FeatureSettings& features = settings.features;
   features.count = static_cast<int>(config.integer("features.count", features.count, 10, 10000));
   features.levels = static_cast<int>(config.integer("features.levels", features.levels, 1, 16));
-  features.scale = static_cast<int>(config.integer("features.scale", features.scale, 1, 8));
-  if (std::popcount(static_cast<unsigned>(features.scale)) != 1) {
-    config.fail("features.scale", "must be 1, 2, 4 or 8");
-  }
+  features.pixels =
+      static_cast<int>(config.integer("features.pixels", features.pixels, 10'000, 100'000'000));
 }
 
 void read_buffer(ConfigReader& config, BufferSettings& buffer) {

@@ -18,7 +18,7 @@ namespace orbbuf {
 namespace {
 
 constexpr float kScaleFactor = 1.4F;  // between pyramid levels
-constexpr int kEdgePx = 31;  // cv::ORB's default: it finds nothing this close to an edge
+constexpr int kEdgePx = 31;           // cv::ORB's default: it finds nothing this close to an edge
 constexpr int kDescriptorBytes = 32;
 
 /// Byte k of the descriptor becomes bits 8k..8k+7, whatever the machine's byte order.
@@ -39,11 +39,18 @@ Position position_of(const cv::Point2f& point, int width_px) {
   return {scaled(point.x), scaled(point.y)};
 }
 
+/// The least reduction after which at most `pixels` are left, if one of the decoder's suffices.
+int scale_of(const EncodedFrame& frame, int pixels) {
+  int scale = 1;
+  while (scale < 8 && frame.width_px * frame.height_px / (scale * scale) > pixels) scale *= 2;
+  return scale;
+}
+
 }  // namespace
 
 struct OrbExtractor::State {
   explicit State(const FeatureSettings& settings)
-      : scale(settings.scale),
+      : pixels(settings.pixels),
         orb(cv::ORB::create(settings.count, kScaleFactor, settings.levels)) {}
 
   /// One line for each kind of trouble, not one for each frame.
@@ -53,7 +60,7 @@ struct OrbExtractor::State {
                  sequence, why);
   }
 
-  int scale;
+  const int pixels;
   cv::Ptr<cv::ORB> orb;
   JpegCodec codec;
   std::set<std::string> warned;
@@ -66,7 +73,7 @@ OrbExtractor::~OrbExtractor() = default;
 
 void OrbExtractor::extract(const EncodedFrame& frame, FeatureSet& features) {
   features.clear();
-  auto decoded = state_->codec.decode_gray(frame.jpeg, state_->scale);
+  auto decoded = state_->codec.decode_gray(frame.jpeg, scale_of(frame, state_->pixels));
   if (!decoded) {
     state_->warn_once("decode", frame.sequence, decoded.error().text);
     return;

@@ -8,15 +8,17 @@
 
 namespace orbbuf {
 
-/// `[features]` of orbbufd.toml: cv::ORB's own parameters.
+/// `[features]` of orbbufd.toml.
 struct FeatureSettings {
   int count = 500;  ///< features kept per frame, the strongest
   int levels = 3;   ///< pyramid levels, each 1.4 times smaller than the last
-  int scale = 2;    ///< the image is reduced by this first, within the JPEG decoder: 1, 2, 4 or 8
+  /// The image is reduced by 2, 4 or 8 each way, within the JPEG decoder, until no more are left:
+  /// half size for 640x480 and 1241x376, a quarter for 1280x1024 and 1920x1080.
+  int pixels = 131'072;
 };
 
 /// ORB features (Rublee et al., ICCV 2011) of a frame's JPEG, through OpenCV. Thread-bound.
-/// Cost: about 3 ms for 1226x370 on a desktop core at scale 2, most of it ORB.
+/// Cost: about 3 ms for 1226x370 on a desktop core, most of it ORB, whatever the size of the image.
 class OrbExtractor {
  public:
   explicit OrbExtractor(const FeatureSettings& settings);

@@ -42,7 +42,7 @@ TEST(Settings, SampleFileHoldsEveryKeyWithItsDefault) {
   EXPECT_EQ(sample.jpeg.color, fallback.jpeg.color);
   EXPECT_EQ(sample.features.count, fallback.features.count);
   EXPECT_EQ(sample.features.levels, fallback.features.levels);
-  EXPECT_EQ(sample.features.scale, fallback.features.scale);
+  EXPECT_EQ(sample.features.pixels, fallback.features.pixels);
   EXPECT_EQ(sample.buffer.capacity, fallback.buffer.capacity);
   EXPECT_EQ(sample.buffer.policy, fallback.buffer.policy);
   EXPECT_EQ(sample.buffer.seed, fallback.buffer.seed);
@@ -57,7 +57,7 @@ TEST(Settings, SampleFileHoldsEveryKeyWithItsDefault) {
 TEST(Settings, EveryValueReachesItsPlace) {
   const Settings s =
       with({"log.level=debug", "robot.id=front", "source.kind=folder", "source.path=/data",
-            "source.realtime=false", "source.loop=true", "jpeg.color=true", "features.scale=4",
+            "source.realtime=false", "source.loop=true", "jpeg.color=true", "features.pixels=50000",
             "buffer.policy=uniform", "link.server=[::1]:9", "link.stall_timeout=250 ms",
             "link.unsent=1 MiB"});
   EXPECT_EQ(s.log_level, "debug");
@@ -68,7 +68,7 @@ TEST(Settings, EveryValueReachesItsPlace) {
   EXPECT_TRUE(s.source.loop);
   EXPECT_TRUE(s.jpeg.color);
   EXPECT_TRUE(s.source.color);
-  EXPECT_EQ(s.features.scale, 4);
+  EXPECT_EQ(s.features.pixels, 50000);
   EXPECT_EQ(s.buffer.policy, "uniform");
   EXPECT_EQ(s.link.server, (Address{"::1", 9}));
   EXPECT_EQ(s.link.stall_timeout, std::chrono::milliseconds(250));
@@ -82,7 +82,7 @@ TEST(Settings, WhatCannotBeIsRefusedByName) {
   names(why({"robot.id=../etc"}), "robot.id: ");
   names(why({"source.kind=folder"}), "source.path: needed for source.kind = \"folder\"");
   names(why({"source.kind=kinect"}), "source.kind: ");
-  names(why({"features.scale=3"}), "features.scale: must be 1, 2, 4 or 8");
+  names(why({"features.pixels=3"}), "features.pixels");
   names(why({"buffer.capacity=2"}), "buffer.capacity: ");
   names(why({"buffer.policy=best"}), "drop-youngest");
   names(why({"link.server=nowhere"}), "link.server: expected HOST:PORT");
