@@ -36,7 +36,7 @@ RecordedSequence::RecordedSequence(std::string name, SourceSettings settings)
     if (frames_.empty()) begin_ns = encoded.value().capture_time_ns;
     encoded.value().capture_time_ns -= begin_ns;
     frames_.push_back(std::make_shared<const EncodedFrame>(std::move(encoded.value())));
-    features_.push_back(extractor.extract(*frames_.back()));
+    extractor.extract(*frames_.back(), features_.emplace_back());
     views_.emplace_back(codec.decode_gray(frames_.back()->jpeg, 1).value());
   }
   if (frames_.size() < 2) throw std::runtime_error(name_ + ": less than two frames");

@@ -22,7 +22,7 @@ class Simulation {
     delivery_.drops_after.push_back(buffer_.stats().dropped);
     free_at_ns_ = std::max(free_at_ns_, frame->capture_time_ns);
     run_link_until(frame->capture_time_ns);
-    if (false) {
+    while (buffer_.prepare()) {
     }
   }
 

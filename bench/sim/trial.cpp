@@ -26,10 +26,8 @@ double uniform(std::mt19937_64& random, double low, double high) {
 /// The very OrbPolicy, with each frame's number for its features and a table for M.
 std::unique_ptr<DropPolicy> make_orbbuf(RecordedSequence& sequence) {
   return std::make_unique<OrbPolicy>(
-      [](const EncodedFrame& frame) {
-        FeatureSet f;
-        f.descriptors.assign(1, Descriptor{frame.sequence});
-        return f;
+      [](const EncodedFrame& frame, FeatureSet& features) {
+        features.descriptors.assign(1, Descriptor{frame.sequence});
       },
       [&sequence](const FeatureSet& a, const FeatureSet& b) {
         return sequence.similarity(a.descriptors[0][0], b.descriptors[0][0]);
@@ -76,7 +74,7 @@ std::vector<Contender> contenders() {
                      BufferSettings settings;
                      settings.policy = name;
                      settings.seed = seed;
-                     return make_policy(settings, [](const EncodedFrame&) { return FeatureSet{}; });
+                     return make_policy(settings, [](const EncodedFrame&, FeatureSet&) {});
                    }});
   }
   for (const std::string_view name : kIdeas) {
