@@ -65,12 +65,13 @@ void OrbPolicy::compute_scores(const BufferView& view, Budget& budget) {
     if (known_score(view, i)) continue;
     const FramePtr& left_frame = view.left_of(i);
     const FramePtr& right_frame = view.waiting[right];
-    const FeatureSet* right_features = features(right_frame, budget);
-    const FeatureSet* left_features = features(left_frame, budget);
-    if (!left_features || !right_features) continue;
+    const bool has_right = ensure_features(right_frame, budget);
+    const bool has_left = ensure_features(left_frame, budget);
+    if (!has_left || !has_right) continue;
     --budget.comparisons;
-    slot(view.waiting[i]).score = {left_frame->sequence, right_frame->sequence,
-                                   m_(*left_features, *right_features)};
+    Slot& middle = slot(view.waiting[i]);  // may move the others
+    middle.score = {left_frame->sequence, right_frame->sequence,
+                    m_(slot(left_frame).features, slot(right_frame).features)};
   }
 }
 
@@ -85,28 +86,34 @@ std::optional<int> OrbPolicy::known_score(const BufferView& view, std::size_t i)
   return slot->score->value;
 }
 
-// Null if they are missing and the budget has no extraction left.
-const FeatureSet* OrbPolicy::features(const FramePtr& frame, Budget& budget) {
+// Extracts them if they are missing and the budget allows it.
+bool OrbPolicy::ensure_features(const FramePtr& frame, Budget& budget) {
   Slot& slot = this->slot(frame);
   if (!slot.has_features) {
-    if (budget.extractions == 0) return nullptr;
+    if (budget.extractions == 0) return false;
     --budget.extractions;
     extract_(*frame, slot.features);
     slot.has_features = true;
   }
-  return &slot.features;
+  return true;
 }
 
 const OrbPolicy::Slot* OrbPolicy::find(const FramePtr& frame) const {
-  const auto slot = std::ranges::find(slots_, frame->sequence, &Slot::sequence);
-  return slot == slots_.end() ? nullptr : &*slot;
+  const auto slot = std::ranges::lower_bound(slots_, frame->sequence, {}, &Slot::sequence);
+  return slot == slots_.end() || slot->sequence != frame->sequence ? nullptr : &*slot;
 }
 
 OrbPolicy::Slot& OrbPolicy::slot(const FramePtr& frame) {
-  auto slot = std::ranges::find(slots_, frame->sequence, &Slot::sequence);
-  if (slot != slots_.end()) return *slot;
-  slot = std::ranges::find_if(slots_, [](const Slot& s) { return s.frame.expired(); });
-  if (slot == slots_.end()) slot = slots_.emplace(slots_.end());
+  auto slot = std::ranges::lower_bound(slots_, frame->sequence, {}, &Slot::sequence);
+  if (slot != slots_.end() && slot->sequence == frame->sequence) return *slot;
+  const auto gone = std::ranges::find_if(slots_, [](const Slot& s) { return s.frame.expired(); });
+  if (gone == slots_.end()) {
+    slot = slots_.emplace(slot);
+  } else if (gone < slot) {
+    slot = std::rotate(gone, gone + 1, slot);
+  } else {
+    std::rotate(slot, gone, gone + 1);
+  }
   slot->sequence = frame->sequence;
   slot->frame = frame;
   slot->has_features = false;

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstddef>
-#include <deque>
 #include <functional>
 #include <limits>
 #include <memory>
@@ -82,13 +81,13 @@ class OrbPolicy final : public DropPolicy {
 
   void compute_scores(const BufferView& view, Budget& budget);
   std::optional<int> known_score(const BufferView& view, std::size_t i) const;
-  const FeatureSet* features(const FramePtr& frame, Budget& budget);
+  bool ensure_features(const FramePtr& frame, Budget& budget);
   const Slot* find(const FramePtr& frame) const;
   Slot& slot(const FramePtr& frame);
 
   const FillFeatures extract_;
   const Similarity m_;
-  std::deque<Slot> slots_;  // as many as frames were ever alive at once; never moved
+  std::vector<Slot> slots_;  // by sequence; as many as frames were ever alive at once
   std::optional<Sequence> arrival_;
   Budget budget_;  // what is left of arrival_'s
 };
