@@ -64,7 +64,7 @@ void Pipeline::work(const std::stop_token& stop) {
 void Pipeline::encode(const Captured& captured) {
   auto encoded = encoder_.encode(captured.raw, captured.sequence);
   if (encoded) {
-    buffer_.push(std::move(encoded.value()));
+    buffer_.push(std::make_shared<const EncodedFrame>(std::move(encoded.value())));
   } else {
     spdlog::warn("frame {}: {}", captured.sequence, encoded.error().text);
     lose(captured, DropReason::kFailed);

@@ -101,7 +101,7 @@ void enqueue(benchmark::State& state, const sim::RecordedSequence& sequence) {
   std::size_t next = 0;
   const auto push = [&] {
     buffer.captured();
-    buffer.push(EncodedFrame(*frames[next++]));
+    buffer.push(frames[next++]);
   };
   push();
   buffer.take();
@@ -151,7 +151,7 @@ void steady(benchmark::State& state, const sim::RecordedSequence& /*sequence*/) 
   std::size_t next = 0;
   for (auto _ : state) {
     buffer.captured();
-    buffer.push(EncodedFrame(*frames[next++]));
+    buffer.push(frames[next++]);
     buffer.prepare();
     benchmark::DoNotOptimize(buffer.take());
     buffer.acknowledge(next);

@@ -18,7 +18,7 @@ class Simulation {
   void arrive(const FramePtr& frame) {
     run_link_until(frame->capture_time_ns);
     buffer_.captured();
-    buffer_.push(EncodedFrame(*frame));
+    buffer_.push(frame);
     delivery_.drops_after.push_back(buffer_.stats().dropped);
     free_at_ns_ = std::max(free_at_ns_, frame->capture_time_ns);
     run_link_until(frame->capture_time_ns);

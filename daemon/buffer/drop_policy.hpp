@@ -28,6 +28,12 @@ struct BufferView {
     const FramePtr& left = left_of(i);
     return left ? std::abs(waiting[i + 1]->capture_time_ns - left->capture_time_ns) : -1;
   }
+
+  /// Lets go of the frames, not of the memory that lists them.
+  void clear() {
+    previous.reset();
+    waiting.clear();
+  }
 };
 
 /// Who goes when the buffer is full (paper, Sec. III-D and III-F). Thread-bound to `worker`. Runs

@@ -23,6 +23,8 @@ FrameBuffer::FrameBuffer(std::size_t capacity, std::unique_ptr<DropPolicy> polic
                                 " is less than 3 frames");
   }
   assert(policy_);
+  waiting_.reserve(capacity_ + 1);
+  view_.waiting.reserve(capacity_ + 1);
 }
 
 void FrameBuffer::captured() {
@@ -50,31 +52,34 @@ void FrameBuffer::lost(const DropRecord& record) {
   final_drops_.push_back(record);
 }
 
-void FrameBuffer::push(EncodedFrame frame) {
-  auto newest = std::make_shared<const EncodedFrame>(std::move(frame));
+void FrameBuffer::push(FramePtr frame) {
   std::unique_lock lock(mutex_);
   assert(entering_ > 0);
-  assert(waiting_.empty() || waiting_.back().frame->sequence < newest->sequence);
+  assert(waiting_.empty() || waiting_.back().frame->sequence < frame->sequence);
   --entering_;
   // First of all the network may have it: what the policy thinks about must not delay the link.
-  waiting_.push_back({std::move(newest)});
+  waiting_.push_back({std::move(frame)});
   while (waiting_.size() > capacity_) {
-    const BufferView snapshot = view();
+    update_view();
     lock.unlock();
-    const std::size_t choice = policy_->victim(snapshot);
-    assert(choice + 1 < snapshot.waiting.size());
+    const std::size_t choice = policy_->victim(view_);
+    assert(choice + 1 < view_.waiting.size());
     lock.lock();
     // The network went on meanwhile: there may be room now, or the victim may be on its way.
-    if (waiting_.size() > capacity_) drop_if_waiting(snapshot.waiting[choice]);
+    if (waiting_.size() > capacity_) drop_if_waiting(view_.waiting[choice]);
   }
+  lock.unlock();
+  view_.clear();
 }
 
 bool FrameBuffer::prepare() {
   std::unique_lock lock(mutex_);
   if (waiting_.size() < 2) return false;
-  const BufferView snapshot = view();
+  update_view();
   lock.unlock();
-  return policy_->prepare(snapshot);
+  const bool is_more = policy_->prepare(view_);
+  view_.clear();
+  return is_more;
 }
 
 bool FrameBuffer::wait_for_room(std::stop_token stop) {
@@ -86,24 +91,27 @@ FramePtr FrameBuffer::take() {
   const std::lock_guard lock(mutex_);
   if (waiting_.empty()) return nullptr;
   in_flight_.push_back(std::move(waiting_.front().frame));
-  waiting_.pop_front();
+  waiting_.erase(waiting_.begin());
   room_.notify_all();
   return in_flight_.back();
 }
 
 void FrameBuffer::acknowledge(Sequence next) {
   const std::lock_guard lock(mutex_);
-  while (!in_flight_.empty() && in_flight_.front()->sequence < next) {
-    count_delivered(std::move(in_flight_.front()));
-    in_flight_.pop_front();
+  auto first = in_flight_.begin();
+  for (; first != in_flight_.end() && (*first)->sequence < next; ++first) {
+    count_delivered(std::move(*first));
   }
+  in_flight_.erase(in_flight_.begin(), first);
 }
 
 void FrameBuffer::return_in_flight() {
   const std::lock_guard lock(mutex_);
-  for (; !in_flight_.empty(); in_flight_.pop_back()) {
-    waiting_.push_front({std::move(in_flight_.back()), true});
-  }
+  waiting_.insert(waiting_.begin(), in_flight_.size(), {});
+  std::ranges::transform(in_flight_, waiting_.begin(), [](FramePtr& frame) {
+    return Entry{std::move(frame), true};
+  });
+  in_flight_.clear();
 }
 
 // A connection writes frames in the order of their sequence numbers and the server takes them in
@@ -113,11 +121,11 @@ void FrameBuffer::resume(Sequence next) {
   const std::lock_guard lock(mutex_);
   assert(in_flight_.empty());
   // Frames that were taken are older than all that were not, so they are first in line.
-  while (!waiting_.empty() && waiting_.front().was_taken &&
-         waiting_.front().frame->sequence < next) {
-    count_delivered(std::move(waiting_.front().frame));
-    waiting_.pop_front();
+  auto first = waiting_.begin();
+  for (; first != waiting_.end() && first->was_taken && first->frame->sequence < next; ++first) {
+    count_delivered(std::move(first->frame));
   }
+  waiting_.erase(waiting_.begin(), first);
   for (Entry& entry : waiting_) entry.was_taken = false;
   for (FramePtr& frame : unconfirmed_drops_) {
     if (frame->sequence < next) {
@@ -131,9 +139,10 @@ void FrameBuffer::resume(Sequence next) {
   room_.notify_all();
 }
 
-std::vector<DropRecord> FrameBuffer::collect_drops() {
+void FrameBuffer::collect_drops(std::vector<DropRecord>& drops) {
+  drops.clear();
   const std::lock_guard lock(mutex_);
-  return std::exchange(final_drops_, {});
+  drops.swap(final_drops_);
 }
 
 void FrameBuffer::give_up_waiting() {
@@ -173,11 +182,10 @@ wire::Stats FrameBuffer::stats() const {
   return stats;
 }
 
-BufferView FrameBuffer::view() const {
-  BufferView view{in_flight_.empty() ? last_acknowledged_ : in_flight_.back(), {}};
-  view.waiting.reserve(waiting_.size());
-  for (const Entry& entry : waiting_) view.waiting.push_back(entry.frame);
-  return view;
+void FrameBuffer::update_view() {
+  view_.previous = in_flight_.empty() ? last_acknowledged_ : in_flight_.back();
+  view_.waiting.clear();
+  for (const Entry& entry : waiting_) view_.waiting.push_back(entry.frame);
 }
 
 void FrameBuffer::drop_if_waiting(const FramePtr& victim) {

@@ -3,7 +3,6 @@
 
 #include <condition_variable>
 #include <cstddef>
-#include <deque>
 #include <memory>
 #include <mutex>
 #include <stop_token>
@@ -31,6 +30,9 @@ namespace orbbuf {
 ///
 /// Thread-safe: capture, worker and main call what is marked theirs. No call blocks another for
 /// longer than a pass over the list; the policy runs outside the lock.
+/// Memory: a frame, waiting or in flight, costs its JPEG, some 80 KB for 1226x370 pixels in gray at
+/// quality 80; and with OrbPolicy, once it has waited behind another, its features, 16 KB for 500.
+/// Apart from the frames that are pushed nothing is allocated, once as many have been there before.
 /// Invariants: sequence numbers strictly increase from the first in flight to the last waiting;
 /// stats() always adds up. At most `capacity` frames wait once a push has returned; returned frames
 /// may exceed it until the next push.
@@ -48,7 +50,7 @@ class FrameBuffer {
   /// `worker`: adds the newest frame; gives up as many as it takes to be within capacity again. The
   /// newest is never given up. Does not wait, but takes as long as the policy does, which is asked
   /// only if a frame must go.
-  void push(EncodedFrame frame);
+  void push(FramePtr frame);
   /// `worker`, when it has nothing else to do: one unit of the policy's work ahead. True if more
   /// remains. Does nothing while the link keeps up, which is while at most one frame waits.
   bool prepare();
@@ -65,8 +67,9 @@ class FrameBuffer {
   /// returned frames and unconfirmed drops accordingly.
   void resume(Sequence next);
 
-  /// `main`: the drops since the last call that are final, in the order they became so.
-  std::vector<DropRecord> collect_drops();
+  /// `main`: the drops since the last call that are final, in the order they became so. Overwrites
+  /// `drops`, and keeps its storage for the next ones.
+  void collect_drops(std::vector<DropRecord>& drops);
   /// `main`: gives up what waits (kShutdown), but for what the server may have: frames in flight,
   /// and returned ones.
   void give_up_waiting();
@@ -83,18 +86,19 @@ class FrameBuffer {
   };
 
   // All three require mutex_.
-  BufferView view() const;
+  void update_view();
   void drop_if_waiting(const FramePtr& victim);
   void count_delivered(FramePtr frame);
 
   const std::size_t capacity_;
   const std::unique_ptr<DropPolicy> policy_;  // worker only
+  BufferView view_;                           // worker only; empty between calls
 
   mutable std::mutex mutex_;
   std::condition_variable_any room_;
   // All below guarded by mutex_.
-  std::deque<Entry> waiting_;
-  std::deque<FramePtr> in_flight_;
+  std::vector<Entry> waiting_;  // some dozens at most, as is the next
+  std::vector<FramePtr> in_flight_;
   FramePtr last_acknowledged_;  // the newest of them: the head's neighbour when none is in flight
   std::vector<DropRecord> final_drops_;
   std::vector<FramePtr> unconfirmed_drops_;  // at most as many as were in flight at once

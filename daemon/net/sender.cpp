@@ -134,7 +134,7 @@ void Sender::wake() {
 }
 
 void Sender::write_next() {
-  drops_.add(buffer_.collect_drops());
+  collect_drops();
   if (std::exchange(is_stats_due_, false)) {
     return connection_->write(wire::encode(buffer_.stats()));
   }
@@ -148,6 +148,11 @@ void Sender::write_next() {
   } else if (done_ && !is_bye_sent_ && is_settled()) {
     say_bye();
   }
+}
+
+void Sender::collect_drops() {
+  buffer_.collect_drops(collected_);
+  drops_.add(collected_);
 }
 
 bool Sender::is_settled() const {
@@ -222,7 +227,7 @@ void Sender::end(bool complete) {
   for (auto* timer : {&attempt_timer_, &tick_timer_, &drain_timer_}) timer->cancel();
   resolver_.cancel();
   buffer_.give_up();
-  drops_.add(buffer_.collect_drops());
+  collect_drops();
   std::exchange(done_, nullptr)(complete);
 }
 

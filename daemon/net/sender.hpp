@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "common/address.hpp"
+#include "common/drop_record.hpp"
 #include "common/wire.hpp"
 #include "daemon/buffer/frame_buffer.hpp"
 #include "daemon/net/drop_log.hpp"
@@ -67,6 +68,7 @@ class Sender final : private ServerConnection::Owner {
   void connect_again(std::chrono::nanoseconds delay);
   void disconnect(const Error& why, std::chrono::nanoseconds retry_delay);
   void write_next();
+  void collect_drops();
   bool is_settled() const;
   void say_bye();
   void tick();
@@ -79,6 +81,7 @@ class Sender final : private ServerConnection::Owner {
   const wire::Hello hello_;
   FrameBuffer& buffer_;
   DropLog& drops_;
+  std::vector<DropRecord> collected_;  // on their way from buffer_ to drops_
 
   boost::asio::ip::tcp::resolver resolver_;
   std::vector<boost::asio::ip::tcp::endpoint> endpoints_;

@@ -12,6 +12,7 @@
 
 #include "daemon/buffer/orb_policy.hpp"
 #include "daemon/buffer/simple_policies.hpp"
+#include "tests/daemon/buffer/frames.hpp"
 
 namespace orbbuf {
 namespace {
@@ -97,7 +98,7 @@ TEST_F(PipelineTest, LiveSourceNeverWaitsAndEveryFrameIsAccountedFor) {
   const wire::Stats stats = buffer_.stats();
   EXPECT_EQ(stats.captured, 1000U);
   EXPECT_EQ(stats.captured, stats.skipped + stats.dropped + stats.waiting);
-  EXPECT_EQ(buffer_.collect_drops().size(), stats.skipped + stats.dropped);
+  EXPECT_EQ(collect_drops(buffer_).size(), stats.skipped + stats.dropped);
 }
 
 TEST_F(PipelineTest, FrameThatCannotBeReadIsNamedAndTheRestGoesOn) {
@@ -110,7 +111,7 @@ TEST_F(PipelineTest, FrameThatCannotBeReadIsNamedAndTheRestGoesOn) {
   EXPECT_EQ(buffer_.take()->sequence, 0U);
   EXPECT_EQ(buffer_.take()->sequence, 2U);
   EXPECT_EQ(buffer_.stats().failed, 1U);
-  EXPECT_EQ(buffer_.collect_drops(), (std::vector<DropRecord>{{1, 1000, DropReason::kFailed}}));
+  EXPECT_EQ(collect_drops(buffer_), (std::vector<DropRecord>{{1, 1000, DropReason::kFailed}}));
 }
 
 TEST_F(PipelineTest, SourceThatIsGoneEndsTheStreamAsFailed) {
@@ -137,7 +138,7 @@ TEST_F(PipelineTest, StopEndsAPipelineThatWaitsForRoom) {
   const wire::Stats stats = buffer_.stats();
   EXPECT_EQ(stats.waiting, 5U);
   EXPECT_EQ(stats.captured, stats.dropped + stats.waiting);
-  for (const DropRecord& record : buffer_.collect_drops()) {
+  for (const DropRecord& record : collect_drops(buffer_)) {
     EXPECT_EQ(record.reason, DropReason::kShutdown);
   }
 }

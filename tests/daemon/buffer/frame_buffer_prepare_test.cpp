@@ -3,7 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cstddef>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "daemon/buffer/frame_buffer.hpp"
@@ -90,6 +92,24 @@ TEST_F(FrameBufferPrepareTest, TheNetworkGoesOnWhileThePolicyPrepares) {
   push(0, 1);
   EXPECT_TRUE(buffer_.prepare());
   EXPECT_FALSE(buffer_.prepare());
+}
+
+TEST_F(FrameBufferPrepareTest, KeepsNoFrameAliveForWhatThePolicyHasSeen) {
+  policy_->on_prepare = [](const BufferView&) { return false; };
+  std::vector<std::weak_ptr<const EncodedFrame>> frames;
+  for (Sequence sequence = 0; sequence < 6; ++sequence) {
+    FramePtr frame = make_frame_ptr(sequence);
+    frames.emplace_back(frame);
+    buffer_.captured();
+    buffer_.push(std::move(frame));
+  }
+  EXPECT_TRUE(frames[0].expired());
+  EXPECT_TRUE(frames[1].expired());  // the last victim
+  buffer_.prepare();
+  take(4);
+  buffer_.acknowledge(6);
+  for (std::size_t i = 2; i < 5; ++i) EXPECT_TRUE(frames[i].expired()) << i;
+  EXPECT_FALSE(frames[5].expired());  // the next head's neighbour
 }
 
 TEST_F(FrameBufferPrepareTest, TheHeadIsJudgedAgainstTheFrameLastHandedToTheNetwork) {

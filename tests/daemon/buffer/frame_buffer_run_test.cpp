@@ -143,7 +143,7 @@ class FrameBufferRunTest : public testing::TestWithParam<std::string_view> {
         return buffer_.lost({sequence, 0, DropReason::kFailed});
       default:
         account_.waiting.push_back(sequence);
-        return buffer_.push(make_frame(sequence));
+        return buffer_.push(make_frame_ptr(sequence));
     }
   }
   void take() {
@@ -178,7 +178,7 @@ class FrameBufferRunTest : public testing::TestWithParam<std::string_view> {
   }
   void prepare() { buffer_.prepare(); }
   void collect() {
-    const Sequences drops = sequences_of(buffer_.collect_drops());
+    const Sequences drops = sequences_of(collect_drops(buffer_));
     collected_.insert(collected_.end(), drops.begin(), drops.end());
     ASSERT_EQ(collected_, account_.final_drops);
   }
@@ -231,7 +231,7 @@ TEST_P(FrameBufferRunTest, AccountsForEveryFrameAfterEveryOperation) {
   break_connection();
   buffer_.resume(server_.next);
   buffer_.give_up();
-  const Sequences last = sequences_of(buffer_.collect_drops());
+  const Sequences last = sequences_of(collect_drops(buffer_));
   collected_.insert(collected_.end(), last.begin(), last.end());
   expect_each_once(server_.taken, collected_, entered_);
   EXPECT_EQ(buffer_.stats().acknowledged, server_.taken.size());
@@ -263,7 +263,7 @@ TEST_P(FrameBufferRunTest, LosesNothingBetweenTwoThreads) {
     is_done = now.captured == kThreadedFrames && now.waiting + now.in_flight == 0;
   }
   worker.join();
-  expect_each_once(server_.taken, sequences_of(buffer.collect_drops()), kThreadedFrames);
+  expect_each_once(server_.taken, sequences_of(collect_drops(buffer)), kThreadedFrames);
 }
 
 }  // namespace

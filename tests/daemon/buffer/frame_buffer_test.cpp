@@ -37,7 +37,7 @@ class FrameBufferTest : public testing::Test {
     while (const FramePtr frame = buffer_.take()) taken.push_back(frame->sequence);
     return taken;
   }
-  std::vector<Sequence> drops() { return sequences_of(buffer_.collect_drops()); }
+  std::vector<Sequence> drops() { return sequences_of(collect_drops(buffer_)); }
   bool has_room() {
     std::stop_source stopped;
     stopped.request_stop();
@@ -79,9 +79,9 @@ TEST_F(FrameBufferTest, HandsOutWhatWaitsInOrderAndThenNothing) {
 TEST_F(FrameBufferTest, AFullPushGivesUpTheFrameThatThePolicyNames) {
   policy_->on_victim = [](const BufferView&) { return 2; };
   push(0, 4);
-  EXPECT_EQ(buffer_.collect_drops(),
+  EXPECT_EQ(collect_drops(buffer_),
             (std::vector<DropRecord>{{2, 20'000'000, DropReason::kPolicy}}));
-  EXPECT_THAT(buffer_.collect_drops(), IsEmpty());
+  EXPECT_THAT(collect_drops(buffer_), IsEmpty());
   EXPECT_THAT(take_all(), ElementsAre(0, 1, 3, 4));
 }
 
@@ -149,7 +149,7 @@ TEST_F(FrameBufferTest, CountsLostFramesByTheirReason) {
   buffer_.lost({0, 0, DropReason::kBusy});
   buffer_.lost({1, 0, DropReason::kFailed});
   buffer_.lost({2, 0, DropReason::kShutdown});
-  buffer_.push(make_frame(3));
+  buffer_.push(make_frame_ptr(3));
   const wire::Stats expected{
       .captured = 4, .skipped = 1, .failed = 1, .dropped = 1, .acknowledged = 0, .waiting = 1};
   EXPECT_EQ(buffer_.stats(), expected);
@@ -163,7 +163,7 @@ TEST_F(FrameBufferTest, GivingUpNamesEveryUndeliveredFrame) {
   push(4, 4);
   take(1);
   buffer_.give_up();
-  const std::vector<DropRecord> records = buffer_.collect_drops();
+  const std::vector<DropRecord> records = collect_drops(buffer_);
   EXPECT_THAT(sequences_of(records), ElementsAre(0, 1, 2, 3, 4));
   for (const DropRecord& record : records) {
     EXPECT_EQ(record.reason, record.sequence == 0 ? DropReason::kPolicy : DropReason::kShutdown);

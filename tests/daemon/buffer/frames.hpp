@@ -32,7 +32,13 @@ inline FramePtr make_frame_ptr(Sequence sequence) {
 
 inline void capture_and_push(FrameBuffer& buffer, Sequence sequence) {
   buffer.captured();
-  buffer.push(make_frame(sequence));
+  buffer.push(make_frame_ptr(sequence));
+}
+
+inline std::vector<DropRecord> collect_drops(FrameBuffer& buffer) {
+  std::vector<DropRecord> drops;
+  buffer.collect_drops(drops);
+  return drops;
 }
 
 inline std::vector<Sequence> sequences_of(const std::vector<FramePtr>& frames) {

@@ -37,7 +37,7 @@ TEST(MakePolicyTest, RefusesAnUnknownNameAndSaysIt) {
 class EveryPolicyTest : public testing::TestWithParam<std::string_view> {
  protected:
   void push(Sequence sequence) { capture_and_push(buffer_, sequence); }
-  std::vector<Sequence> drops() { return sequences_of(buffer_.collect_drops()); }
+  std::vector<Sequence> drops() { return sequences_of(collect_drops(buffer_)); }
 
   static constexpr std::size_t kCapacity = 5;
   FrameBuffer buffer_{kCapacity, make(std::string(GetParam()))};
@@ -76,7 +76,7 @@ TEST_P(EveryPolicyTest, ChoosesTheSameInTheSameRun) {
     push(sequence);
     capture_and_push(other, sequence);
   }
-  EXPECT_EQ(drops(), sequences_of(other.collect_drops()));
+  EXPECT_EQ(drops(), sequences_of(collect_drops(other)));
 }
 
 }  // namespace

@@ -31,11 +31,11 @@ class SenderTest : public ::testing::Test {
   }
   void push(Sequence first, Sequence last) {
     for (Sequence sequence = first; sequence <= last; ++sequence) {
-      EncodedFrame frame;
-      frame.sequence = sequence;
-      frame.capture_time_ns = static_cast<std::int64_t>(sequence) * 1000;
-      frame.jpeg.assign(100, static_cast<std::uint8_t>(sequence));
-      frame.jpeg_crc = wire::crc32(frame.jpeg);
+      auto frame = std::make_shared<EncodedFrame>();
+      frame->sequence = sequence;
+      frame->capture_time_ns = static_cast<std::int64_t>(sequence) * 1000;
+      frame->jpeg.assign(100, static_cast<std::uint8_t>(sequence));
+      frame->jpeg_crc = wire::crc32(frame->jpeg);
       buffer_.captured();
       buffer_.push(std::move(frame));
     }
