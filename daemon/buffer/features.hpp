@@ -3,7 +3,10 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <vector>
+
+#include "common/frame.hpp"
 
 namespace orbbuf {
 
@@ -36,5 +39,9 @@ struct FeatureSet {
     positions.clear();
   }
 };
+
+/// Computes the features of a frame from its JPEG. Called on `worker` only. Overwrites the set, so
+/// that its storage can be used again. A frame that cannot be decoded has no features.
+using FillFeatures = std::function<void(const EncodedFrame&, FeatureSet&)>;
 
 }  // namespace orbbuf

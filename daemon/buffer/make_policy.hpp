@@ -10,7 +10,7 @@
 #include <string_view>
 
 #include "daemon/buffer/drop_policy.hpp"
-#include "daemon/buffer/fill_features.hpp"
+#include "daemon/buffer/features.hpp"
 
 namespace orbbuf {
 

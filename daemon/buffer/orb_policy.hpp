@@ -10,7 +10,6 @@
 
 #include "daemon/buffer/drop_policy.hpp"
 #include "daemon/buffer/features.hpp"
-#include "daemon/buffer/fill_features.hpp"
 #include "daemon/buffer/similarity.hpp"
 
 namespace orbbuf {

@@ -13,14 +13,11 @@
 namespace orbbuf {
 namespace {
 
-constexpr std::uint32_t kMaxDistance =
-    64; // of 256 bits; unrelated descriptors lie around 128
+constexpr std::uint32_t kMaxDistance = 64;  // of 256 bits; unrelated descriptors lie around 128
 
 // In units of Position, 1024 to the width of the image.
-constexpr int kNear =
-    184; // two matches this far apart, dx + dy, can support each other
-constexpr int kAlike =
-    30; // if they have moved alike to this much, along each axis
+constexpr int kNear = 184;  // two matches this far apart, dx + dy, can support each other
+constexpr int kAlike = 30;  // if they have moved alike to this much, along each axis
 constexpr int kSupporters = 2;
 
 struct Match {
@@ -30,57 +27,52 @@ struct Match {
 
 // Lowe's ratio 0.9. Where there is no second, kNone stands for one that is far
 // away.
-bool is_distinct(const Nearest &nearest) {
+bool is_distinct(const Nearest& nearest) {
   return nearest.distance() <= kMaxDistance &&
          10 * nearest.distance() < 9 * nearest.second_distance();
 }
 
-void find_matches(const FeatureSet &a, const FeatureSet &b, Neighbours &found,
-                  std::vector<Match> &matches) {
+void find_matches(const FeatureSet& a, const FeatureSet& b, Neighbours& found,
+                  std::vector<Match>& matches) {
   find_nearest(a.descriptors, b.descriptors, found);
   matches.clear();
   for (std::size_t i = 0; i < found.of_rows.size(); ++i) {
-    const Nearest &there = found.of_rows[i];
-    if (!is_distinct(there))
-      continue; // also where there are no columns at all
-    const Nearest &back = found.of_columns[there.index()];
+    const Nearest& there = found.of_rows[i];
+    if (!is_distinct(there)) continue;  // also where there are no columns at all
+    const Nearest& back = found.of_columns[there.index()];
     if (back.index() == i && is_distinct(back)) {
       matches.push_back({a.positions[i], b.positions[there.index()]});
     }
   }
 }
 
-bool supports(const Match &one, const Match &other) {
+bool supports(const Match& one, const Match& other) {
   const int dx_a = other.in_a.x - one.in_a.x;
   const int dy_a = other.in_a.y - one.in_a.y;
   const int dx_b = other.in_b.x - one.in_b.x;
   const int dy_b = other.in_b.y - one.in_b.y;
-  return std::abs(dx_a) + std::abs(dy_a) <= kNear &&
-         std::abs(dx_b) + std::abs(dy_b) <= kNear &&
+  return std::abs(dx_a) + std::abs(dy_a) <= kNear && std::abs(dx_b) + std::abs(dy_b) <= kNear &&
          std::abs(dx_b - dx_a) <= kAlike && std::abs(dy_b - dy_a) <= kAlike;
 }
 
-bool is_supported(const Match &match, const std::vector<Match> &all) {
-  int supporters = -1; // it would count itself
-  for (const Match &other : all) {
-    if (supports(match, other) && ++supporters == kSupporters)
-      return true;
+bool is_supported(const Match& match, const std::vector<Match>& all) {
+  int supporters = -1;  // it would count itself
+  for (const Match& other : all) {
+    if (supports(match, other) && ++supporters == kSupporters) return true;
   }
   return false;
 }
 
-} // namespace
+}  // namespace
 
-int similarity(const FeatureSet &a, const FeatureSet &b) {
+int similarity(const FeatureSet& a, const FeatureSet& b) {
   assert(a.positions.size() == a.descriptors.size());
   assert(b.positions.size() == b.descriptors.size());
   thread_local Neighbours found;
   thread_local std::vector<Match> matches;
   find_matches(a, b, found, matches);
-  return static_cast<int>(
-      std::ranges::count_if(matches, [](const Match &match) {
-        return is_supported(match, matches);
-      }));
+  return static_cast<int>(std::ranges::count_if(
+      matches, [](const Match& match) { return is_supported(match, matches); }));
 }
 
-} // namespace orbbuf
+}  // namespace orbbuf

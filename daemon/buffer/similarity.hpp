@@ -19,6 +19,6 @@ namespace orbbuf {
 /// unlike everything. Pure, and integer arithmetic throughout: the same
 /// features give the same M on every machine. Cost: one pass over all |a| x |b|
 /// distances, in SIMD (nearest.hpp); allocates nothing but when sets grow.
-int similarity(const FeatureSet &a, const FeatureSet &b);
+int similarity(const FeatureSet& a, const FeatureSet& b);
 
-} // namespace orbbuf
+}  // namespace orbbuf
