@@ -12,6 +12,11 @@ namespace {
 
 constexpr std::size_t kFarthest = 45;
 
+/// Long sequences are sampled: about a hundred pairs at each distance will do.
+std::size_t stride(const RecordedSequence& sequence) {
+  return std::max<std::size_t>(1, sequence.size() / 100);
+}
+
 /// Ranks from 0; equal values share the mean of theirs.
 std::vector<double> ranks(const std::vector<int>& values) {
   std::vector<std::size_t> order(values.size());
@@ -32,10 +37,11 @@ std::vector<double> ranks(const std::vector<int>& values) {
 std::vector<DistancePoint> distance_curve(RecordedSequence& sequence) {
   const double self = sequence.self_similarity();
   std::vector<DistancePoint> curve;
+  const std::size_t step = stride(sequence);
   for (std::size_t distance = 1; distance <= kFarthest && distance < sequence.size(); ++distance) {
     std::vector<double> shares;
     double inliers = 0;
-    for (std::size_t i = 0; i + distance < sequence.size(); ++i) {
+    for (std::size_t i = 0; i + distance < sequence.size(); i += step) {
       shares.push_back(sequence.similarity(i, i + distance) / self);
       inliers += sequence.epipolar_inliers(i, i + distance);
     }
@@ -79,7 +85,7 @@ std::vector<double> neighbours(const Rule& rule, const RecordedSequence& sequenc
 double rank_correlation(const Rule& rule, RecordedSequence& sequence) {
   std::vector<int> similarities;
   std::vector<int> inliers;
-  for (std::size_t i = 0; i < sequence.size(); ++i) {
+  for (std::size_t i = 0; i < sequence.size(); i += stride(sequence)) {
     for (std::size_t j = i + 1; j < sequence.size() && j <= i + kFarthest; ++j) {
       similarities.push_back(matches(rule, sequence.features(i), sequence.features(j)));
       inliers.push_back(sequence.epipolar_inliers(i, j));
