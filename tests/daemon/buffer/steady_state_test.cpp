@@ -4,40 +4,14 @@
 #include <gtest/gtest.h>
 
 #include <cstddef>
-#include <cstdlib>
 #include <memory>
-#include <new>
 #include <utility>
 #include <vector>
 
 #include "daemon/buffer/frame_buffer.hpp"
 #include "daemon/buffer/orb_policy.hpp"
+#include "tests/daemon/buffer/allocations.hpp"
 #include "tests/daemon/buffer/frames.hpp"
-
-namespace {
-
-thread_local int allocations = 0;
-
-void* allocate(std::size_t bytes, std::size_t alignment) {
-  ++allocations;
-  const std::size_t whole = (bytes + alignment - 1) / alignment * alignment;
-  void* memory = alignment <= alignof(std::max_align_t) ? std::malloc(bytes)
-                                                        : std::aligned_alloc(alignment, whole);
-  if (!memory) throw std::bad_alloc();
-  return memory;
-}
-
-}  // namespace
-
-// Of this whole test binary. The forms for arrays and without exceptions come to these.
-void* operator new(std::size_t bytes) { return allocate(bytes, 1); }
-void* operator new(std::size_t bytes, std::align_val_t alignment) {
-  return allocate(bytes, static_cast<std::size_t>(alignment));
-}
-void operator delete(void* memory) noexcept { std::free(memory); }
-void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
-void operator delete(void* memory, std::align_val_t) noexcept { std::free(memory); }
-void operator delete(void* memory, std::size_t, std::align_val_t) noexcept { std::free(memory); }
 
 namespace orbbuf {
 namespace {
@@ -60,10 +34,10 @@ class SteadyStateTest : public testing::Test {
  protected:
   void push(Sequence sequence) {
     FramePtr frame = make_frame_ptr(sequence);
-    const int before = allocations;
+    const int before = allocations();
     buffer_.captured();
     buffer_.push(std::move(frame));
-    buffer_allocations_ += allocations - before;
+    buffer_allocations_ += allocations() - before;
   }
   /// Runs `link` after each push; what the last kMeasured of them allocated, without the frames.
   template <class Link>
@@ -71,10 +45,10 @@ class SteadyStateTest : public testing::Test {
     for (Sequence sequence = 0; sequence < kWarmUp + kMeasured; ++sequence) {
       if (sequence == kWarmUp) buffer_allocations_ = 0;
       push(sequence);
-      const int before = allocations;
+      const int before = allocations();
       link(sequence);
       buffer_.collect_drops(drops_);
-      buffer_allocations_ += allocations - before;
+      buffer_allocations_ += allocations() - before;
     }
     return buffer_allocations_;
   }
@@ -89,9 +63,9 @@ class SteadyStateTest : public testing::Test {
 };
 
 TEST_F(SteadyStateTest, AFrameItselfIsTwoAllocations) {
-  const int before = allocations;
+  const int before = allocations();
   const FramePtr frame = make_frame_ptr(1);
-  EXPECT_EQ(allocations - before, 2);
+  EXPECT_EQ(allocations() - before, 2);
 }
 
 TEST_F(SteadyStateTest, ALinkThatKeepsUpAllocatesNothing) {
