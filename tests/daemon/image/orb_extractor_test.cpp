@@ -152,7 +152,7 @@ std::vector<std::vector<FeatureSet>> real_features() {
     sequence.path =
         std::filesystem::path(ORBBUF_SOURCE_DIR) / ".." / "shared" / "data" / "sequences" / name;
     if (!exists(sequence.path)) return {};
-    all.push_back(features_of(sequence, 300));
+    all.push_back(features_of(sequence, 60));
   }
   return all;
 }
