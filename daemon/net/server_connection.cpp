@@ -6,6 +6,8 @@
 #include <boost/asio/write.hpp>
 #include <utility>
 
+#include "common/keep_alive.hpp"
+
 namespace orbbuf {
 namespace asio = boost::asio;
 using boost::system::error_code;
@@ -27,6 +29,7 @@ void ServerConnection::say_hello(std::uint32_t unsent_limit) {
   error_code error;
   socket_.set_option(asio::ip::tcp::no_delay(true), error);
   if (error) return fail("cannot set TCP_NODELAY", error);
+  keep_alive(socket_.native_handle());  // without it a dead server is merely noticed later
   if (!limit_unsent(socket_.native_handle(), unsent_limit)) {
     return fail(system_error("cannot set TCP_NOTSENT_LOWAT", errno));
   }
