@@ -112,9 +112,10 @@ void Sender::connection_lost(const Error& why) {
   connection_.reset();
   is_bye_sent_ = false;
   buffer_.return_in_flight();
-  spdlog::warn("link: connection to {} lost: {}", to_string(settings_.server), why.text);
-  // Where it has stalled another is on its way already.
-  if (!std::exchange(is_stalled_, false)) connect_again(retry_delay());
+  const bool was_stalled = std::exchange(is_stalled_, false);
+  spdlog::log(was_stalled ? spdlog::level::info : spdlog::level::warn,
+              "link: connection to {} lost: {}", to_string(settings_.server), why.text);
+  if (!was_stalled) connect_again(retry_delay());  // else another is on its way already
 }
 
 void Sender::on_failed(const ServerConnection& from, const Error& error) {
@@ -208,7 +209,7 @@ void Sender::tick() {
 void Sender::check_stall() {
   const auto progress = connection_->progress();
   const auto now = Clock::now();
-  if (!progress || progress->unacked_segments == 0 || progress->acked_bytes != acked_bytes_) {
+  if (!progress || !progress->is_waiting() || progress->acked_bytes != acked_bytes_) {
     acked_bytes_ = progress ? progress->acked_bytes : 0;
     moved_time_ = now;
     return moved();

@@ -19,7 +19,7 @@ class StallTest : public ::testing::Test {
     server_ = std::make_unique<Server>(folder_ / "out", Overrides{}, Namespaces::kServerListen,
                                        hosts_.on_server());
     robot_ = std::make_unique<Process>(robot_command(
-        "r", server_->address(), {"source.frames=1000000", "source.width=160", "source.height=120"},
+        "r", server_->address(), {"source.frames=1000000", "source.width=640", "source.height=480"},
         hosts_.on_robot()));
     ASSERT_TRUE(robot_->wait_for_lines("] captured ", 2));
   }
@@ -36,6 +36,12 @@ class StallTest : public ::testing::Test {
     const Finished done = run(command);
     ASSERT_EQ(done.status, 0) << done.output;
   }
+
+  int account_lines() const { return robot_->count_lines("] captured "); }
+  void wait_seconds(int count) {  // by the robot's clock, which prints an account each
+    ASSERT_TRUE(robot_->wait_for_lines("] captured ", account_lines() + count));
+  }
+  std::size_t delivered() { return read_record(folder_ / "out", "r").delivered.size(); }
 
   void end_and_expect_exactly_once() {
     robot_->signal(SIGTERM);
@@ -71,6 +77,25 @@ TEST_F(StallTest, TheNewConnectionTakesOverIfTheOldOneDoesNotMove) {
   EXPECT_TRUE(robot_->wait_for_lines("connected to", 2, std::chrono::seconds(10)))
       << robot_->output();
   EXPECT_TRUE(server_->process().wait_for_line("replaced")) << server_->process().output();
+  end_and_expect_exactly_once();
+}
+
+// The window's opening is lost in the outage, and nothing is outstanding but the kernel's probes,
+// which it sends ever more rarely.
+TEST_F(StallTest, AWindowThatOpensDuringAnOutageIsNotSleptOn) {
+  server_->process().signal(SIGSTOP);
+  wait_seconds(2);
+  nft("add table inet some; add chain inet some in { type filter hook input priority 0; policy "
+      "drop; "
+      "}; add chain inet some out { type filter hook output priority 0; policy drop; }");
+  server_->process().signal(SIGCONT);
+  wait_seconds(8);
+  const std::size_t before = delivered();
+  nft("delete table inet some");
+  const auto returned = std::chrono::steady_clock::now();
+  while (delivered() == before) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  const std::chrono::duration<double> wait = std::chrono::steady_clock::now() - returned;
+  EXPECT_LT(wait.count(), 1.5) << robot_->output();
   end_and_expect_exactly_once();
 }
 
