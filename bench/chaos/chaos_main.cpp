@@ -14,7 +14,6 @@
 
 namespace {
 
-using orbbuf::chaos::Action;
 using orbbuf::chaos::Stage;
 using orbbuf::chaos::Step;
 using orbbuf::chaos::Verdict;

@@ -74,7 +74,7 @@ Stage::Stage(Programs programs, fs::path work, const Words& controls)
     const std::string address = kNetwork + std::to_string(i + 2);
     if (i > 0) on_server({"ip", "addr", "add", address + "/24", "dev", "wire"});
     on_robot(congestion_route(address, controls[i]));
-    robots_.push_back({"robot-" + controls[i], address, nullptr});
+    robots_.push_back({"robot-" + controls[i], address, nullptr, 0});
   }
   on_robot(shape(kCalmMbit));
 }
@@ -136,17 +136,14 @@ void Stage::start_robot(Robot& robot) {
   const std::string id = after(*line, ", session ");
   session.name = robot.id + " " + id.substr(0, id.find(','));
   session.files = work_ / "out" / robot.id / id.substr(0, id.find(','));
+  robot.session = n;
   sessions_.push_back(session);
 }
 
 void Stage::bury_robot(Robot& robot, bool was_killed) {
-  const std::string prefix = robot.id + " ";
-  for (auto session = sessions_.rbegin(); session != sessions_.rend(); ++session) {
-    if (!session->name.starts_with(prefix)) continue;
-    session->was_killed = was_killed;
-    save(session->log, robot.process->output());
-    break;
-  }
+  Session& session = sessions_.at(robot.session);
+  session.was_killed = was_killed;
+  save(session.log, robot.process->output());
   robot.process.reset();
 }
 

@@ -45,6 +45,7 @@ class Stage {
     std::string id;
     std::string address;
     std::unique_ptr<test::Process> process;
+    std::size_t session;  ///< in sessions_
   };
 
   void make_source();
