@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "common/address.hpp"
+#include "common/keep_alive.hpp"
 
 namespace orbbuf {
 namespace {
@@ -43,6 +44,8 @@ Connection::Connection(tcp::socket socket, const ListenSettings& settings, Conne
 void Connection::start() {
   error_code ignored;  // acks are then merely later
   socket_.set_option(tcp::no_delay(true), ignored);
+  // For the time in which a sink is busy and the idle timer does not run; else that is sooner.
+  keep_alive(socket_.native_handle());
   start_timer(settings_.hello_timeout);
   read();
 }

@@ -14,7 +14,8 @@ using std::chrono::milliseconds;
 
 namespace {
 
-constexpr milliseconds kRetryDelay{250};
+constexpr milliseconds kShortestRetryDelay{125};
+constexpr milliseconds kLongestRetryDelay{375};
 constexpr milliseconds kTick{100};
 constexpr std::chrono::seconds kStatsInterval{1};
 constexpr std::chrono::seconds kByeTimeout{2};
@@ -35,11 +36,14 @@ Sender::Sender(asio::io_context& io, LinkSettings settings, wire::Hello hello, F
       drops_(drops),
       resolver_(io),
       attempt_timer_(io),
+      random_(std::random_device{}()),
       tick_timer_(io),
       drain_timer_(io) {}
 
 Sender::~Sender() {
-  if (connection_) connection_->close();
+  for (const auto& open : {attempt_, connection_}) {
+    if (open) open->close();
+  }
 }
 
 void Sender::start() {
@@ -53,26 +57,25 @@ void Sender::resolve() {
                                   const asio::ip::tcp::resolver::results_type& results) {
     if (error == asio::error::operation_aborted) return;
     if (error) {
-      return disconnect({"cannot resolve " + settings_.server.host + ": " + error.message()},
-                        kRetryDelay);
+      return attempt_failed({"cannot resolve " + settings_.server.host + ": " + error.message()},
+                            retry_delay());
     }
     endpoints_.assign(results.begin(), results.end());
-    connect();
+    if (is_wanting_attempt()) connect();
   };
   resolver_.async_resolve(settings_.server.host, std::to_string(settings_.server.port),
                           on_resolved);
 }
 
 void Sender::connect() {
-  connection_ =
-      std::make_shared<ServerConnection>(io_, static_cast<ServerConnection::Owner&>(*this));
-  connection_->open(endpoints_[attempts_ % endpoints_.size()], hello_,
-                    static_cast<std::uint32_t>(settings_.unsent_bytes));
+  attempt_ = std::make_shared<ServerConnection>(io_, static_cast<ServerConnection::Owner&>(*this));
+  attempt_->open(endpoints_[attempts_ % endpoints_.size()], hello_,
+                 static_cast<std::uint32_t>(settings_.unsent_bytes));
   attempt_timer_.expires_after(settings_.connect_timeout);
-  attempt_timer_.async_wait([this, attempt = connection_](const error_code& error) {
-    if (error || attempt != connection_ || is_streaming_) return;
-    disconnect({fmt::format("no answer within {} s", seconds(settings_.connect_timeout))},
-               milliseconds(0));
+  attempt_timer_.async_wait([this, attempt = attempt_](const error_code& error) {
+    if (error || attempt != attempt_) return;
+    attempt_failed({fmt::format("no answer within {} s", seconds(settings_.connect_timeout))},
+                   milliseconds(0));
   });
 }
 
@@ -81,33 +84,56 @@ void Sender::connect_again(std::chrono::nanoseconds delay) {
   if (++attempts_ % kAttemptsBeforeResolvingAgain == 0) endpoints_.clear();
   attempt_timer_.expires_after(delay);
   attempt_timer_.async_wait([this](const error_code& error) {
-    if (error || connection_) return;
+    if (error || !is_wanting_attempt()) return;
     if (endpoints_.empty()) return resolve();
     connect();
   });
 }
 
-void Sender::disconnect(const Error& why, std::chrono::nanoseconds retry_delay) {
-  if (connection_) connection_->close();
-  connection_.reset();
-  is_bye_sent_ = false;
-  if (std::exchange(is_streaming_, false)) {
-    buffer_.return_in_flight();
-    spdlog::warn("link: connection to {} lost: {}", to_string(settings_.server), why.text);
-  } else if (why.text != last_error_) {
+/// Asked by what may come late: a timer or a resolver that was cancelled.
+bool Sender::is_wanting_attempt() const { return !attempt_ && (!connection_ || is_stalled_); }
+
+std::chrono::nanoseconds Sender::retry_delay() {
+  return milliseconds(std::uniform_int_distribution<milliseconds::rep>(
+      kShortestRetryDelay.count(), kLongestRetryDelay.count())(random_));
+}
+
+void Sender::attempt_failed(const Error& why, std::chrono::nanoseconds delay) {
+  if (attempt_) attempt_->close();
+  attempt_.reset();
+  if (!connection_ && why.text != last_error_) {
     spdlog::warn("link: no connection to {}: {}; trying on", to_string(settings_.server), why.text);
     last_error_ = why.text;
   }
-  connect_again(retry_delay);
+  connect_again(delay);
 }
 
-void Sender::on_failed(const Error& error) { disconnect(error, kRetryDelay); }
+void Sender::connection_lost(const Error& why) {
+  connection_.reset();
+  is_bye_sent_ = false;
+  buffer_.return_in_flight();
+  const bool was_stalled = std::exchange(is_stalled_, false);
+  spdlog::log(was_stalled ? spdlog::level::info : spdlog::level::warn,
+              "link: connection to {} lost: {}", to_string(settings_.server), why.text);
+  if (!was_stalled) connect_again(retry_delay());  // else another is on its way already
+}
+
+void Sender::on_failed(const ServerConnection& from, const Error& error) {
+  if (&from == attempt_.get()) return attempt_failed(error, retry_delay());
+  connection_lost(error);
+}
 
 void Sender::on_welcome(const wire::Position& position) {
   attempt_timer_.cancel();
+  if (connection_) {  // the server has left it for this one
+    connection_->close();
+    buffer_.return_in_flight();
+    is_bye_sent_ = false;
+  }
+  connection_ = std::move(attempt_);
   attempts_ = 0;
   last_error_.clear();
-  is_streaming_ = true;
+  is_stalled_ = false;
   acked_bytes_ = 0;
   moved_time_ = Clock::now();
   buffer_.resume(position.next_sequence);
@@ -130,7 +156,7 @@ void Sender::on_bye(const wire::Position& /*position*/) {
 void Sender::on_writable() { write_next(); }
 
 void Sender::wake() {
-  if (is_streaming_ && connection_->is_writable()) write_next();
+  if (connection_ && connection_->is_writable()) write_next();
 }
 
 void Sender::write_next() {
@@ -170,7 +196,7 @@ void Sender::tick() {
   tick_timer_.async_wait([this](const error_code& error) {
     if (!error) tick();
   });
-  if (is_streaming_) check_stall();
+  if (connection_) check_stall();
   if (Clock::now() < stats_time_) return;
   stats_time_ += kStatsInterval;
   is_stats_due_ = true;
@@ -178,24 +204,42 @@ void Sender::tick() {
   spdlog::info(
       "captured {} skipped {} failed {} dropped {} acknowledged {} waiting {} in flight {}{}",
       stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged, stats.waiting,
-      stats.in_flight, is_streaming_ ? "" : ", no connection");
+      stats.in_flight,
+      !connection_  ? ", no connection"
+      : is_stalled_ ? ", stalled"
+                    : "");
   wake();
 }
 
 void Sender::check_stall() {
   const auto progress = connection_->progress();
   const auto now = Clock::now();
-  if (!progress || progress->unacked_segments == 0 || progress->acked_bytes != acked_bytes_) {
+  if (!progress || !progress->is_waiting() || progress->acked_bytes != acked_bytes_) {
     acked_bytes_ = progress ? progress->acked_bytes : 0;
     moved_time_ = now;
-    return;
+    return moved();
   }
   const std::chrono::nanoseconds limit =
       std::max<std::chrono::nanoseconds>(settings_.stall_timeout, 4 * progress->round_trip);
-  if (now - moved_time_ < limit) return;
-  disconnect(
-      {fmt::format("stalled, nothing acknowledged for {:.1f} s", seconds(now - moved_time_))},
-      milliseconds(0));
+  if (is_stalled_ || now - moved_time_ < limit) return;
+  is_stalled_ = true;
+  spdlog::warn("link: connection to {} stalled, nothing acknowledged for {:.1f} s; trying another",
+               to_string(settings_.server), seconds(now - moved_time_));
+  if (endpoints_.empty()) return resolve();
+  connect();
+}
+
+/// Once another has said hello the server may have left this one for it: then it must be seen
+/// through, and whichever the server has left will say so.
+void Sender::moved() {
+  if (!is_stalled_ || (attempt_ && attempt_->has_said_hello())) return;
+  is_stalled_ = false;
+  resolver_.cancel();
+  attempt_timer_.cancel();
+  if (attempt_) attempt_->close();
+  attempt_.reset();
+  attempts_ = 0;
+  spdlog::info("link: connection to {} moves again", to_string(settings_.server));
 }
 
 void Sender::finish(std::function<void(bool)> done) {
@@ -211,7 +255,7 @@ void Sender::give_up_waiting() {
   const wire::Stats stats = buffer_.stats();
   spdlog::warn("link: {} frames are still undelivered after {} s", stats.waiting + stats.in_flight,
                seconds(settings_.drain_timeout));
-  if (!is_streaming_) return end(false);
+  if (!connection_) return end(false);
   buffer_.give_up_waiting();
   drain_timer_.expires_after(kByeTimeout);
   drain_timer_.async_wait([this](const error_code& error) {
@@ -221,9 +265,10 @@ void Sender::give_up_waiting() {
 }
 
 void Sender::end(bool complete) {
-  if (connection_) connection_->close();
-  connection_.reset();
-  is_streaming_ = false;
+  for (auto* open : {&attempt_, &connection_}) {
+    if (*open) (*open)->close();
+    open->reset();
+  }
   for (auto* timer : {&attempt_timer_, &tick_timer_, &drain_timer_}) timer->cancel();
   resolver_.cancel();
   buffer_.give_up();

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -25,8 +26,8 @@ struct LinkSettings {
   Address server{"127.0.0.1", 7722};
   /// One attempt, from the SYN to the welcome; must exceed the link's round trip.
   std::chrono::nanoseconds connect_timeout = std::chrono::milliseconds(500);
-  /// A connection whose kernel has sent something and seen none of it acknowledged for this long
-  /// (or four round trips, if that is longer) is replaced.
+  /// Beside a connection whose kernel has sent something and seen none of it acknowledged for this
+  /// long (or four round trips, if that is longer) another is tried.
   std::chrono::nanoseconds stall_timeout = std::chrono::seconds(1);
   /// At the end: how long to go on delivering what waits.
   std::chrono::nanoseconds drain_timeout = std::chrono::seconds(10);
@@ -34,12 +35,13 @@ struct LinkSettings {
   std::uint64_t unsent_bytes = 16U << 10;
 };
 
-/// Takes frames from the buffer to the server over one connection at a time, made anew whenever it
-/// breaks or stalls, until finish(). The next frame is chosen when the kernel has nearly nothing
-/// left to send (paper, Sec. III-E: transmission of a message begins when the last is complete).
-/// Every frame stays in the buffer's account until the server has acknowledged it; every drop
-/// record is sent until acknowledged.
-/// Thread-bound to `main`, the thread that runs the io_context.
+/// Takes frames from the buffer to the server over one connection, made anew whenever it breaks,
+/// until finish(). While it stalls others are attempted beside it; if it moves before one of them
+/// has said hello it goes on, else the first that is welcome takes its place. The next frame is
+/// chosen when the kernel has nearly nothing left to send (paper, Sec. III-E: transmission of a
+/// message begins when the last is complete). Every frame stays in the buffer's account until the
+/// server has acknowledged it; every drop record is sent until acknowledged. Thread-bound to
+/// `main`, the thread that runs the io_context.
 class Sender final : private ServerConnection::Owner {
  public:
   /// `buffer` and `drops` must outlive the sender. Nothing happens before start().
@@ -61,18 +63,22 @@ class Sender final : private ServerConnection::Owner {
   void on_ack(const wire::Position& position) override;
   void on_bye(const wire::Position& position) override;
   void on_writable() override;
-  void on_failed(const Error& error) override;
+  void on_failed(const ServerConnection& from, const Error& error) override;
 
   void resolve();
   void connect();
   void connect_again(std::chrono::nanoseconds delay);
-  void disconnect(const Error& why, std::chrono::nanoseconds retry_delay);
+  void attempt_failed(const Error& why, std::chrono::nanoseconds retry_delay);
+  void connection_lost(const Error& why);
   void write_next();
   void collect_drops();
   bool is_settled() const;
   void say_bye();
   void tick();
   void check_stall();
+  void moved();
+  bool is_wanting_attempt() const;
+  std::chrono::nanoseconds retry_delay();
   void give_up_waiting();
   void end(bool complete);
 
@@ -87,12 +93,14 @@ class Sender final : private ServerConnection::Owner {
   std::vector<boost::asio::ip::tcp::endpoint> endpoints_;
   unsigned attempts_ = 0;                         // since the last welcome
   std::string last_error_;                        // logged already
-  std::shared_ptr<ServerConnection> connection_;  // null between attempts
-  bool is_streaming_ = false;                     // welcomed
+  std::shared_ptr<ServerConnection> attempt_;     // not yet welcome; null between attempts
+  std::shared_ptr<ServerConnection> connection_;  // the one that was welcome; null without
   boost::asio::steady_timer attempt_timer_;       // the attempt's end, or the wait for the next
+  std::minstd_rand random_;                       // many robots must not come back as one
   boost::asio::steady_timer tick_timer_;
   boost::asio::steady_timer drain_timer_;
 
+  bool is_stalled_ = false;        // another connection is being tried
   std::uint64_t acked_bytes_ = 0;  // by the peer's kernel, when last seen to grow
   std::chrono::steady_clock::time_point moved_time_;  // when that was
   std::chrono::steady_clock::time_point stats_time_;  // next stats message and log line

@@ -6,6 +6,8 @@
 #include <boost/asio/write.hpp>
 #include <utility>
 
+#include "common/keep_alive.hpp"
+
 namespace orbbuf {
 namespace asio = boost::asio;
 using boost::system::error_code;
@@ -27,9 +29,11 @@ void ServerConnection::say_hello(std::uint32_t unsent_limit) {
   error_code error;
   socket_.set_option(asio::ip::tcp::no_delay(true), error);
   if (error) return fail("cannot set TCP_NODELAY", error);
+  keep_alive(socket_.native_handle());  // without it a dead server is merely noticed later
   if (!limit_unsent(socket_.native_handle(), unsent_limit)) {
     return fail(system_error("cannot set TCP_NOTSENT_LOWAT", errno));
   }
+  has_said_hello_ = true;
   asio::async_write(socket_, asio::buffer(message_),
                     [self = shared_from_this()](const error_code& failed, std::size_t) {
                       if (self->owner_ && failed) self->fail("cannot say hello", failed);
@@ -142,7 +146,7 @@ void ServerConnection::fail(const char* attempt, const error_code& error) {
 void ServerConnection::fail(const Error& error) {
   Owner* const owner = owner_;
   close();
-  owner->on_failed(error);
+  owner->on_failed(*this, error);
 }
 
 void ServerConnection::close() {

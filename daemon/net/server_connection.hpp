@@ -35,7 +35,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
     /// the next one.
     virtual void on_writable() = 0;
     /// The connection could not be made, or broke. Last call.
-    virtual void on_failed(const Error& error) = 0;
+    virtual void on_failed(const ServerConnection& from, const Error& error) = 0;
 
    protected:
     ~Owner() = default;
@@ -47,6 +47,9 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   /// Connects, keeping at most about `unsent_limit` bytes unsent in the kernel, and says `hello`.
   void open(const boost::asio::ip::tcp::endpoint& server, const wire::Hello& hello,
             std::uint32_t unsent_limit);
+
+  /// From then on the server may have given this connection the place of an older one.
+  bool has_said_hello() const { return has_said_hello_; }
 
   /// True between on_writable() and the next write. Requires it before a write.
   bool is_writable() const { return is_writable_; }
@@ -76,6 +79,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   boost::asio::ip::tcp::socket socket_;
   Owner* owner_;  // null once closed
   bool is_writable_ = false;
+  bool has_said_hello_ = false;
   bool is_welcome_ = false;
   std::vector<std::uint8_t> message_;  // being written
   FramePtr frame_;                     // being written

@@ -14,7 +14,7 @@ std::optional<TcpProgress> tcp_progress(int socket) {
   socklen_t length = sizeof info;
   if (::getsockopt(socket, IPPROTO_TCP, TCP_INFO, &info, &length) != 0) return std::nullopt;
   return TcpProgress{info.tcpi_bytes_acked, info.tcpi_unacked, info.tcpi_notsent_bytes,
-                     std::chrono::microseconds(info.tcpi_rtt)};
+                     info.tcpi_probes, std::chrono::microseconds(info.tcpi_rtt)};
 }
 
 bool limit_unsent(int socket, std::uint32_t bytes) {

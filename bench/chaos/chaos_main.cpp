@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+// Two real robots and a real server on a link that is cut, slowed and reset while all of them are
+// killed, paused and restarted, by a seeded plan; then the account of every frame.
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <cstdio>
+#include <exception>
+#include <fstream>
+#include <thread>
+
+#include "bench/chaos/check.hpp"
+#include "bench/chaos/plan.hpp"
+#include "bench/chaos/stage.hpp"
+
+namespace {
+
+using orbbuf::chaos::Stage;
+using orbbuf::chaos::Step;
+using orbbuf::chaos::Verdict;
+namespace fs = std::filesystem;
+
+constexpr int kSkipped = 77;
+
+struct Options {
+  orbbuf::chaos::PlanSettings plan;
+  orbbuf::chaos::Programs programs;
+  fs::path work;
+  fs::path traces;
+  std::string control = "both";
+};
+
+Options parse(int argc, char** argv) {
+  Options options;
+  CLI::App app("Chaos on the link, and the account of every frame");
+  app.add_option("--robot", options.programs.robot, "orbbufd")->required();
+  app.add_option("--server", options.programs.server, "orbbuf-server")->required();
+  app.add_option("--work", options.work, "an empty folder for all that is written")->required();
+  app.add_option("--traces", options.traces, "recorded rates; else random ones");
+  app.add_option("--seed", options.plan.seed);
+  app.add_option("--events", options.plan.events)->check(CLI::Range(1, 1'000'000));
+  app.add_option("--longest-outage", options.plan.longest_outage_s, "in seconds");
+  app.add_flag("--long", options.plan.has_minute_outages, "outages of 60 s among them");
+  app.add_option("--control", options.control)->check(CLI::IsMember({"both", "cubic", "bbr"}));
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    std::exit(app.exit(error));
+  }
+  return options;
+}
+
+void play(Stage& stage, const std::vector<Step>& plan, std::ostream& log) {
+  const auto begin = std::chrono::steady_clock::now();
+  for (const Step& step : plan) {
+    std::this_thread::sleep_until(begin + std::chrono::duration_cast<std::chrono::nanoseconds>(
+                                              std::chrono::duration<double>(step.at_s)));
+    const std::chrono::duration<double> now = std::chrono::steady_clock::now() - begin;
+    log << step.text() << "  at " << now.count() << std::endl;
+    stage.apply(step);
+  }
+}
+
+void report(const Verdict& verdict, const Options& options, std::size_t sessions) {
+  for (const std::string& problem : verdict.problems) std::printf("%s\n", problem.c_str());
+  const auto result = [](const char* name, std::uint64_t value) {
+    std::printf("RESULT chaos.%s %llu\n", name, static_cast<unsigned long long>(value));
+  };
+  result("seed", options.plan.seed);
+  result("events", static_cast<std::uint64_t>(options.plan.events));
+  result("sessions", sessions);
+  result("captured", verdict.captured);
+  result("delivered", verdict.delivered);
+  result("dropped", verdict.dropped);
+  result("died_with_robot", verdict.died_with_robot);
+  result("lost", verdict.lost);
+  result("repeated", verdict.repeated);
+  result("unexplained", verdict.unexplained);
+}
+
+int run(Options options) {
+  std::string why;
+  const std::vector<std::string> wanted = options.control == "both"
+                                              ? std::vector<std::string>{"cubic", "bbr"}
+                                              : std::vector<std::string>{options.control};
+  const std::vector<std::string> controls = Stage::available(wanted, why);
+  if (controls.size() < wanted.size()) std::fprintf(stderr, "chaos: skipped: %s\n", why.c_str());
+  if (controls.empty()) return kSkipped;
+  options.plan.robots = controls.size();
+  options.plan.rates = orbbuf::chaos::read_rates(options.traces);
+  const std::vector<Step> plan = orbbuf::chaos::make_plan(options.plan);
+  std::printf("chaos: seed %llu, %d events in %.0f s, %s; a robot under each of:",
+              static_cast<unsigned long long>(options.plan.seed), options.plan.events,
+              plan.back().at_s, options.plan.rates.empty() ? "random rates" : "recorded rates");
+  for (const std::string& control : controls) std::printf(" %s", control.c_str());
+  std::printf("\n");
+  std::fflush(stdout);
+
+  Stage stage(options.programs, options.work, controls);
+  std::ofstream log(options.work / "events.txt");
+  stage.begin();
+  play(stage, plan, log);
+  stage.end();
+  const Verdict verdict = orbbuf::chaos::check(stage.sessions(), stage.source());
+  report(verdict, options, stage.sessions().size());
+  return verdict.problems.empty() ? EXIT_SUCCESS : EXIT_FAILURE;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return run(parse(argc, argv));
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "chaos: %s\n", error.what());
+    return EXIT_FAILURE;
+  }
+}

@@ -1,0 +1,224 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bench/chaos/check.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <set>
+#include <sstream>
+
+namespace orbbuf::chaos {
+namespace {
+
+namespace fs = std::filesystem;
+using Frame = std::uint64_t;
+
+std::string read(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+std::vector<std::string> lines(const fs::path& file) {
+  std::vector<std::string> all;
+  std::istringstream in(read(file));
+  for (std::string line; std::getline(in, line);) all.push_back(line);
+  return all;
+}
+
+std::vector<fs::path> sorted_files(const fs::path& folder) {
+  std::vector<fs::path> files;
+  std::error_code absent;
+  for (const auto& entry : fs::directory_iterator(folder, absent)) files.push_back(entry.path());
+  std::ranges::sort(files);
+  return files;
+}
+
+/// The records of a drops file, whole lines, without the head.
+std::vector<std::string> drop_lines(const fs::path& file) {
+  std::vector<std::string> all = lines(file);
+  if (!all.empty()) all.erase(all.begin());
+  return all;
+}
+
+/// The seven counts of a robot's account, as a stats line or the closing line has them.
+struct Account {
+  std::uint64_t captured = 0, skipped = 0, failed = 0, dropped = 0, acknowledged = 0, waiting = 0,
+                in_flight = 0;
+  bool is_closing = false;
+
+  bool adds_up() const {
+    return captured == skipped + failed + dropped + acknowledged + waiting + in_flight;
+  }
+};
+
+/// From a line that has one: "captured 9 skipped 0 ..." or "captured 9 = skipped 0 + ...".
+bool parse(const std::string& line, Account& account) {
+  const std::size_t begin = line.find("] captured ");
+  const std::size_t closing = line.find("session ended: captured ");
+  account.is_closing = closing != std::string::npos;
+  if (begin == std::string::npos && !account.is_closing) return false;
+  std::string words = line.substr(account.is_closing ? closing + 15 : begin + 2);
+  std::ranges::replace_if(
+      words, [](char c) { return c == '=' || c == '+'; }, ' ');
+  return std::sscanf(words.c_str(),
+                     "captured %lu skipped %lu failed %lu dropped %lu acknowledged %lu waiting %lu "
+                     "in flight %lu",
+                     &account.captured, &account.skipped, &account.failed, &account.dropped,
+                     &account.acknowledged, &account.waiting, &account.in_flight) == 7;
+}
+
+/// One session's check; each question is a function.
+class Judge {
+ public:
+  Judge(const Session& session, const std::vector<std::string>& source, Verdict& verdict)
+      : session_(session), source_(source), verdict_(verdict) {}
+
+  void judge() {
+    read_log();
+    read_delivered();
+    read_dropped();
+    compare_images();
+    compare_drop_logs();
+    session_.was_killed ? judge_killed() : judge_ended();
+    verdict_.captured += captured_;
+    verdict_.delivered += delivered_.size();
+    verdict_.dropped += dropped_.size();
+  }
+
+ private:
+  void problem(std::uint64_t& count, const std::string& text) {
+    ++count;
+    verdict_.problems.push_back(session_.name + ": " + text);
+  }
+
+  void read_log() {
+    for (const std::string& line : lines(session_.log)) {
+      Account account;
+      if (!parse(line, account)) continue;
+      if (!account.adds_up()) problem(verdict_.unexplained, "does not add up: " + line);
+      if (account.captured < last_.captured || account.acknowledged < last_.acknowledged) {
+        problem(verdict_.unexplained, "counts backwards: " + line);
+      }
+      last_ = account;
+    }
+    captured_ = last_.captured;
+  }
+
+  void read_delivered() {
+    for (const std::string& line : lines(session_.files / "times.txt")) {
+      const Frame frame = std::stoull(line);
+      if (!delivered_.empty() && frame < *delivered_.rbegin()) {
+        problem(verdict_.unexplained, "out of order in times.txt: " + line);
+      }
+      if (!delivered_.insert(frame).second) problem(verdict_.repeated, "delivered again: " + line);
+    }
+  }
+
+  void read_dropped() {
+    for (const std::string& line : drop_lines(session_.files / "drops.csv")) {
+      const Frame frame = std::stoull(line);
+      if (!dropped_.insert(frame).second) problem(verdict_.repeated, "dropped again: " + line);
+      if (delivered_.contains(frame)) problem(verdict_.repeated, "delivered, dropped: " + line);
+    }
+  }
+
+  /// images/ has what times.txt has, byte for byte as it was filmed.
+  void compare_images() {
+    std::set<Frame> images;
+    for (const fs::path& file : sorted_files(session_.files / "images")) {
+      const Frame frame = std::stoull(file.filename().string());
+      images.insert(frame);
+      if (read(file) != source_[frame % source_.size()]) {
+        problem(verdict_.unexplained, "not what was filmed: " + file.filename().string());
+      }
+      if (delivered_.contains(frame)) continue;
+      // Robot and server killed in one: nobody came back to finish or remove the very last.
+      const bool is_unfinished = session_.was_killed && frame == *images.rbegin() &&
+                                 (delivered_.empty() || frame > *delivered_.rbegin());
+      if (!is_unfinished || unfinished_++ > 0) {
+        problem(verdict_.unexplained, "an image without a line: " + file.filename().string());
+      }
+    }
+    for (const Frame frame : delivered_) {
+      if (!images.contains(frame)) {
+        problem(verdict_.unexplained, "a line without an image: " + std::to_string(frame));
+      }
+    }
+  }
+
+  /// The server's record is the robot's own, or the beginning of it if the robot died.
+  void compare_drop_logs() {
+    const std::vector<std::string> ours = drop_lines(session_.files / "drops.csv");
+    const std::vector<std::string> robots = drop_lines(session_.drop_log);
+    const bool is_prefix =
+        ours.size() <= robots.size() && std::equal(ours.begin(), ours.end(), robots.begin());
+    if (!is_prefix || (!session_.was_killed && ours.size() != robots.size())) {
+      problem(verdict_.unexplained, "the drop records of robot and server differ");
+    }
+    for (const std::string& line : robots) robots_drops_.insert(std::stoull(line));
+  }
+
+  bool is_recorded(Frame frame) const {
+    return delivered_.contains(frame) || dropped_.contains(frame);
+  }
+
+  void judge_ended() {
+    if (!last_.is_closing) problem(verdict_.unexplained, "no closing account");
+    for (Frame frame = 0; frame < captured_; ++frame) {
+      if (!is_recorded(frame)) problem(verdict_.lost, "frame " + std::to_string(frame));
+    }
+    if (frames_seen() > captured_) problem(verdict_.unexplained, "frames that were never captured");
+    if (last_.acknowledged != delivered_.size() || last_.waiting != 0 || last_.in_flight != 0 ||
+        last_.skipped + last_.failed + last_.dropped != dropped_.size()) {
+      problem(verdict_.unexplained, "the closing account is not the server's record");
+    }
+  }
+
+  /// Frames reach the server in order: whatever is older than the last one delivered must be in the
+  /// drop record, at least in the robot's own, which it writes before it sends.
+  void judge_killed() {
+    captured_ = std::max(captured_, frames_seen());
+    const Frame reach = delivered_.empty() ? 0 : *delivered_.rbegin() + 1;
+    for (Frame frame = 0; frame < captured_; ++frame) {
+      if (is_recorded(frame)) continue;
+      if (frame < reach && !robots_drops_.contains(frame)) {
+        problem(verdict_.lost, "frame " + std::to_string(frame));
+      } else {
+        ++verdict_.died_with_robot;
+      }
+    }
+  }
+
+  Frame frames_seen() const {
+    Frame seen = 0;
+    for (const auto* frames : {&delivered_, &dropped_, &robots_drops_}) {
+      if (!frames->empty()) seen = std::max(seen, *frames->rbegin() + 1);
+    }
+    return seen;
+  }
+
+  const Session& session_;
+  const std::vector<std::string>& source_;
+  Verdict& verdict_;
+  Account last_;
+  Frame captured_ = 0;
+  std::set<Frame> delivered_;
+  std::set<Frame> dropped_;
+  std::set<Frame> robots_drops_;
+  int unfinished_ = 0;
+};
+
+}  // namespace
+
+Verdict check(const std::vector<Session>& sessions, const fs::path& source) {
+  std::vector<std::string> filmed;
+  for (const fs::path& file : sorted_files(source)) filmed.push_back(read(file));
+  Verdict verdict;
+  for (const Session& session : sessions) Judge(session, filmed, verdict).judge();
+  return verdict;
+}
+
+}  // namespace orbbuf::chaos

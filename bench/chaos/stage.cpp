@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bench/chaos/stage.hpp"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <array>
+#include <csignal>
+#include <fstream>
+#include <stdexcept>
+#include <utility>
+
+namespace orbbuf::chaos {
+namespace {
+
+namespace fs = std::filesystem;
+using test::Process;
+using Words = std::vector<std::string>;
+
+constexpr const char* kNetwork = "10.77.0.";
+constexpr std::chrono::seconds kPatience{120};
+constexpr int kKilled = 128 + SIGKILL;
+constexpr const char* kCalmMbit = "20mbit";
+
+Words operator+(Words words, const Words& more) {
+  words.insert(words.end(), more.begin(), more.end());
+  return words;
+}
+
+void must(const Words& command) {
+  const test::Finished done = test::run(command);
+  if (done.status == 0) return;
+  throw std::runtime_error(fmt::format("{}: {}", fmt::join(command, " "), done.output));
+}
+
+void save(const fs::path& file, const std::string& text) { std::ofstream(file) << text; }
+
+std::string after(const std::string& line, const std::string& words) {
+  return line.substr(line.find(words) + words.size());
+}
+
+Words shape(const std::string& rate) {
+  return {"tc",   "qdisc", "replace", "dev",  "wire",    "root", "tbf",
+          "rate", rate,    "burst",   "32kb", "latency", "100ms"};
+}
+
+Words congestion_route(const std::string& address, const std::string& control) {
+  return {"ip", "route", "replace", address + "/32", "dev", "wire", "congctl", control};
+}
+
+}  // namespace
+
+std::vector<std::string> Stage::available(const Words& wanted, std::string& why) {
+  const test::Namespaces hosts;
+  why = hosts.why();
+  Words found;
+  for (const std::string& control : wanted) {
+    if (!hosts.exist()) break;
+    const auto tried = test::run(hosts.on_robot() + congestion_route("10.77.0.9", control));
+    if (tried.status == 0) {
+      found.push_back(control);
+    } else {
+      why = "no congestion control " + control + " here: " + tried.output;
+    }
+  }
+  return found;
+}
+
+Stage::Stage(Programs programs, fs::path work, const Words& controls)
+    : programs_(std::move(programs)), work_(std::move(work)) {
+  if (!hosts_.exist()) throw std::runtime_error(hosts_.why());
+  fs::create_directories(work_);
+  make_source();
+  for (std::size_t i = 0; i < controls.size(); ++i) {
+    const std::string address = kNetwork + std::to_string(i + 2);
+    if (i > 0) on_server({"ip", "addr", "add", address + "/24", "dev", "wire"});
+    on_robot(congestion_route(address, controls[i]));
+    robots_.push_back({"robot-" + controls[i], address, nullptr, 0});
+  }
+  on_robot(shape(kCalmMbit));
+}
+
+/// Films once what all robots will replay: JPEGs, so that they arrive byte for byte.
+void Stage::make_source() {
+  Process server({programs_.server.string(), "--set", "listen.address=127.0.0.1:0", "--set",
+                  "files.path=" + (work_ / "filmed").string()});
+  const auto line = server.wait_for_line("listening on ");
+  if (!line) throw std::runtime_error("no server: " + server.output());
+  must({programs_.robot.string(), "--set", "robot.id=r", "--set",
+        "link.server=" + after(*line, "listening on "), "--set", "source.frames=241", "--set",
+        "source.realtime=false", "--set", "source.width=320", "--set", "source.height=240"});
+  const fs::path session = *fs::directory_iterator(work_ / "filmed" / "r");
+  fs::rename(session / "images", source());
+  fs::remove_all(work_ / "filmed");
+}
+
+void Stage::on_robot(const Words& command) const { must(hosts_.on_robot() + command); }
+void Stage::on_server(const Words& command) const { must(hosts_.on_server() + command); }
+
+void Stage::begin() {
+  start_server();
+  for (Robot& robot : robots_) start_robot(robot);
+}
+
+void Stage::start_server() {
+  server_ = std::make_unique<Process>(hosts_.on_server() +
+                                      Words{programs_.server.string(), "--set",
+                                            "listen.address=0.0.0.0:" + port_, "--set",
+                                            "files.path=" + (work_ / "out").string()});
+  const auto line = server_->wait_for_line("listening on ");
+  if (!line) throw std::runtime_error("no server: " + server_->output());
+  port_ = line->substr(line->rfind(':') + 1);
+}
+
+void Stage::start_robot(Robot& robot) {
+  static constexpr std::array kPolicies{"orbbuf", "uniform", "drop-oldest", "drop-youngest",
+                                        "random"};
+  static constexpr std::array kCapacities{25, 3, 60, 10};
+  const std::size_t n = sessions_.size();
+  Session session;
+  session.log = work_ / fmt::format("robot-{}.log", n);
+  session.drop_log = work_ / fmt::format("drops-{}.csv", n);
+  Words command = hosts_.on_robot() + Words{programs_.robot.string()};
+  for (const std::string& setting :
+       {"robot.id=" + robot.id, "link.server=" + robot.address + ":" + port_,
+        std::string("link.drain_timeout=1 min"), std::string("source.kind=folder"),
+        "source.path=" + source().string(), std::string("source.fps=40"),
+        std::string("source.loop=true"),
+        std::string("buffer.policy=") + kPolicies.at(n % kPolicies.size()),
+        fmt::format("buffer.capacity={}", kCapacities.at(n % kCapacities.size())),
+        "buffer.drop_log=" + session.drop_log.string()}) {
+    command.insert(command.end(), {"--set", setting});
+  }
+  robot.process = std::make_unique<Process>(command);
+  const auto line = robot.process->wait_for_line(", session ");
+  if (!line) throw std::runtime_error("no robot: " + robot.process->output());
+  const std::string id = after(*line, ", session ");
+  session.name = robot.id + " " + id.substr(0, id.find(','));
+  session.files = work_ / "out" / robot.id / id.substr(0, id.find(','));
+  robot.session = n;
+  sessions_.push_back(session);
+}
+
+void Stage::bury_robot(Robot& robot, bool was_killed) {
+  Session& session = sessions_.at(robot.session);
+  session.was_killed = was_killed;
+  save(session.log, robot.process->output());
+  robot.process.reset();
+}
+
+void Stage::stop_server(int signal) {
+  server_->signal(signal);
+  const int status = server_->wait(kPatience);
+  save(work_ / fmt::format("server-{}.log", servers_++), server_->output());
+  server_.reset();
+  if (status == (signal == SIGKILL ? kKilled : 0)) return;
+  throw std::runtime_error(fmt::format("the server ended with status {}", status));
+}
+
+void Stage::apply(const Step& step) {
+  switch (step.action) {
+    case Action::kRate:
+      return on_robot(shape(fmt::format("{:.0f}kbit", step.value * 1000)));
+    case Action::kCut:
+      return hosts_.cut_link();
+    case Action::kMend:
+      return hosts_.mend_link();
+    case Action::kReset:
+      return on_server({"nft",
+                        "add table inet resets; add chain inet resets in { type filter hook input "
+                        "priority 0; }; add rule inet resets in meta l4proto tcp reject with tcp "
+                        "reset"});
+    case Action::kEndReset:
+      return on_server({"nft", "delete table inet resets"});
+    case Action::kKillServer:
+    case Action::kEndServer:
+      return stop_server(step.action == Action::kKillServer ? SIGKILL : SIGTERM);
+    case Action::kStartServer:
+      return start_server();
+    case Action::kPauseServer:
+      return server_->signal(SIGSTOP);
+    case Action::kResumeServer:
+      return server_->signal(SIGCONT);
+    case Action::kKillRobot: {
+      Robot& robot = robots_.at(static_cast<std::size_t>(step.value));
+      robot.process->signal(SIGKILL);
+      const int status = robot.process->wait(kPatience);
+      bury_robot(robot, true);
+      if (status != kKilled) throw std::runtime_error(robot.id + " had ended on its own");
+      return start_robot(robot);
+    }
+  }
+}
+
+void Stage::end() {
+  on_robot(shape(kCalmMbit));
+  std::string failed;
+  for (const Robot& robot : robots_) robot.process->signal(SIGTERM);
+  for (Robot& robot : robots_) {
+    if (robot.process->wait(kPatience) != 0) failed += robot.id + " ended badly; ";
+    bury_robot(robot, false);
+  }
+  stop_server(SIGTERM);
+  if (!failed.empty()) throw std::runtime_error(failed + "logs in " + work_.string());
+}
+
+}  // namespace orbbuf::chaos

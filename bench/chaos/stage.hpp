@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "bench/chaos/check.hpp"
+#include "bench/chaos/plan.hpp"
+#include "tests/support/namespaces.hpp"
+#include "tests/support/process.hpp"
+
+namespace orbbuf::chaos {
+
+/// Where the real programs are.
+struct Programs {
+  std::filesystem::path robot;
+  std::filesystem::path server;
+};
+
+/// A server and a robot for each congestion control, in two network namespaces, and all that can
+/// happen to them. What they leave behind lies in `work`.
+class Stage {
+ public:
+  /// Throws std::runtime_error if it cannot be set.
+  Stage(Programs programs, std::filesystem::path work, const std::vector<std::string>& controls);
+
+  /// The congestion controls of `wanted` that this kernel has for connections of network
+  /// namespaces; empty without namespaces, `why` then says what failed.
+  static std::vector<std::string> available(const std::vector<std::string>& wanted,
+                                            std::string& why);
+
+  /// Server and robots, each robot with a policy and a capacity of its own.
+  void begin();
+  void apply(const Step& step);
+  /// All robots and the server end in peace; throws std::runtime_error if one does not.
+  void end();
+
+  const std::vector<Session>& sessions() const { return sessions_; }
+  std::filesystem::path source() const { return work_ / "source"; }
+
+ private:
+  struct Robot {
+    std::string id;
+    std::string address;
+    std::unique_ptr<test::Process> process;
+    std::size_t session;  ///< in sessions_
+  };
+
+  void make_source();
+  void route(const std::string& address, const std::string& control);
+  void on_robot(const std::vector<std::string>& command) const;
+  void on_server(const std::vector<std::string>& command) const;
+  void start_server();
+  void start_robot(Robot& robot);
+  /// It has ended, or is killed: keeps what it printed, and names its session.
+  void bury_robot(Robot& robot, bool was_killed);
+  void stop_server(int signal);
+
+  const Programs programs_;
+  const std::filesystem::path work_;
+  test::Namespaces hosts_;
+  std::string port_ = "0";
+  std::unique_ptr<test::Process> server_;
+  std::vector<Robot> robots_;
+  std::vector<Session> sessions_;
+  int servers_ = 0;
+};
+
+}  // namespace orbbuf::chaos

@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the bench of the link measures with, and against:
+//   send ADDRESS PORT BYTES FPS   a camera over one plain, blocking TCP connection
+//   receive ADDRESS PORT          its other end: a line for each whole frame, TIME BYTES
+//   watch FOLDER                  the same line for each file that is renamed into FOLDER
+// TIME is in seconds of the system's clock. Each runs until it is killed.
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <sys/inotify.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <stdexcept>
+#include <string>
+#include <system_error>
+#include <thread>
+#include <vector>
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+/// `result` of a system call, or an exception that says what was tried.
+int check(int result, const std::string& attempt) {
+  if (result < 0) throw std::system_error(errno, std::generic_category(), attempt);
+  return result;
+}
+
+void print_frame(std::size_t bytes) {
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  const auto microseconds = std::chrono::duration_cast<std::chrono::microseconds>(now).count();
+  constexpr long long kPerSecond = 1'000'000;
+  const auto count = static_cast<long long>(microseconds);
+  std::printf("%lld.%06lld %zu\n", count / kPerSecond, count % kPerSecond, bytes);
+  std::fflush(stdout);
+}
+
+sockaddr_in endpoint(const std::string& address, const std::string& port) {
+  sockaddr_in result{};
+  result.sin_family = AF_INET;
+  result.sin_port = htons(static_cast<std::uint16_t>(std::stoul(port)));
+  if (::inet_pton(AF_INET, address.c_str(), &result.sin_addr) != 1) {
+    throw std::runtime_error("not an IPv4 address: " + address);
+  }
+  return result;
+}
+
+/// All of them, or an exception.
+void send_all(int socket, const std::vector<std::uint8_t>& bytes) {
+  for (std::size_t sent = 0; sent < bytes.size();) {
+    const auto count = ::send(socket, bytes.data() + sent, bytes.size() - sent, MSG_NOSIGNAL);
+    sent += static_cast<std::size_t>(check(static_cast<int>(count), "send"));
+  }
+}
+
+/// A frame is its length, 4 bytes, and that many bytes. Whatever the camera has filmed while send()
+/// blocked is lost: nothing is queued but by the kernel.
+void send(const std::string& address, const std::string& port, std::size_t bytes, double fps) {
+  const sockaddr_in server = endpoint(address, port);
+  const int socket = check(::socket(AF_INET, SOCK_STREAM, 0), "socket");
+  check(::connect(socket, reinterpret_cast<const sockaddr*>(&server), sizeof server), "connect");
+  std::vector<std::uint8_t> frame(sizeof(std::uint32_t) + bytes, 'x');
+  const std::uint32_t length = htonl(static_cast<std::uint32_t>(bytes));
+  std::memcpy(frame.data(), &length, sizeof length);
+  const auto interval =
+      std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1 / fps));
+  for (auto due = Clock::now();; due += interval) {
+    while (due + interval < Clock::now()) due += interval;
+    std::this_thread::sleep_until(due);
+    send_all(socket, frame);
+  }
+}
+
+/// False at the end of the stream.
+bool receive_all(int socket, std::uint8_t* to, std::size_t size) {
+  const auto count = ::recv(socket, to, size, MSG_WAITALL);
+  return static_cast<std::size_t>(check(static_cast<int>(count), "receive")) == size;
+}
+
+void receive(const std::string& address, const std::string& port) {
+  const sockaddr_in self = endpoint(address, port);
+  const int listener = check(::socket(AF_INET, SOCK_STREAM, 0), "socket");
+  check(::bind(listener, reinterpret_cast<const sockaddr*>(&self), sizeof self), "bind");
+  check(::listen(listener, 1), "listen");
+  const int socket = check(::accept(listener, nullptr, nullptr), "accept");
+  std::vector<std::uint8_t> frame;
+  for (std::array<std::uint8_t, sizeof(std::uint32_t)> head{};
+       receive_all(socket, head.data(), head.size());) {
+    std::uint32_t length = 0;
+    std::memcpy(&length, head.data(), sizeof length);
+    frame.resize(ntohl(length));
+    if (!receive_all(socket, frame.data(), frame.size())) return;
+    print_frame(frame.size());
+  }
+}
+
+void print_file(const std::string& file) {
+  struct stat status {};
+  if (::stat(file.c_str(), &status) == 0) print_frame(static_cast<std::size_t>(status.st_size));
+}
+
+void watch(const std::string& folder) {
+  const int notify = check(::inotify_init1(IN_CLOEXEC), "inotify_init1");
+  check(::inotify_add_watch(notify, folder.c_str(), IN_MOVED_TO), "watch " + folder);
+  constexpr std::size_t kRoom = 65536;
+  for (alignas(inotify_event) std::array<char, kRoom> events{};;) {
+    const auto count =
+        check(static_cast<int>(::read(notify, events.data(), events.size())), "read events");
+    for (int at = 0; at < count;) {
+      const auto* event = reinterpret_cast<const inotify_event*>(events.data() + at);
+      print_file(folder + "/" + event->name);
+      at += static_cast<int>(sizeof(inotify_event) + event->len);
+    }
+  }
+}
+
+int run(const std::vector<std::string>& words) {
+  if (words.size() == 5 && words[0] == "send") {
+    send(words[1], words[2], std::stoul(words[3]), std::stod(words[4]));
+  } else if (words.size() == 3 && words[0] == "receive") {
+    receive(words[1], words[2]);
+  } else if (words.size() == 2 && words[0] == "watch") {
+    watch(words[1]);
+  } else {
+    std::fputs(
+        "usage: orbbuf-link-peer send ADDRESS PORT BYTES FPS | receive ADDRESS PORT | "
+        "watch FOLDER\n",
+        stderr);
+    return 2;
+  }
+  return EXIT_SUCCESS;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return run({argv + 1, argv + argc});
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "orbbuf-link-peer: %s\n", error.what());
+    return EXIT_FAILURE;
+  }
+}

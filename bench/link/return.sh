@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+# shellcheck shell=bash
+# To be sourced after rig.sh: how long after the link's return the first frame is at the server, for
+# orbbufd under each congestion control and for its rivals, all through the same outages.
+FPS=25
+IMAGE_BYTES=12288 # of a rival's frame; ours have that on average
+
+flows=()
+
+start_rivals() {
+  start plain "${on_server[@]}" "$build/bench/orbbuf-link-peer" receive "$ADDRESS_cubic" 5001
+  sleep 0.2
+  start plain-send "${on_robot[@]}" "$build/bench/orbbuf-link-peer" send "$ADDRESS_cubic" 5001 \
+    $IMAGE_BYTES $FPS
+  flows+=(plain)
+  if ! command -v rosmaster >/dev/null || [ ! -x "$build/bench/orbbuf-ros-peer" ]; then
+    say 'bench link: skipped: roscpp (Debian: libroscpp-dev libsensor-msgs-dev python3-rosmaster)'
+    return
+  fi
+  local ros=(env "ROS_MASTER_URI=http://$ADDRESS_cubic:11311" "ROS_LOG_DIR=$work/ros"
+    "ROS_HOME=$work/ros")
+  start rosmaster "${on_server[@]}" "${ros[@]}" "ROS_IP=$ADDRESS_cubic" rosmaster --core -p 11311
+  sleep 2
+  start roscpp "${on_server[@]}" "${ros[@]}" "ROS_IP=$ADDRESS_cubic" \
+    "$build/bench/orbbuf-ros-peer" receive
+  start roscpp-send "${on_robot[@]}" "${ros[@]}" ROS_IP=10.77.0.1 \
+    "$build/bench/orbbuf-ros-peer" send $IMAGE_BYTES $FPS
+  flows+=(roscpp)
+}
+
+# first_after FLOW TIME: when the first frame came after TIME; nothing if none has yet.
+first_after() { awk -v t="$2" '$1 > t { print $1; exit }' <(tail -n 4000 "$work/$1.out"); }
+
+# One outage; a line OUTAGE FLOW SECONDS for each flow goes to $work/returns.
+outage() { # SECONDS
+  local returned flow first limit=$(($1 * 2 + 30))
+  cut_link
+  sleep "$1"
+  returned=$EPOCHREALTIME # before the command that mends it: never to our advantage
+  mend_link
+  for flow in "${flows[@]}"; do
+    SECONDS=0
+    until first=$(first_after "$flow" "$returned") && [ -n "$first" ]; do
+      [ $SECONDS -lt $limit ] || { say "bench link: $flow never came back" && exit 1; }
+      sleep 0.05
+    done
+    awk -v o="$1" -v f="$flow" -v a="$returned" -v b="$first" \
+      'BEGIN { printf "%s %s %.3f\n", o, f, b - a }' | tee -a "$work/returns" |
+      awk '{ printf "  outage %2d s  %-8s first frame %6.3f s after the return\n", $1, $2, $3 }'
+  done
+  # Back to normal, and on to any moment of any timer.
+  sleep "$(awk -v r="$RANDOM" 'BEGIN { printf "%.3f", 2 + r / 32768 }')"
+}
+
+# of_returns OUTAGE FLOW: median and worst.
+of_returns() {
+  awk -v o="$1" -v f="$2" '$1 == o && $2 == f { print $3 }' "$work/returns" | sort -n |
+    awk '{ v[NR] = $1 } END { printf "%.3f %.3f\n", (v[int((NR + 1) / 2)] + v[int(NR / 2) + 1]) / 2, v[NR] }'
+}
+
+returns() { # OUTAGE:REPEATS...
+  local control address plan repeat median worst flow name
+  make_images "$work/small" 250 320 240
+  shape 20
+  for control in "${controls[@]}"; do
+    address=ADDRESS_$control
+    start_stream "orbbufd-$control" "${!address}" "$work/small" $FPS
+    flows+=("orbbufd-$control")
+  done
+  start_rivals
+  sleep 3
+  for flow in "${flows[@]}"; do
+    [ -s "$work/$flow.out" ] || { say "bench link: nothing arrives of $flow" && exit 1; }
+  done
+  for plan in "$@"; do
+    for ((repeat = 0; repeat < ${plan#*:}; ++repeat)); do outage "${plan%:*}"; done
+  done
+  stop_from 0
+  for plan in "$@"; do
+    for flow in "${flows[@]}"; do
+      read -r median worst < <(of_returns "${plan%:*}" "$flow")
+      name=link.$flow
+      [ "$flow" = plain ] && name=link.plain_tcp
+      [ "$flow" = orbbufd-cubic ] && name="link"
+      [ "$flow" = orbbufd-bbr ] && name=link.bbr
+      results+=("RESULT $name.return_median_s.${plan%:*} $median"
+        "RESULT $name.return_worst_s.${plan%:*} $worst")
+    done
+  done
+}

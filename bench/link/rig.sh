@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+# shellcheck shell=bash
+# To be sourced: two hosts, each a network namespace, with a cable between them whose rate is shaped at
+# the robot and whose packets are lost at the server. The server host has an address for each
+# congestion control: what the robot sends to it is under that one. Wants `build`, makes `work`.
+ADDRESS_cubic=10.77.0.2
+ADDRESS_bbr=10.77.0.3
+
+robot_ns=orbbuf-robot-$$
+server_ns=orbbuf-server-$$
+on_robot=(ip netns exec "$robot_ns")
+on_server=(ip netns exec "$server_ns")
+pids=()
+work=
+
+say() { printf '%s\n' "$*" >&2; }
+
+rig_down() {
+  local pid
+  for pid in "${pids[@]}"; do kill "$pid" 2>/dev/null || true; done
+  [ ${#pids[@]} -eq 0 ] || wait "${pids[@]}" 2>/dev/null || true
+  ip netns del "$robot_ns" 2>/dev/null || true
+  ip netns del "$server_ns" 2>/dev/null || true
+  [ -z "$work" ] || rm -rf "$work"
+}
+
+rig_up() {
+  trap rig_down EXIT
+  work=$(mktemp -d "${TMPDIR:-/tmp}/orbbuf-link.XXXXXX")
+  {
+    ip netns add "$robot_ns" && ip netns add "$server_ns" &&
+      ip -n "$robot_ns" link add wire type veth peer name wire netns "$server_ns" &&
+      ip -n "$robot_ns" addr add 10.77.0.1/24 dev wire &&
+      ip -n "$server_ns" addr add "$ADDRESS_cubic/24" dev wire &&
+      ip -n "$server_ns" addr add "$ADDRESS_bbr/24" dev wire &&
+      ip -n "$robot_ns" link set lo up && ip -n "$server_ns" link set lo up &&
+      ip -n "$robot_ns" link set wire up && ip -n "$server_ns" link set wire up &&
+      "${on_server[@]}" nft list ruleset
+  } >/dev/null 2>"$work/rig.log" ||
+    { say "bench: no network namespaces here (not root?): $(cat "$work/rig.log")" && exit 77; }
+  controls=()
+  local control address
+  for control in cubic bbr; do
+    address=ADDRESS_$control
+    if ip -n "$robot_ns" route add "${!address}/32" dev wire congctl "$control" 2>/dev/null; then
+      controls+=("$control")
+    else
+      say "bench: skipped: congestion control $control, which this kernel does not have"
+    fi
+  done
+}
+
+# shape MBIT: what the robot can send from now on; up to 100 ms wait in the link itself.
+shape() {
+  tc -n "$robot_ns" qdisc replace dev wire root tbf rate "$1mbit" burst 32kb latency 100ms
+}
+
+cut_link() {
+  "${on_server[@]}" nft \
+    'add table inet cut; add chain inet cut in { type filter hook input priority 0; policy drop; }'
+}
+mend_link() { "${on_server[@]}" nft delete table inet cut; }
+
+# start NAME COMMAND...: in the background, its output in $work/NAME.out, its words in $work/NAME.err.
+start() {
+  local name=$1
+  shift
+  : >"$work/$name.out" # what an earlier one of this name has said
+  : >"$work/$name.err"
+  "$@" >"$work/$name.out" 2>"$work/$name.err" &
+  pids+=($!)
+}
+
+# wait_for NAME PATTERN: until NAME has said so.
+wait_for() {
+  local tries=0
+  until grep -q "$2" "$work/$1.out" "$work/$1.err" 2>/dev/null; do
+    [ $((tries++)) -lt 200 ] || { say "bench: $1 never said \"$2\":" && cat "$work/$1.err" >&2 && exit 1; }
+    sleep 0.05
+  done
+}
+
+# Stops what was started since `pids` had FIRST entries.
+stop_from() { # FIRST
+  local stopped=("${pids[@]:$1}")
+  pids=("${pids[@]:0:$1}")
+  [ ${#stopped[@]} -eq 0 ] || kill "${stopped[@]}" 2>/dev/null || true
+  wait "${stopped[@]}" 2>/dev/null || true
+}
+
+# make_images FOLDER COUNT WIDTH HEIGHT: COUNT generated JPEGs, to be replayed as a camera's.
+make_images() {
+  local first=${#pids[@]} port
+  start images-server "${on_server[@]}" "$build/server/orbbuf-server" \
+    --set listen.address=127.0.0.1:0 --set "files.path=$work/made"
+  wait_for images-server 'listening on'
+  port=$(grep -o 'listening on .*' "$work/images-server.err" | grep -o '[0-9]*$')
+  "${on_server[@]}" "$build/daemon/orbbufd" --set robot.id=images --set "link.server=127.0.0.1:$port" \
+    --set source.realtime=false --set "source.frames=$2" --set "source.width=$3" \
+    --set "source.height=$4" 2>"$work/images.err"
+  stop_from "$first"
+  mv "$work"/made/images/*/images "$1"
+  rm -r "$work/made"
+}
+
+# start_stream NAME ADDRESS IMAGES FPS: orbbuf-server, orbbufd, and a watch on what arrives, whose
+# lines TIME BYTES are $work/NAME.out.
+start_stream() {
+  local name=$1 address=$2 images=$3 fps=$4 port folder
+  start "$name-server" "${on_server[@]}" "$build/server/orbbuf-server" \
+    --set "listen.address=$address:0" --set "files.path=$work/$name"
+  wait_for "$name-server" 'listening on'
+  port=$(grep -o 'listening on .*' "$work/$name-server.err" | grep -o '[0-9]*$')
+  start "$name-robot" "${on_robot[@]}" "$build/daemon/orbbufd" --set robot.id=r \
+    --set "link.server=$address:$port" --set source.kind=folder --set "source.path=$images" \
+    --set "source.fps=$fps" --set source.loop=true --set 'link.drain_timeout=100 ms'
+  wait_for "$name-robot" 'connected to'
+  for ((tries = 0; tries < 200; ++tries)); do
+    folder=$(echo "$work/$name"/r/*/images)
+    [ -d "$folder" ] && break
+    sleep 0.05
+  done
+  start "$name" "$build/bench/orbbuf-link-peer" watch "$folder"
+}

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+// A judge that acquits everybody is worth nothing: each fault, made by hand, must be found.
+#include <gtest/gtest.h>
+
+#include "bench/chaos/check.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace orbbuf::chaos {
+namespace {
+
+namespace fs = std::filesystem;
+using test::read_file;
+using test::write_file;
+
+constexpr const char* kHead = "sequence,reason,time\n";
+
+/// Six frames of a source of four; 3 was dropped, the rest delivered.
+class ChaosCheck : public ::testing::Test {
+ protected:
+  ChaosCheck() {
+    for (const char* name : {"0", "1", "2", "3"}) {
+      write_file(source_ / (std::string("00000") + name + ".jpg"), std::string("jpeg") + name);
+    }
+    for (const int frame : {0, 1, 2, 4, 5}) add_image(frame);
+    write_file(session_.files / "times.txt", "0 0.0 1\n1 0.1 1\n2 0.2 1\n4 0.4 1\n5 0.5 1\n");
+    write_drops("3,policy,0.3\n");
+    write_file(session_.drop_log, read_file(session_.files / "drops.csv"));
+    write_log("6 = skipped 0 + failed 0 + dropped 1 + acknowledged 5 + waiting 0 + in flight 0");
+  }
+
+  static fs::path made(const fs::path& folder) {
+    fs::create_directories(folder);
+    return folder;
+  }
+  void add_image(int frame) {
+    write_file(session_.files / "images" / ("00000" + std::to_string(frame) + ".jpg"),
+               "jpeg" + std::to_string(frame % 4));
+  }
+  void write_drops(const std::string& lines) {
+    write_file(session_.files / "drops.csv", kHead + lines);
+  }
+  void write_log(const std::string& closing) {
+    write_file(session_.log,
+               "now info [main] captured 4 skipped 0 failed 0 dropped 1 acknowledged 2 waiting 0 "
+               "in flight 1\nnow info [main] session ended: captured " +
+                   closing + "\n");
+  }
+  /// As a robot leaves it that is killed with 4 and 5 acknowledged and two more on the way.
+  void kill() {
+    session_.was_killed = true;
+    write_file(session_.log,
+               "now info [main] captured 8 skipped 0 failed 0 dropped 1 acknowledged 3 waiting 2 "
+               "in flight 2, no connection\n");
+  }
+  Verdict verdict() const { return check({session_}, source_); }
+
+  test::TemporaryFolder folder_;
+  fs::path source_ = made(folder_ / "source");
+  Session session_{"r s", made(folder_ / "out/images").parent_path(), folder_ / "log",
+                   folder_ / "drops", false};
+};
+
+TEST_F(ChaosCheck, ASoundSessionHasNoProblem) {
+  const Verdict sound = verdict();
+  EXPECT_EQ(sound.captured, 6U);
+  EXPECT_EQ(sound.delivered, 5U);
+  EXPECT_EQ(sound.dropped, 1U);
+  EXPECT_EQ(sound.problems, std::vector<std::string>());
+}
+
+TEST_F(ChaosCheck, AFrameThatIsNowhereIsLost) {
+  write_drops("");
+  EXPECT_EQ(verdict().lost, 1U);
+}
+
+TEST_F(ChaosCheck, ALineTwiceIsARepeat) {
+  write_file(session_.files / "times.txt",
+             "0 0.0 1\n1 0.1 1\n1 0.1 1\n2 0.2 1\n4 0.4 1\n5 0.5 1\n");
+  EXPECT_EQ(verdict().repeated, 1U);
+}
+
+TEST_F(ChaosCheck, DeliveredAndDroppedIsARepeat) {
+  write_drops("3,policy,0.3\n4,policy,0.4\n");
+  EXPECT_EQ(verdict().repeated, 1U);
+}
+
+TEST_F(ChaosCheck, AnImageOfOtherBytesIsUnexplained) {
+  write_file(session_.files / "images/000004.jpg", "jpeg1");
+  EXPECT_EQ(verdict().unexplained, 1U);
+}
+
+TEST_F(ChaosCheck, AMissingImageIsUnexplained) {
+  fs::remove(session_.files / "images/000004.jpg");
+  EXPECT_EQ(verdict().unexplained, 1U);
+}
+
+TEST_F(ChaosCheck, AnImageWithoutALineIsUnexplained) {
+  add_image(3);
+  EXPECT_EQ(verdict().unexplained, 1U);
+}
+
+TEST_F(ChaosCheck, AnAccountThatDoesNotAddUpIsUnexplained) {
+  write_log("6 = skipped 1 + failed 0 + dropped 1 + acknowledged 5 + waiting 0 + in flight 0");
+  EXPECT_GE(verdict().unexplained, 1U);
+}
+
+TEST_F(ChaosCheck, DropRecordsThatDifferAreUnexplained) {
+  write_file(session_.drop_log, std::string(kHead) + "3,busy,0.3\n");
+  EXPECT_EQ(verdict().unexplained, 1U);
+}
+
+TEST_F(ChaosCheck, WhatAKilledRobotHadYetToSendIsNamed) {
+  kill();
+  const Verdict killed = verdict();
+  EXPECT_EQ(killed.captured, 8U);
+  EXPECT_EQ(killed.died_with_robot, 2U);
+  EXPECT_EQ(killed.problems, std::vector<std::string>());
+}
+
+TEST_F(ChaosCheck, ADropThatAKilledRobotCouldNotReportIsInItsOwnLog) {
+  kill();
+  write_drops("");
+  EXPECT_EQ(verdict().died_with_robot, 3U);
+  EXPECT_EQ(verdict().problems, std::vector<std::string>());
+  write_file(session_.drop_log, kHead);
+  EXPECT_EQ(verdict().lost, 1U) << "older than the last frame delivered, and in no record";
+}
+
+TEST_F(ChaosCheck, OneUnfinishedImageMayBeLeftOfAKilledRobot) {
+  kill();
+  add_image(6);
+  EXPECT_EQ(verdict().unexplained, 0U);
+  add_image(7);
+  EXPECT_EQ(verdict().unexplained, 1U);
+}
+
+}  // namespace
+}  // namespace orbbuf::chaos
