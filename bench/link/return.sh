@@ -55,7 +55,8 @@ outage() { # SECONDS
 # of_returns OUTAGE FLOW: median and worst.
 of_returns() {
   awk -v o="$1" -v f="$2" '$1 == o && $2 == f { print $3 }' "$work/returns" | sort -n |
-    awk '{ v[NR] = $1 } END { printf "%.3f %.3f\n", (v[int((NR + 1) / 2)] + v[int(NR / 2) + 1]) / 2, v[NR] }'
+    awk '{ v[NR] = $1 }
+      END { printf "%.3f %.3f\n", (v[int((NR + 1) / 2)] + v[int(NR / 2) + 1]) / 2, v[NR] }'
 }
 
 returns() { # OUTAGE:REPEATS...

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
-# To be sourced: two hosts, each a network namespace, with a cable between them whose rate is shaped at
-# the robot and whose packets are lost at the server. The server host has an address for each
+# To be sourced: two hosts, each a network namespace, with a cable between them whose rate is shaped
+# at the robot and whose packets are lost at the server. The server host has an address for each
 # congestion control: what the robot sends to it is under that one. Wants `build`, makes `work`.
 ADDRESS_cubic=10.77.0.2
 ADDRESS_bbr=10.77.0.3
@@ -61,7 +61,7 @@ cut_link() {
 }
 mend_link() { "${on_server[@]}" nft delete table inet cut; }
 
-# start NAME COMMAND...: in the background, its output in $work/NAME.out, its words in $work/NAME.err.
+# start NAME COMMAND...: in the background; its output is $work/NAME.out, its words $work/NAME.err.
 start() {
   local name=$1
   shift
@@ -75,7 +75,11 @@ start() {
 wait_for() {
   local tries=0
   until grep -q "$2" "$work/$1.out" "$work/$1.err" 2>/dev/null; do
-    [ $((tries++)) -lt 200 ] || { say "bench: $1 never said \"$2\":" && cat "$work/$1.err" >&2 && exit 1; }
+    [ $((tries++)) -lt 200 ] || {
+      say "bench: $1 never said \"$2\":"
+      cat "$work/$1.err" >&2
+      exit 1
+    }
     sleep 0.05
   done
 }
@@ -95,8 +99,8 @@ make_images() {
     --set listen.address=127.0.0.1:0 --set "files.path=$work/made"
   wait_for images-server 'listening on'
   port=$(grep -o 'listening on .*' "$work/images-server.err" | grep -o '[0-9]*$')
-  "${on_server[@]}" "$build/daemon/orbbufd" --set robot.id=images --set "link.server=127.0.0.1:$port" \
-    --set source.realtime=false --set "source.frames=$2" --set "source.width=$3" \
+  "${on_server[@]}" "$build/daemon/orbbufd" --set robot.id=images \
+    --set "link.server=127.0.0.1:$port" --set source.realtime=false --set "source.frames=$2" --set "source.width=$3" \
     --set "source.height=$4" 2>"$work/images.err"
   stop_from "$first"
   mv "$work"/made/images/*/images "$1"

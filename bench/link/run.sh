@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# The bench of the link, between two network namespaces: how soon frames come after an outage, side by
-# side with a plain TCP connection and with roscpp, and how much of the link's rate is frames.
+# The bench of the link, between two network namespaces: how soon frames come after an outage, side
+# by side with a plain TCP connection and with roscpp, and how much of the link's rate is frames.
 # Usage: bench/link/run.sh BUILD_FOLDER [--full|--quick] [--seed N] [--only return|goodput]
 # About 10 minutes; --full repeats the long outages ten times too (half an hour), --quick is a look.
 set -euo pipefail
@@ -30,7 +30,7 @@ results=()
 . "$here/goodput.sh"
 
 rig_up
-echo "bench link: seed $seed; OUTAGE:REPEATS ${plan[*]}; link of 20 Mbit/s; nftables drop at the server"
+echo "bench link: seed $seed; OUTAGE:REPEATS ${plan[*]}; 20 Mbit/s; nftables drop at the server"
 [ "$only" = goodput ] || returns "${plan[@]}"
 [ "$only" = return ] || goodput 2 10 50
 printf '%s\n' "${results[@]}"

@@ -27,7 +27,10 @@ class SenderTest : public ::testing::Test {
     hello.session_id = "s";
     sender_ = std::make_unique<Sender>(io_, link_, hello, buffer_, drops_);
     sender_->start();
-    main_ = std::jthread([this] { io_.run(); });
+    main_ = std::jthread([this] {
+      io_.run();
+      has_ended_.set_value();
+    });
   }
   void push(Sequence first, Sequence last) {
     for (Sequence sequence = first; sequence <= last; ++sequence) {
@@ -59,6 +62,7 @@ class SenderTest : public ::testing::Test {
   DropLog drops_{{}};
   asio::io_context io_;
   std::unique_ptr<Sender> sender_;
+  std::promise<void> has_ended_;
   std::jthread main_;
 };
 
@@ -129,6 +133,18 @@ TEST_F(SenderTest, FinishWithoutAServerGivesUpByNameWhenTheTimeIsOver) {
   EXPECT_FALSE(finish().get());
   EXPECT_EQ(buffer_.stats().dropped, 2U);
   EXPECT_EQ(drops_.next_drop(), 2U);
+}
+
+// Timers that expire in one go have all succeeded: cancelling the rest comes too late for them.
+TEST_F(SenderTest, NothingIsStartedAgainAfterTheEndByATimerOfTheSameMoment) {
+  link_.drain_timeout = std::chrono::milliseconds(10);
+  start();
+  server_.accept();
+  server_.close();  // no connection, and one timer until the next attempt
+  std::future<bool> done = finish();
+  asio::post(io_, [] { std::this_thread::sleep_for(std::chrono::milliseconds(500)); });
+  EXPECT_FALSE(done.get());
+  EXPECT_EQ(has_ended_.get_future().wait_for(std::chrono::seconds(5)), std::future_status::ready);
 }
 
 TEST_F(SenderTest, FinishOnASlowServerReportsWhatItGaveUp) {
