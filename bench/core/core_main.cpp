@@ -77,7 +77,7 @@ void plain_enqueue(benchmark::State& state, const sim::RecordedSequence& sequenc
     last[next++ % last.size()] = rows;
   };
   while (next < last.size()) enqueue();
-  for (auto _ : state) enqueue();
+  while (state.KeepRunning()) enqueue();
 }
 
 /// push() into a full buffer under `orbbuf`: each costs an extraction, up to three M() and a drop.
@@ -111,7 +111,7 @@ void enqueue(benchmark::State& state, const sim::RecordedSequence& sequence) {
     }
   }
   extractions = comparisons = 0;
-  for (auto _ : state) push();
+  while (state.KeepRunning()) push();
   state.counters["ORB"] = static_cast<double>(extractions) / kPushes;
   state.counters["M"] = static_cast<double>(comparisons) / kPushes;
 }
@@ -120,7 +120,7 @@ void plain_match(benchmark::State& state, const sim::RecordedSequence& sequence)
   const cv::Mat a = rows_of(sequence.features(0));
   const cv::Mat b = rows_of(sequence.features(1));
   const cv::BFMatcher matcher(cv::NORM_HAMMING, true);
-  for (auto _ : state) {
+  while (state.KeepRunning()) {
     std::vector<cv::DMatch> matches;
     matcher.match(a, b, matches);
     benchmark::DoNotOptimize(matches.data());
@@ -129,7 +129,7 @@ void plain_match(benchmark::State& state, const sim::RecordedSequence& sequence)
 
 void match(benchmark::State& state, const sim::RecordedSequence& sequence) {
   state.counters["features"] = static_cast<double>(sequence.features(0).descriptors.size());
-  for (auto _ : state) {
+  while (state.KeepRunning()) {
     benchmark::DoNotOptimize(similarity(sequence.features(0), sequence.features(1)));
   }
 }
@@ -149,7 +149,7 @@ void steady(benchmark::State& state, const sim::RecordedSequence& /*sequence*/) 
     frames.push_back(std::make_shared<const EncodedFrame>(std::move(frame)));
   }
   std::size_t next = 0;
-  for (auto _ : state) {
+  while (state.KeepRunning()) {
     buffer.captured();
     buffer.push(frames[next++]);
     buffer.prepare();

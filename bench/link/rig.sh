@@ -100,7 +100,8 @@ make_images() {
   wait_for images-server 'listening on'
   port=$(grep -o 'listening on .*' "$work/images-server.err" | grep -o '[0-9]*$')
   "${on_server[@]}" "$build/daemon/orbbufd" --set robot.id=images \
-    --set "link.server=127.0.0.1:$port" --set source.realtime=false --set "source.frames=$2" --set "source.width=$3" \
+    --set "link.server=127.0.0.1:$port" --set source.realtime=false \
+    --set "source.frames=$2" --set "source.width=$3" \
     --set "source.height=$4" 2>"$work/images.err"
   stop_from "$first"
   mv "$work"/made/images/*/images "$1"

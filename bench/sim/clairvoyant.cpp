@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <compare>
 #include <limits>
+#include <utility>
 
 namespace orbbuf::sim {
 namespace {
@@ -14,7 +14,7 @@ struct Worth {
   int smallest = -1;
   double log_product = 0;
 
-  auto operator<=>(const Worth&) const = default;
+  std::pair<int, double> order() const { return {smallest, log_product}; }
 };
 
 /// One frame that received[k] may be: the best sequence that ends with it.
@@ -32,7 +32,7 @@ Node best_node(std::size_t frame, const std::vector<Node>& before,
     const int value = similarity(before[i].frame, frame);
     const Worth worth{std::min(before[i].worth.smallest, value),
                       before[i].worth.log_product + std::log1p(value)};
-    if (worth > node.worth) {
+    if (worth.order() > node.worth.order()) {
       node.worth = worth;
       node.previous = i;
     }
@@ -74,7 +74,8 @@ std::vector<std::size_t> clairvoyant(const Delivery& delivery, const PairSimilar
   std::size_t choice = 0;
   for (std::size_t k = layers.size(); k-- > 0;) {
     if (k + 1 == layers.size()) {
-      const auto best = std::ranges::max_element(layers[k], {}, &Node::worth);
+      const auto best = std::ranges::max_element(
+          layers[k], {}, [](const Node& node) { return node.worth.order(); });
       choice = static_cast<std::size_t>(best - layers[k].begin());
     }
     received[k] = layers[k][choice].frame;

@@ -68,6 +68,7 @@ void divide(Summary& sum, double count) {
 
 std::vector<Contender> contenders() {
   std::vector<Contender> all;
+  all.reserve(kPolicies.size() + kIdeas.size());
   for (const std::string_view name : kPolicies) {
     all.push_back({std::string(name), [name](RecordedSequence& sequence, std::uint64_t seed) {
                      if (name == "orbbuf") return make_orbbuf(sequence);
@@ -89,9 +90,9 @@ std::vector<Contender> contenders() {
 
 std::vector<Outage> draw_outages(const RecordedSequence& sequence, std::size_t count_of_each,
                                  std::uint64_t seed) {
-  constexpr double kLongest_s = 4;
-  constexpr double kShortest_s = 0.5;
-  constexpr double kMargin_s = 0.4;  // before and after the outage
+  constexpr double kLongestS = 4;
+  constexpr double kShortestS = 0.5;
+  constexpr double kMarginS = 0.4;  // before and after the outage
   std::mt19937_64 random(seed);
   std::vector<Outage> outages;
   const double interval_s = sequence.mean_interval_ns() * 1e-9;
@@ -99,8 +100,8 @@ std::vector<Outage> draw_outages(const RecordedSequence& sequence, std::size_t c
   for (const double buffer_s : {0.5, 1.0, 2.0}) {
     for (const double rate : {1.2, 3.0}) {
       for (std::size_t i = 0; i < count_of_each; ++i) {
-        const double duration_s = uniform(random, kShortest_s, kLongest_s);
-        const double begin_s = uniform(random, kMargin_s, length_s - duration_s - kMargin_s);
+        const double duration_s = uniform(random, kShortestS, kLongestS);
+        const double begin_s = uniform(random, kMarginS, length_s - duration_s - kMarginS);
         Outage& outage = outages.emplace_back();
         outage.capacity =
             static_cast<std::size_t>(std::max(3L, std::lround(buffer_s / interval_s)));

@@ -55,7 +55,7 @@ void Sender::start() {
 void Sender::resolve() {
   const auto on_resolved = [this](const error_code& error,
                                   const asio::ip::tcp::resolver::results_type& results) {
-    if (error == asio::error::operation_aborted) return;
+    if (error == asio::error::operation_aborted || is_ended_) return;
     if (error) {
       return attempt_failed({"cannot resolve " + settings_.server.host + ": " + error.message()},
                             retry_delay());
@@ -91,7 +91,9 @@ void Sender::connect_again(std::chrono::nanoseconds delay) {
 }
 
 /// Asked by what may come late: a timer or a resolver that was cancelled.
-bool Sender::is_wanting_attempt() const { return !attempt_ && (!connection_ || is_stalled_); }
+bool Sender::is_wanting_attempt() const {
+  return !is_ended_ && !attempt_ && (!connection_ || is_stalled_);
+}
 
 std::chrono::nanoseconds Sender::retry_delay() {
   return milliseconds(std::uniform_int_distribution<milliseconds::rep>(
@@ -194,7 +196,7 @@ void Sender::say_bye() {
 void Sender::tick() {
   tick_timer_.expires_after(kTick);
   tick_timer_.async_wait([this](const error_code& error) {
-    if (!error) tick();
+    if (!error && !is_ended_) tick();
   });
   if (connection_) check_stall();
   if (Clock::now() < stats_time_) return;
@@ -265,6 +267,7 @@ void Sender::give_up_waiting() {
 }
 
 void Sender::end(bool complete) {
+  is_ended_ = true;
   for (auto* open : {&attempt_, &connection_}) {
     if (*open) (*open)->close();
     open->reset();

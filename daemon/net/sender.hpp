@@ -108,6 +108,8 @@ class Sender final : private ServerConnection::Owner {
   bool is_drops_turn_ = false;
   bool is_bye_sent_ = false;
   std::function<void(bool)> done_;  // set: finishing
+  // A timer that has expired by then cannot be cancelled any more.
+  bool is_ended_ = false;
 };
 
 }  // namespace orbbuf
