@@ -9,6 +9,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "daemon/buffer/make_policy.hpp"
+
 namespace orbbuf::chaos {
 namespace {
 
@@ -112,8 +114,6 @@ void Stage::start_server() {
 }
 
 void Stage::start_robot(Robot& robot) {
-  static constexpr std::array kPolicies{"orbbuf", "uniform", "drop-oldest", "drop-youngest",
-                                        "random"};
   static constexpr std::array kCapacities{25, 3, 60, 10};
   const std::size_t n = sessions_.size();
   Session session;
@@ -125,7 +125,7 @@ void Stage::start_robot(Robot& robot) {
         std::string("link.drain_timeout=1 min"), std::string("source.kind=folder"),
         "source.path=" + source().string(), std::string("source.fps=40"),
         std::string("source.loop=true"),
-        std::string("buffer.policy=") + kPolicies.at(n % kPolicies.size()),
+        "buffer.policy=" + std::string(kPolicies.at(n % kPolicies.size())),
         fmt::format("buffer.capacity={}", kCapacities.at(n % kCapacities.size())),
         "buffer.drop_log=" + session.drop_log.string()}) {
     command.insert(command.end(), {"--set", setting});

@@ -49,7 +49,6 @@ class Stage {
   };
 
   void make_source();
-  void route(const std::string& address, const std::string& control);
   void on_robot(const std::vector<std::string>& command) const;
   void on_server(const std::vector<std::string>& command) const;
   void start_server();

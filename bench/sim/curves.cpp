@@ -64,7 +64,7 @@ std::vector<double> noise_floor(const Rule& rule, const Sequences& sequences, st
     const FeatureSet& b = other.features(random() % other.size());
     if (&one == &other) continue;
     const std::size_t poorer = std::min(a.descriptors.size(), b.descriptors.size());
-    shares.push_back(static_cast<double>(matches(rule, a, b)) /
+    shares.push_back(static_cast<double>(count_matches(a, b, rule.match)) /
                      static_cast<double>(std::max<std::size_t>(1, poorer)));
   }
   std::ranges::sort(shares);
@@ -75,7 +75,7 @@ std::vector<double> neighbours(const Rule& rule, const RecordedSequence& sequenc
   std::vector<double> shares;
   for (std::size_t i = 0; i + 1 < sequence.size(); ++i) {
     const FeatureSet& a = sequence.features(i);
-    shares.push_back(static_cast<double>(matches(rule, a, sequence.features(i + 1))) /
+    shares.push_back(static_cast<double>(count_matches(a, sequence.features(i + 1), rule.match)) /
                      static_cast<double>(std::max<std::size_t>(1, a.descriptors.size())));
   }
   std::ranges::sort(shares);
@@ -87,7 +87,7 @@ double rank_correlation(const Rule& rule, RecordedSequence& sequence) {
   std::vector<int> inliers;
   for (std::size_t i = 0; i < sequence.size(); i += stride(sequence)) {
     for (std::size_t j = i + 1; j < sequence.size() && j <= i + kFarthest; ++j) {
-      similarities.push_back(matches(rule, sequence.features(i), sequence.features(j)));
+      similarities.push_back(count_matches(sequence.features(i), sequence.features(j), rule.match));
       inliers.push_back(sequence.epipolar_inliers(i, j));
     }
   }

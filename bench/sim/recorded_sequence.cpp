@@ -28,7 +28,6 @@ RecordedSequence::RecordedSequence(std::string name, SourceSettings settings)
   const auto source = make_source(settings);
   JpegEncoder encoder(JpegSettings{});
   OrbExtractor extractor(FeatureSettings{});
-  JpegCodec codec;
   std::int64_t begin_ns = 0;
   while (const auto raw = source->next({})) {
     auto encoded = encoder.encode(*raw, frames_.size());
@@ -37,7 +36,6 @@ RecordedSequence::RecordedSequence(std::string name, SourceSettings settings)
     encoded.value().capture_time_ns -= begin_ns;
     frames_.push_back(std::make_shared<const EncodedFrame>(std::move(encoded.value())));
     extractor.extract(*frames_.back(), features_.emplace_back());
-    views_.emplace_back(codec.decode_gray(frames_.back()->jpeg, 1).value());
   }
   if (frames_.size() < 2) throw std::runtime_error(name_ + ": less than two frames");
 }
@@ -64,7 +62,13 @@ int RecordedSequence::similarity(std::size_t i, std::size_t j) {
 }
 
 int RecordedSequence::epipolar_inliers(std::size_t i, std::size_t j) {
-  return remembered(inliers_, i, j, [&] { return views_[i].inliers(views_[j]); });
+  return remembered(inliers_, i, j, [&] { return view(i).inliers(view(j)); });
+}
+
+const EpipolarView& RecordedSequence::view(std::size_t i) {
+  const auto known = views_.find(i);
+  if (known != views_.end()) return known->second;
+  return views_.try_emplace(i, JpegCodec().decode_gray(frames_[i]->jpeg, 1).value()).first->second;
 }
 
 }  // namespace orbbuf::sim

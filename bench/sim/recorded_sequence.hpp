@@ -43,10 +43,12 @@ class RecordedSequence {
  private:
   using Pair = std::pair<std::size_t, std::size_t>;
 
+  const EpipolarView& view(std::size_t i);
+
   std::string name_;
   std::vector<FramePtr> frames_;
   std::vector<FeatureSet> features_;
-  std::vector<EpipolarView> views_;
+  std::map<std::size_t, EpipolarView> views_;
   std::map<Pair, int> similarities_;
   std::map<Pair, int> inliers_;
 };

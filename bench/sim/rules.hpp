@@ -4,22 +4,19 @@
 #include <array>
 #include <string_view>
 
-#include "daemon/buffer/features.hpp"
+#include "daemon/buffer/similarity.hpp"
 
 namespace orbbuf::sim {
 
-/// A way to count matches that M might have been; the last is M. See similarity.hpp.
+/// A way to count matches that M might have been; the last is M.
 struct Rule {
   std::string_view name;
-  unsigned ratio_percent;  ///< of Lowe's test; 0: no such test
-  int supporters;
+  MatchRule match;
 };
 
-inline constexpr std::array<Rule, 4> kRules = {{{"mutual, 64 bits", 0, 0},
-                                                {"and ratio 0.8", 80, 0},
-                                                {"and ratio 0.9", 90, 0},
-                                                {"and ratio 0.9, two supporters", 90, 2}}};
-
-int matches(const Rule& rule, const FeatureSet& a, const FeatureSet& b);
+inline constexpr std::array<Rule, 4> kRules = {{{"mutual, 64 bits", {0, 0}},
+                                                {"and ratio 0.8", {80, 0}},
+                                                {"and ratio 0.9", {90, 0}},
+                                                {"and ratio 0.9, two supporters", {}}}};
 
 }  // namespace orbbuf::sim

@@ -18,29 +18,28 @@ constexpr std::uint32_t kMaxDistance = 64;  // of 256 bits; unrelated descriptor
 // In units of Position, 1024 to the width of the image.
 constexpr int kNear = 184;  // two matches this far apart, dx + dy, can support each other
 constexpr int kAlike = 30;  // if they have moved alike to this much, along each axis
-constexpr int kSupporters = 2;
 
 struct Match {
   Position in_a;
   Position in_b;
 };
 
-// Lowe's ratio 0.9. Where there is no second, kNone stands for one that is far
-// away.
-bool is_distinct(const Nearest& nearest) {
+// Where there is no second, kNone stands for one that is far away.
+bool is_distinct(const Nearest& nearest, const MatchRule& rule) {
   return nearest.distance() <= kMaxDistance &&
-         10 * nearest.distance() < 9 * nearest.second_distance();
+         (rule.ratio_percent == 0 ||
+          100 * nearest.distance() < rule.ratio_percent * nearest.second_distance());
 }
 
-void find_matches(const FeatureSet& a, const FeatureSet& b, Neighbours& found,
-                  std::vector<Match>& matches) {
+void find_matches(const FeatureSet& a, const FeatureSet& b, const MatchRule& rule,
+                  Neighbours& found, std::vector<Match>& matches) {
   find_nearest(a.descriptors, b.descriptors, found);
   matches.clear();
   for (std::size_t i = 0; i < found.of_rows.size(); ++i) {
     const Nearest& there = found.of_rows[i];
-    if (!is_distinct(there)) continue;  // also where there are no columns at all
+    if (!is_distinct(there, rule)) continue;  // also where there are no columns at all
     const Nearest& back = found.of_columns[there.index()];
-    if (back.index() == i && is_distinct(back)) {
+    if (back.index() == i && is_distinct(back, rule)) {
       matches.push_back({a.positions[i], b.positions[there.index()]});
     }
   }
@@ -55,24 +54,26 @@ bool supports(const Match& one, const Match& other) {
          std::abs(dx_b - dx_a) <= kAlike && std::abs(dy_b - dy_a) <= kAlike;
 }
 
-bool is_supported(const Match& match, const std::vector<Match>& all) {
+bool is_supported(const Match& match, const std::vector<Match>& all, int wanted) {
   int supporters = -1;  // it would count itself
   for (const Match& other : all) {
-    if (supports(match, other) && ++supporters == kSupporters) return true;
+    if (supports(match, other) && ++supporters == wanted) return true;
   }
   return false;
 }
 
 }  // namespace
 
-int similarity(const FeatureSet& a, const FeatureSet& b) {
+int count_matches(const FeatureSet& a, const FeatureSet& b, const MatchRule& rule) {
   assert(a.positions.size() == a.descriptors.size());
   assert(b.positions.size() == b.descriptors.size());
   thread_local Neighbours found;
   thread_local std::vector<Match> matches;
-  find_matches(a, b, found, matches);
+  find_matches(a, b, rule, found, matches);
   return static_cast<int>(std::ranges::count_if(
-      matches, [](const Match& match) { return is_supported(match, matches); }));
+      matches, [&](const Match& match) { return is_supported(match, matches, rule.supporters); }));
 }
+
+int similarity(const FeatureSet& a, const FeatureSet& b) { return count_matches(a, b, {}); }
 
 }  // namespace orbbuf

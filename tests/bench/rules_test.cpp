@@ -5,8 +5,6 @@
 
 #include <random>
 
-#include "daemon/buffer/similarity.hpp"
-
 namespace orbbuf::sim {
 namespace {
 
@@ -33,7 +31,7 @@ TEST(Rules, TheLastIsM) {
   for (int round = 0; round < 100; ++round) {
     const FeatureSet a = related(random, {});
     const FeatureSet b = related(random, a);
-    EXPECT_EQ(matches(kRules.back(), a, b), similarity(a, b));
+    EXPECT_EQ(count_matches(a, b, kRules.back().match), similarity(a, b));
   }
 }
 
@@ -41,10 +39,10 @@ TEST(Rules, EachIsStricterThanTheOneWithoutIt) {
   std::mt19937_64 random(2);
   const FeatureSet a = related(random, {});
   const FeatureSet b = related(random, a);
-  EXPECT_GE(matches(kRules[0], a, b), matches(kRules[2], a, b));
-  EXPECT_GE(matches(kRules[2], a, b), matches(kRules[1], a, b));
-  EXPECT_GE(matches(kRules[2], a, b), matches(kRules[3], a, b));
-  EXPECT_GT(matches(kRules[3], a, b), 0);
+  EXPECT_GE(count_matches(a, b, kRules[0].match), count_matches(a, b, kRules[2].match));
+  EXPECT_GE(count_matches(a, b, kRules[2].match), count_matches(a, b, kRules[1].match));
+  EXPECT_GE(count_matches(a, b, kRules[2].match), count_matches(a, b, kRules[3].match));
+  EXPECT_GT(count_matches(a, b, kRules[3].match), 0);
 }
 
 }  // namespace

@@ -215,10 +215,7 @@ TEST_F(OrbPolicyTest, PreparedScoresEqualComputedOnesWhateverTheNetworkDoes) {
 
 TEST_F(OrbPolicyTest, InABurstTheFramesCompeteWhoseScoresAreKnown) {
   table_ = [](Sequence a, Sequence b) { return a == 1 && b == 3 ? 500 : 10; };
-  BufferView view{make_frame_ptr(0), {}};
-  for (Sequence sequence = 1; sequence <= 9; ++sequence) {
-    view.waiting.push_back(make_frame_ptr(sequence));
-  }
+  BufferView view = view_of({1, 2, 3, 4, 5, 6, 7, 8, 9});
   const auto policy = make();
   EXPECT_EQ(policy->victim(view), 7U);  // of 9 and 7, all that an arrival may cost
   EXPECT_THAT(extractions_, ElementsAre(Key(7), Key(9)));
@@ -229,10 +226,7 @@ TEST_F(OrbPolicyTest, InABurstTheFramesCompeteWhoseScoresAreKnown) {
 
 TEST_F(OrbPolicyTest, InABurstWithoutAKnownScoreTheSmallestGapInTimeGoes) {
   table_ = [](Sequence, Sequence) { return 10; };
-  BufferView view{make_frame_ptr(0), {}};
-  for (const Sequence sequence : {10U, 20U, 29U, 37U, 50U, 60U, 70U}) {
-    view.waiting.push_back(make_frame_ptr(sequence));
-  }
+  BufferView view = view_of({10U, 20U, 29U, 37U, 50U, 60U, 70U});
   const auto policy = make();
   const auto drop_victim = [&] {
     const std::size_t victim = policy->victim(view);

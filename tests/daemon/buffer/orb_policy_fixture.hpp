@@ -48,6 +48,12 @@ class OrbPolicyTest : public testing::Test {
           return m(sequence_in(a), sequence_in(b));
         });
   }
+  /// Frame 0 has gone before.
+  static BufferView view_of(const std::vector<Sequence>& waiting) {
+    BufferView view{make_frame_ptr(0), {}};
+    for (const Sequence sequence : waiting) view.waiting.push_back(make_frame_ptr(sequence));
+    return view;
+  }
   /// Few values, so that there are ties.
   static int random_table(Sequence a, Sequence b) { return noise(a * 1'000'003 + b, 12); }
   /// No frame is more like a further one than a nearer one: a walk through scenes, some of which

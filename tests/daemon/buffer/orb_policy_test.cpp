@@ -40,10 +40,7 @@ TEST_F(OrbPolicyTest, NamesAHeadWithNothingBeforeItWithoutLookingAtIt) {
 TEST_F(OrbPolicyTest, OfEqualScoresTheSmallerGapInTimeGoesFirstAndThenTheOlder) {
   table_ = [](Sequence, Sequence) { return 7; };
   const auto policy = make();
-  BufferView view{make_frame_ptr(0), {}};
-  for (const Sequence sequence : {4U, 6U, 7U, 8U, 9U}) {
-    view.waiting.push_back(make_frame_ptr(sequence));
-  }
+  BufferView view = view_of({4U, 6U, 7U, 8U, 9U});
   policy->scores(view);
   EXPECT_EQ(policy->victim(view), 2U);
   view.waiting.erase(view.waiting.begin() + 2);
