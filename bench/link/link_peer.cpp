@@ -110,6 +110,7 @@ void print_file(const std::string& file) {
 void watch(const std::string& folder) {
   const int notify = check(::inotify_init1(IN_CLOEXEC), "inotify_init1");
   check(::inotify_add_watch(notify, folder.c_str(), IN_MOVED_TO), "watch " + folder);
+  std::fprintf(stderr, "watching %s\n", folder.c_str());
   constexpr std::size_t kRoom = 65536;
   for (alignas(inotify_event) std::array<char, kRoom> events{};;) {
     const auto count =

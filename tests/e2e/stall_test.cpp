@@ -41,7 +41,6 @@ class StallTest : public ::testing::Test {
   void wait_seconds(int count) {  // by the robot's clock, which prints an account each
     ASSERT_TRUE(robot_->wait_for_lines("] captured ", account_lines() + count));
   }
-  std::size_t delivered() { return read_record(folder_ / "out", "r").delivered.size(); }
 
   void end_and_expect_exactly_once() {
     robot_->signal(SIGTERM);
@@ -90,10 +89,12 @@ TEST_F(StallTest, AWindowThatOpensDuringAnOutageIsNotSleptOn) {
       "}; add chain inet some out { type filter hook output priority 0; policy drop; }");
   server_->process().signal(SIGCONT);
   wait_seconds(8);
-  const std::size_t before = delivered();
+  const fs::path images = read_record(folder_ / "out", "r").folder / "images";
+  Process watch({ORBBUF_LINK_PEER, "watch", images.string()});  // a line for each frame
+  ASSERT_TRUE(watch.wait_for_line("watching"));
   nft("delete table inet some");
   const auto returned = std::chrono::steady_clock::now();
-  while (delivered() == before) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  ASSERT_TRUE(watch.wait_for_lines("", 2)) << watch.output();
   const std::chrono::duration<double> wait = std::chrono::steady_clock::now() - returned;
   EXPECT_LT(wait.count(), 1.5) << robot_->output();
   end_and_expect_exactly_once();
