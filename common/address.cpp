@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "common/address.hpp"
 
+#include <arpa/inet.h>
+
 #include <charconv>
 
 namespace orbbuf {
@@ -32,6 +34,16 @@ Result<Address> parse_address(std::string_view text) {
 std::string to_string(const Address& address) {
   const bool is_ipv6 = address.host.find(':') != std::string::npos;
   return (is_ipv6 ? "[" + address.host + "]" : address.host) + ":" + std::to_string(address.port);
+}
+
+bool is_loopback(const Address& address) {
+  in_addr ipv4{};
+  if (::inet_pton(AF_INET, address.host.c_str(), &ipv4) == 1) {
+    return ntohl(ipv4.s_addr) >> 24U == 127;
+  }
+  in6_addr ipv6{};
+  if (::inet_pton(AF_INET6, address.host.c_str(), &ipv6) == 1) return IN6_IS_ADDR_LOOPBACK(&ipv6);
+  return address.host == "localhost";
 }
 
 }  // namespace orbbuf

@@ -23,4 +23,7 @@ Result<Address> parse_address(std::string_view text);
 /// The inverse of parse_address().
 std::string to_string(const Address& address);
 
+/// Whether only this machine can be meant: 127.0.0.0/8, ::1 or localhost. No name is looked up.
+bool is_loopback(const Address& address);
+
 }  // namespace orbbuf

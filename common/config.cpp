@@ -42,6 +42,22 @@ std::string ConfigReader::text(std::string_view key, std::string_view fallback) 
   return setting ? string_of(*setting, key, "a string") : std::string(fallback);
 }
 
+std::vector<std::string> ConfigReader::texts(std::string_view key) {
+  constexpr std::string_view kExpected = "an array of strings";
+  const auto setting = state_->ask(key);
+  if (!setting) return {};
+  if (setting->is_override && setting->node->is_string()) {
+    return {string_of(*setting, key, kExpected)};
+  }
+  const auto* const array = setting->node->as_array();
+  if (array == nullptr) refuse_type(*setting, key, kExpected);
+  std::vector<std::string> got;
+  for (const toml::node& element : *array) {
+    got.push_back(string_of({&element, setting->where, false}, key, kExpected));
+  }
+  return got;
+}
+
 bool ConfigReader::flag(std::string_view key, bool fallback) {
   const auto setting = state_->ask(key);
   if (!setting) return fallback;

@@ -9,6 +9,7 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace orbbuf {
 
@@ -32,6 +33,8 @@ class ConfigReader {
   ConfigReader& operator=(const ConfigReader&) = delete;
 
   std::string text(std::string_view key, std::string_view fallback);
+  /// An array of strings; none by default. An override may be one bare word.
+  std::vector<std::string> texts(std::string_view key);
   bool flag(std::string_view key, bool fallback);
   std::int64_t integer(std::string_view key, std::int64_t fallback, std::int64_t min,
                        std::int64_t max);

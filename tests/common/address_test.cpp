@@ -18,6 +18,15 @@ TEST(Address, WritingIsTheInverseOfReading) {
   }
 }
 
+TEST(Address, LoopbackIsWhatOnlyThisMachineReaches) {
+  for (const char* host : {"127.0.0.1", "127.1.2.3", "::1", "localhost"}) {
+    EXPECT_TRUE(is_loopback({host, 1})) << host;
+  }
+  for (const char* host : {"0.0.0.0", "::", "10.0.0.1", "128.0.0.1", "fe80::1", "127.0.0.1.evil"}) {
+    EXPECT_FALSE(is_loopback({host, 1})) << host;
+  }
+}
+
 TEST(Address, WhatIsWrongIsNamed) {
   const auto why = [](const char* text) { return parse_address(text).error().text; };
   EXPECT_EQ(why("localhost"), "expected HOST:PORT or [IPV6]:PORT, got \"localhost\": no port");

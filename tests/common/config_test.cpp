@@ -61,6 +61,19 @@ TEST_F(Config, ValuesAreReadByTheirTypes) {
   reader.reject_unknown();
 }
 
+TEST_F(Config, ListsAreOfStrings) {
+  using Texts = std::vector<std::string>;
+  EXPECT_EQ(read("[t]\nk = ['a', 'b']\n").texts("t.k"), (Texts{"a", "b"}));
+  EXPECT_EQ(read("[t]\n").texts("t.k"), Texts());
+  EXPECT_EQ(read("[t]\nk = ['a']\n", {"t.k=c"}).texts("t.k"), Texts{"c"});
+  EXPECT_EQ(read("", {"t.k=['c', 'd']"}).texts("t.k"), (Texts{"c", "d"}));
+  const auto texts = [](ConfigReader& reader) { reader.texts("t.k"); };
+  EXPECT_EQ(error_with("k = 'a'", texts),
+            "FILE:2: t.k: expected an array of strings, got string \"a\"");
+  EXPECT_EQ(error_with("k = ['a', 1]", texts),
+            "FILE:2: t.k: expected an array of strings, got integer 1");
+}
+
 TEST_F(Config, WhatIsNotSetHasItsDefault) {
   auto reader = read("[t]\n");
   EXPECT_EQ(reader.text("t.text", "default"), "default");

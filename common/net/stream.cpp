@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/net/stream.hpp"
+
+#include <openssl/err.h>
+#include <openssl/ssl.h>
+#include <openssl/x509.h>
+#include <openssl/x509v3.h>
+#include <spdlog/fmt/fmt.h>
+
+#include <boost/asio/error.hpp>
+#include <boost/asio/ip/address.hpp>
+#include <boost/asio/ssl/error.hpp>
+#include <memory>
+
+namespace orbbuf {
+namespace {
+
+using boost::system::error_code;
+
+/// The only common name of `certificate`; empty if there is not exactly one, or it is no text.
+std::string common_name(const X509* certificate) {
+  const X509_NAME* const subject = ::X509_get_subject_name(certificate);
+  const int index = ::X509_NAME_get_index_by_NID(subject, NID_commonName, -1);
+  if (index < 0 || ::X509_NAME_get_index_by_NID(subject, NID_commonName, index) >= 0) return "";
+  unsigned char* text = nullptr;
+  const int length = ::ASN1_STRING_to_UTF8(
+      &text, ::X509_NAME_ENTRY_get_data(::X509_NAME_get_entry(subject, index)));
+  if (length < 0) return "";
+  const std::string name(text, text + length);
+  ::OPENSSL_free(text);
+  return name;
+}
+
+/// Fit for a log: whoever made the certificate chose the name.
+std::string printable(std::string name) {
+  for (char& c : name) {
+    if (c < 0x20 || c > 0x7E) c = '?';
+  }
+  return name;
+}
+
+}  // namespace
+
+Stream::Stream(Tcp::socket socket, TlsContext* tls) : socket_(std::move(socket)) {
+  if (tls == nullptr) return;
+  tls_.emplace(socket_, *tls);
+  tls_->set_verify_callback([this](bool is_fine, boost::asio::ssl::verify_context& context) {
+    if (is_fine) return true;
+    auto* const store = context.native_handle();
+    const X509* const certificate = ::X509_STORE_CTX_get_current_cert(store);
+    refused_ = fmt::format("the certificate of \"{}\" is refused: {}",
+                           certificate == nullptr ? "" : printable(common_name(certificate)),
+                           ::X509_verify_cert_error_string(::X509_STORE_CTX_get_error(store)));
+    return false;
+  });
+}
+
+void Stream::expect_host(const std::string& host) {
+  X509_VERIFY_PARAM* const expected = ::SSL_get0_param(tls_->native_handle());
+  ::X509_VERIFY_PARAM_set_hostflags(expected, X509_CHECK_FLAG_NEVER_CHECK_SUBJECT);
+  error_code is_name;
+  boost::asio::ip::make_address(host, is_name);
+  if (!is_name) {
+    ::X509_VERIFY_PARAM_set1_ip_asc(expected, host.c_str());
+  } else {
+    ::X509_VERIFY_PARAM_set1_host(expected, host.c_str(), host.size());
+    // A server behind one address may have several names.
+    SSL_set_tlsext_host_name(tls_->native_handle(), host.c_str());  // NOLINT: OpenSSL's macro
+  }
+}
+
+std::string Stream::peer_name() {
+  if (!tls_) return "";
+  const std::unique_ptr<X509, decltype(&::X509_free)> certificate(
+      ::SSL_get1_peer_certificate(tls_->native_handle()), &::X509_free);
+  return certificate ? common_name(certificate.get()) : "";
+}
+
+std::string Stream::explain(const error_code& failed) const {
+  if (!refused_.empty()) return refused_;
+  if (failed == boost::asio::error::eof || failed == boost::asio::ssl::error::stream_truncated) {
+    return "closed by the other end";
+  }
+  if (failed.category() != boost::asio::error::get_ssl_category()) return failed.message();
+  // Numbers of alerts that come from the other end: RFC 8446, Sec. 6.
+  const int reason = ERR_GET_REASON(static_cast<unsigned long>(failed.value()));
+  if (reason >= SSL_AD_REASON_OFFSET) {
+    return "the other end refuses us: " + failed.message();
+  }
+  switch (reason) {
+    case SSL_R_WRONG_VERSION_NUMBER:
+    case SSL_R_HTTP_REQUEST:
+      return failed.message() + ": the other end does not speak TLS";
+    case SSL_R_UNSUPPORTED_PROTOCOL:
+      return failed.message() + ": the other end does not speak TLS 1.3";
+    case SSL_R_PEER_DID_NOT_RETURN_A_CERTIFICATE:
+      return "the other end shows no certificate";
+    default:
+      return failed.message();
+  }
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/net/tls.hpp"
+
+#include <openssl/ssl.h>
+#include <openssl/x509.h>
+#include <spdlog/fmt/fmt.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+
+#include "common/error.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace fs = std::filesystem;
+using boost::system::error_code;
+
+fs::path read_path(ConfigReader& config, std::string_view key) {
+  constexpr std::string_view kCredential = "credential:";
+  const std::string text = config.text(key, "");
+  if (!text.starts_with(kCredential)) return config.path(key, {});
+  const std::string name = text.substr(kCredential.size());
+  if (name.empty() || name.find('/') != std::string::npos) {
+    config.fail(key, "expected credential:NAME, the NAME of a LoadCredential= of the unit");
+  }
+  const char* const folder = std::getenv("CREDENTIALS_DIRECTORY");  // NOLINT(concurrency-mt-unsafe)
+  if (folder == nullptr) {
+    config.fail(key,
+                "there are no credentials: $CREDENTIALS_DIRECTORY is not set, which systemd "
+                "does for a unit with LoadCredential=");
+  }
+  return fs::path(folder) / name;
+}
+
+[[noreturn]] void refuse_file(const char* what, const fs::path& file, std::string_view why) {
+  throw std::runtime_error(fmt::format("cannot use the TLS {} {}: {}", what, file.string(), why));
+}
+
+/// OpenSSL has its own words for a file that is not there; these are the system's.
+void require_readable(const char* what, const fs::path& file) {
+  if (std::ifstream(file)) return;
+  throw_system_error(fmt::format("cannot use the TLS {} {}", what, file.string()));
+}
+
+void require_private(const fs::path& key) {
+  const auto permissions = fs::status(key).permissions();
+  if ((permissions & fs::perms::others_all) != fs::perms::none) {
+    refuse_file("key", key, "others than its owner and group have access to it; chmod 600 it");
+  }
+}
+
+void require_in_date(TlsContext& context, const fs::path& file) {
+  const X509* const own = ::SSL_CTX_get0_certificate(context.native_handle());
+  if (::X509_cmp_current_time(::X509_get0_notAfter(own)) < 0) {
+    refuse_file("certificate", file, "it has expired");
+  }
+  if (::X509_cmp_current_time(::X509_get0_notBefore(own)) > 0) {
+    refuse_file("certificate", file, "it is not valid yet, or this machine's clock is wrong");
+  }
+}
+
+}  // namespace
+
+void load_tls(ConfigReader& config, TlsSettings& tls) {
+  tls.certificate = read_path(config, "tls.certificate");
+  tls.key = read_path(config, "tls.key");
+  tls.ca = read_path(config, "tls.ca");
+  if (!tls.certificate.empty() && tls.key.empty()) {
+    config.fail("tls.key", "needed with tls.certificate");
+  }
+  if (!tls.certificate.empty() && tls.ca.empty()) {
+    config.fail("tls.ca", "needed with tls.certificate: both ends show theirs");
+  }
+  if (tls.certificate.empty() && !(tls.key.empty() && tls.ca.empty())) {
+    config.fail("tls.certificate", "needed with tls.key and tls.ca");
+  }
+}
+
+std::unique_ptr<TlsContext> make_tls_context(const TlsSettings& tls) {
+  if (!tls.is_on()) return nullptr;
+  auto context = std::make_unique<TlsContext>(TlsContext::tls);
+  ::SSL_CTX_set_min_proto_version(context->native_handle(), TLS1_3_VERSION);
+  ::SSL_CTX_set_num_tickets(context->native_handle(), 0);  // every connection is made from nothing
+  // The other end has the CA's certificate, or else no use for it.
+  SSL_CTX_set_mode(context->native_handle(), SSL_MODE_NO_AUTO_CHAIN);  // NOLINT: OpenSSL's macro
+  context->set_verify_mode(boost::asio::ssl::verify_peer |
+                           boost::asio::ssl::verify_fail_if_no_peer_cert);
+  error_code failed;
+  require_readable("certificate", tls.certificate);
+  context->use_certificate_chain_file(tls.certificate.string(), failed);
+  if (failed) refuse_file("certificate", tls.certificate, failed.message());
+  require_in_date(*context, tls.certificate);
+  require_readable("key", tls.key);
+  require_private(tls.key);
+  context->use_private_key_file(tls.key.string(), TlsContext::pem, failed);
+  if (failed) refuse_file("key", tls.key, failed.message());
+  require_readable("CA certificate", tls.ca);
+  context->load_verify_file(tls.ca.string(), failed);
+  if (failed) refuse_file("CA certificate", tls.ca, failed.message());
+  return context;
+}
+
+}  // namespace orbbuf
