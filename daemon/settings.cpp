@@ -98,6 +98,7 @@ void read_link(ConfigReader& config, LinkSettings& link) {
   link.drain_timeout =
       config.duration("link.drain_timeout", link.drain_timeout, milliseconds(0), hours(24));
   link.unsent_bytes = config.bytes("link.unsent", link.unsent_bytes, 1024, 1 << 30);
+  load_tls(config, link.tls);
 }
 
 }  // namespace

@@ -21,10 +21,9 @@ using wire::ErrorCode;
 
 constexpr std::chrono::seconds kPartingTime{1};
 
-std::string address_of_peer(const tcp::socket& socket) {
-  error_code failed;
-  const auto endpoint = socket.remote_endpoint(failed);
-  return failed ? "(gone)" : to_text(endpoint);
+tcp::endpoint peer_of(const tcp::socket& socket) {
+  error_code gone;  // then it is nobody's address, and reading will tell
+  return socket.remote_endpoint(gone);
 }
 
 }  // namespace
@@ -33,21 +32,34 @@ std::string to_text(const tcp::endpoint& endpoint) {
   return to_string(Address{endpoint.address().to_string(), endpoint.port()});
 }
 
-Connection::Connection(tcp::socket socket, const ListenSettings& settings, ConnectionOwner& owner)
-    : socket_(std::move(socket)),
+Connection::Connection(tcp::socket socket, TlsContext* tls, const ListenSettings& settings,
+                       ConnectionOwner& owner)
+    : peer_(peer_of(socket)),
+      stream_(std::move(socket), tls),
       settings_(settings),
       owner_(owner),
-      address_(address_of_peer(socket_)),
-      timer_(socket_.get_executor()),
+      timer_(stream_.get_executor()),
       reader_(settings.max_frame_bytes) {}
 
 void Connection::start() {
   error_code ignored;  // acks are then merely later
-  socket_.set_option(tcp::no_delay(true), ignored);
+  stream_.socket().set_option(tcp::no_delay(true), ignored);
   // For the time in which a sink is busy and the idle timer does not run; else that is sooner.
-  keep_alive(socket_.native_handle());
+  keep_alive(stream_.socket().native_handle());
   start_timer(settings_.hello_timeout);
+  if (stream_.is_tls()) return shake_hands();
   read();
+}
+
+void Connection::shake_hands() {
+  state_ = State::kHandshake;
+  stream_.async_handshake_as_server([self = shared_from_this()](const error_code& failed) {
+    if (self->state_ != State::kHandshake) return;
+    if (failed)
+      return self->fail({ErrorCode::kRefused, "no TLS: " + self->stream_.explain(failed)});
+    self->state_ = State::kHello;
+    self->read();
+  });
 }
 
 void Connection::join(std::shared_ptr<Session> session) {
@@ -56,7 +68,9 @@ void Connection::join(std::shared_ptr<Session> session) {
   session_->attach(shared_from_this());
 }
 
-void Connection::refuse(std::string_view why) { fail({ErrorCode::kRefused, std::string(why)}); }
+void Connection::refuse(std::string_view why, spdlog::level::level_enum level) {
+  fail({ErrorCode::kRefused, std::string(why)}, level);
+}
 
 void Connection::attached(wire::Position position) {
   state_ = State::kServing;
@@ -78,7 +92,7 @@ void Connection::read() {
   const auto space =
       state_ == State::kParting ? std::span<std::uint8_t>(discarded_) : reader_.space();
   is_reading_ = true;
-  socket_.async_read_some(asio::buffer(space.data(), space.size()),
+  stream_.async_read_some(asio::buffer(space.data(), space.size()),
                           [self = shared_from_this()](const error_code& failed, std::size_t bytes) {
                             self->is_reading_ = false;
                             self->bytes_came(failed, bytes);
@@ -103,8 +117,7 @@ void Connection::reading_failed(const error_code& failed) {
     if (!is_writing_) close();
     return;
   }
-  const bool is_end = failed == asio::error::eof;
-  const std::string why = is_end ? "closed by the robot" : failed.message();
+  const std::string why = stream_.explain(failed);
   if (!reader_.is_between_messages()) {
     spdlog::warn("{}: connection lost within a message: {}", name(), why);
   } else if (state_ == State::kHello) {
@@ -157,6 +170,10 @@ void Connection::handle_hello(const Message& message) {
     return fail({ErrorCode::kVersion, fmt::format("the robot speaks protocol {} to {}, we speak {}",
                                                   min, max, wire::kProtocolVersion)});
   }
+  if (stream_.is_tls() && stream_.peer_name() != robot_id_) {
+    return refuse(fmt::format("the certificate is for \"{}\", not for this robot",
+                              wire::is_valid_id(stream_.peer_name()) ? stream_.peer_name() : ""));
+  }
   timer_.cancel();
   owner_.introduced(shared_from_this(), hello.value());
 }
@@ -187,14 +204,18 @@ void Connection::taken() {
   read();
 }
 
-void Connection::fail(const wire::Fault& fault) {
-  spdlog::warn("{}: {}", name(), fault.text);
+void Connection::fail(const wire::Fault& fault, spdlog::level::level_enum level) {
+  spdlog::log(level, "{}: {}", name(), fault.text);
   part(encode(wire::ErrorMessage{fault.code, fault.text}));
 }
 
 /// Leaves the session to others at once; what remains is the robot's farewell.
 void Connection::part(std::vector<std::uint8_t> last_words) {
   if (state_ == State::kParting || state_ == State::kClosed) return;
+  if (state_ == State::kHandshake) {  // there is no talking to it, but OpenSSL may have told it why
+    last_words.clear();
+    stream_.read_bare();
+  }
   state_ = State::kParting;
   if (const auto session = std::exchange(session_, nullptr)) session->detach(*this);
   is_ack_due_ = false;
@@ -220,13 +241,13 @@ void Connection::send_next() {
   } else if (state_ == State::kParting) {
     if (has_peer_closed_) return close();
     error_code ignored;  // if that fails the connection is gone, which reading shows
-    socket_.shutdown(tcp::socket::shutdown_send, ignored);
+    stream_.socket().shutdown(tcp::socket::shutdown_send, ignored);
     return;
   } else {
     return;
   }
   is_writing_ = true;
-  asio::async_write(socket_, asio::buffer(out_),
+  asio::async_write(stream_, asio::buffer(out_),
                     [self = shared_from_this()](const error_code& failed, std::size_t) {
                       self->is_writing_ = false;
                       // What broke the connection is told by reading it, sooner or later.
@@ -241,7 +262,7 @@ void Connection::close() {
   if (const auto session = std::exchange(session_, nullptr)) session->detach(*this);
   timer_.cancel();
   error_code ignored;  // there is nothing to do about it
-  socket_.close(ignored);
+  stream_.socket().close(ignored);
   owner_.closed(self);
 }
 
@@ -257,6 +278,7 @@ void Connection::start_timer(std::chrono::nanoseconds time) {
 void Connection::time_is_up() {
   using Seconds = std::chrono::duration<double>;
   switch (state_) {
+    case State::kHandshake:
     case State::kHello:
       return fail({ErrorCode::kTimeout,
                    fmt::format("no hello within {} s", Seconds(settings_.hello_timeout).count())});
@@ -271,6 +293,6 @@ void Connection::time_is_up() {
   }
 }
 
-std::string Connection::name() const { return robot_id_ + " " + address_; }
+std::string Connection::name() const { return robot_id_ + " " + to_text(peer_); }
 
 }  // namespace orbbuf

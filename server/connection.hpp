@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <spdlog/common.h>
+
 #include <array>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/steady_timer.hpp>
@@ -12,6 +14,7 @@
 #include <string_view>
 #include <vector>
 
+#include "common/net/stream.hpp"
 #include "common/wire.hpp"
 #include "server/message_reader.hpp"
 #include "server/session.hpp"
@@ -38,7 +41,9 @@ std::string to_text(const boost::asio::ip::tcp::endpoint& endpoint);
 /// One robot's TCP connection: hello and welcome, then message after message, one at a time. The
 /// next is read only when the session has taken this one, so a slow sink closes the TCP window.
 ///
-///   hello -> joining -> serving -> parting -> closed     (parting also from hello and joining)
+///   [TLS handshake ->] hello -> joining -> serving -> parting -> closed
+///
+/// Parting may follow upon any of them. Under TLS a robot is who its certificate says.
 ///
 /// A fault costs the connection and nothing else: one log line, an error message to the robot, the
 /// end. Whatever the last message is, the socket is read (and what comes discarded) until the robot
@@ -49,24 +54,26 @@ std::string to_text(const boost::asio::ip::tcp::endpoint& endpoint);
 /// its socket's and timer's operations; its session holds it weakly.
 class Connection final : public SessionPeer, public std::enable_shared_from_this<Connection> {
  public:
-  /// `settings` and `owner` must outlive every run of the io_context.
-  Connection(boost::asio::ip::tcp::socket socket, const ListenSettings& settings,
+  /// `tls`, null for plain TCP, `settings` and `owner` must outlive every run of the io_context.
+  Connection(boost::asio::ip::tcp::socket socket, TlsContext* tls, const ListenSettings& settings,
              ConnectionOwner& owner);
 
   void start();
   /// Answers the hello by joining `session`.
   void join(std::shared_ptr<Session> session);
   /// Answers the hello, or ends the wait for one, by an error message and the end.
-  void refuse(std::string_view why);
-  bool is_introduced() const { return state_ != State::kHello; }
+  void refuse(std::string_view why, spdlog::level::level_enum level = spdlog::level::warn);
+  bool is_introduced() const { return state_ > State::kHello; }
+  const boost::asio::ip::tcp::endpoint& peer() const { return peer_; }
 
   void attached(wire::Position position) override;
   void replaced() override;
   void ended(wire::Position position) override;
 
  private:
-  enum class State : std::uint8_t { kHello, kJoining, kServing, kParting, kClosed };
+  enum class State : std::uint8_t { kHandshake, kHello, kJoining, kServing, kParting, kClosed };
 
+  void shake_hands();
   void read();
   void bytes_came(const boost::system::error_code& failed, std::size_t bytes);
   void reading_failed(const boost::system::error_code& failed);
@@ -76,7 +83,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void handle_dropped(const Message& message);
   void taken();
 
-  void fail(const wire::Fault& fault);
+  void fail(const wire::Fault& fault, spdlog::level::level_enum level = spdlog::level::warn);
   void part(std::vector<std::uint8_t> last_words);
   void send(std::vector<std::uint8_t> message);
   void send_next();
@@ -85,10 +92,10 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void time_is_up();
   std::string name() const;
 
-  boost::asio::ip::tcp::socket socket_;
+  const boost::asio::ip::tcp::endpoint peer_;
+  Stream stream_;
   const ListenSettings& settings_;
   ConnectionOwner& owner_;
-  const std::string address_;
   std::string robot_id_ = "-";
   std::string software_;
   std::shared_ptr<Session> session_;

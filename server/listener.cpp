@@ -3,6 +3,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <chrono>
 #include <stdexcept>
 #include <utility>
@@ -18,6 +19,7 @@ using asio::ip::tcp;
 using boost::system::error_code;
 
 constexpr std::chrono::milliseconds kAcceptRetry{200};
+constexpr std::size_t kSupersededKept = 1000;
 
 tcp::acceptor listen_on(asio::io_context& main, const ListenSettings& settings) {
   try {
@@ -54,11 +56,16 @@ Listener::Listener(asio::io_context& main, asio::thread_pool& pool, Settings set
     : main_(main),
       pool_(pool),
       settings_(std::move(settings)),
+      tls_(make_tls_context(settings_.listen.tls)),
       acceptor_(listen_on(main, settings_.listen)),
       retry_(main) {}
 
 void Listener::start() {
-  spdlog::info("listening on {}", to_text(endpoint()));
+  spdlog::info("{}listening on {}", tls_ ? "with TLS, " : "", to_text(endpoint()));
+  if (!tls_ && !is_loopback(settings_.listen.address)) {
+    spdlog::warn("listen.insecure: plain TCP on {}; anybody on the network can be any robot",
+                 to_string(settings_.listen.address));
+  }
   accept();
 }
 
@@ -84,21 +91,42 @@ void Listener::accept_failed(const error_code& failed) {
 
 void Listener::accepted(tcp::socket socket) {
   if (std::exchange(is_accept_failing_, false)) spdlog::info("accepting connections again");
-  const std::size_t limit = settings_.listen.max_connections;
-  if (connections_.size() >= limit) {
-    const std::string why = fmt::format("all {} connections are taken", limit);
+  error_code gone;
+  const auto address = socket.remote_endpoint(gone).address();
+  if (gone) return;
+  if (const std::string why = reason_to_turn_away(address); !why.empty()) {
     if (!std::exchange(is_full_, true)) spdlog::warn("refusing connections: {}", why);
     return turn_away(socket, why);
   }
   is_full_ = false;
-  auto connection = std::make_shared<Connection>(std::move(socket), settings_.listen, *this);
+  auto connection =
+      std::make_shared<Connection>(std::move(socket), tls_.get(), settings_.listen, *this);
   connections_.insert(connection);
   connection->start();
+}
+
+/// Empty if there is none.
+std::string Listener::reason_to_turn_away(const asio::ip::address& address) const {
+  const ListenSettings& listen = settings_.listen;
+  if (connections_.size() >= listen.max_connections) {
+    return fmt::format("all {} connections are taken", listen.max_connections);
+  }
+  const auto from_there = std::ranges::count_if(connections_, [&](const auto& connection) {
+    return connection->peer().address() == address;
+  });
+  if (static_cast<std::size_t>(from_there) < listen.max_connections_per_address) return "";
+  return fmt::format("{} has all its {} connections", address.to_string(),
+                     listen.max_connections_per_address);
 }
 
 void Listener::introduced(const std::shared_ptr<Connection>& connection, const wire::Hello& hello) {
   if (stopped_) return connection->refuse("the server stops");
   const SessionKey key(hello.robot_id, hello.session_id);
+  if (const std::string why = reason_to_refuse(key); !why.empty()) {
+    // It will go on trying, several times a second.
+    const bool is_known = std::exchange(last_refusal_, why) == why;
+    return connection->refuse(why, is_known ? spdlog::level::debug : spdlog::level::warn);
+  }
   close_other_sessions(key);
   auto session = session_for(key, hello);
   if (!session) {
@@ -109,6 +137,23 @@ void Listener::introduced(const std::shared_ptr<Connection>& connection, const w
   connection->join(std::move(session).value());
 }
 
+/// Empty if there is none.
+std::string Listener::reason_to_refuse(const SessionKey& key) const {
+  const auto& [robot, session] = key;
+  const auto& allowed = settings_.listen.robots;
+  if (!allowed.empty() && std::ranges::find(allowed, robot) == allowed.end()) {
+    return robot + " is not among listen.robots";
+  }
+  if (std::ranges::find(superseded_, key) != superseded_.end()) {
+    return fmt::format("{} has begun another session since {}; are there two of that name?", robot,
+                       session);
+  }
+  const auto others = std::ranges::count_if(
+      sessions_, [&](const auto& entry) { return entry.first.first != robot; });
+  if (static_cast<std::size_t>(others) < settings_.listen.max_robots) return "";
+  return fmt::format("all {} robots' places are taken", settings_.listen.max_robots);
+}
+
 /// A robot is in one session at a time: whoever says hello for a new one has left the old.
 void Listener::close_other_sessions(const SessionKey& key) {
   std::vector<std::shared_ptr<Session>> others;
@@ -116,7 +161,11 @@ void Listener::close_other_sessions(const SessionKey& key) {
        it != sessions_.end() && it->first.first == key.first; ++it) {
     if (it->first != key) others.push_back(it->second);
   }
-  for (const auto& other : others) other->close(SessionEnd::kSuperseded);
+  for (const auto& other : others) {
+    other->close(SessionEnd::kSuperseded);
+    superseded_.emplace_back(key.first, other->info().session_id);
+    if (superseded_.size() > kSupersededKept) superseded_.pop_front();
+  }
 }
 
 Result<std::shared_ptr<Session>> Listener::session_for(const SessionKey& key,
@@ -125,8 +174,9 @@ Result<std::shared_ptr<Session>> Listener::session_for(const SessionKey& key,
   SessionInfo info{key.first, key.second, hello.calibration};
   auto sinks = make_sinks(settings_.sinks, info, main_, pool_);
   if (!sinks) return std::move(sinks).error();
+  const Session::Timeouts timeouts{settings_.session_timeout, settings_.drain_timeout};
   auto session = std::make_shared<Session>(main_, std::move(info), std::move(sinks).value(),
-                                           settings_.session_timeout, [this, key] {
+                                           timeouts, [this, key] {
                                              sessions_.erase(key);
                                              check_stopped();
                                            });

@@ -5,6 +5,7 @@
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
+#include <deque>
 #include <functional>
 #include <map>
 #include <memory>
@@ -22,19 +23,24 @@ namespace orbbuf {
 ///
 /// Robots do not wait for each other: everything on `main` is one message at a time, and whatever
 /// blocks is done elsewhere. Sessions are made when a robot asks for them, from what their files
-/// hold; a robot that begins a new one ends its old one.
+/// hold; a robot that begins a new one ends its old one, for good: else two robots with one id
+/// would for ever take each other's place.
+///
+/// Memory for one robot, at most: the kernel's receive buffer, twice the largest frame while one
+/// comes, and as much again while a replaced connection's frame is still being written.
 ///
 /// Thread-bound to `main`. Must outlive every run of the io_context.
 class Listener final : public ConnectionOwner {
  public:
-  /// Listens; accepts from start() on. Throws std::runtime_error, saying on what and why not.
+  /// Listens; accepts from start() on. Throws std::runtime_error, saying on what and why not, or
+  /// which key or certificate cannot be used.
   Listener(boost::asio::io_context& main, boost::asio::thread_pool& pool, Settings settings);
 
   boost::asio::ip::tcp::endpoint endpoint() const { return acceptor_.local_endpoint(); }
 
   void start();
-  /// Accepts no more, lets the sinks finish what they have begun (two seconds for readers of
-  /// pipes), says bye to the robots, and then runs `stopped`. Once.
+  /// Accepts no more, lets the sinks finish what they have begun (drain_timeout), says bye to the
+  /// robots, and then runs `stopped`. Once.
   void stop(std::function<void()> stopped);
 
  private:
@@ -45,7 +51,9 @@ class Listener final : public ConnectionOwner {
 
   void accept();
   void accepted(boost::asio::ip::tcp::socket socket);
+  std::string reason_to_turn_away(const boost::asio::ip::address& address) const;
   void accept_failed(const boost::system::error_code& failed);
+  std::string reason_to_refuse(const SessionKey& key) const;
   void close_other_sessions(const SessionKey& key);
   Result<std::shared_ptr<Session>> session_for(const SessionKey& key, const wire::Hello& hello);
   void check_stopped();
@@ -53,13 +61,16 @@ class Listener final : public ConnectionOwner {
   boost::asio::io_context& main_;
   boost::asio::thread_pool& pool_;
   const Settings settings_;
+  const std::unique_ptr<TlsContext> tls_;  // null: plain TCP
   boost::asio::ip::tcp::acceptor acceptor_;
   boost::asio::steady_timer retry_;
   bool is_accept_failing_ = false;
   bool is_full_ = false;
   std::set<std::shared_ptr<Connection>> connections_;
   std::map<SessionKey, std::shared_ptr<Session>> sessions_;
-  std::function<void()> stopped_;  // set: stopping
+  std::deque<SessionKey> superseded_;  // the last thousand
+  std::string last_refusal_;           // logged already
+  std::function<void()> stopped_;      // set: stopping
 };
 
 }  // namespace orbbuf

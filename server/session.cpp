@@ -16,7 +16,6 @@ namespace asio = boost::asio;
 using boost::system::error_code;
 
 constexpr std::chrono::seconds kRetry{1};
-constexpr std::chrono::seconds kCloseGrace{2};
 
 std::string_view to_string(SessionEnd end) {
   switch (end) {
@@ -35,13 +34,13 @@ std::string_view to_string(SessionEnd end) {
 }  // namespace
 
 Session::Session(asio::io_context& main, SessionInfo info,
-                 std::vector<std::shared_ptr<FrameSink>> sinks, std::chrono::nanoseconds timeout,
+                 std::vector<std::shared_ptr<FrameSink>> sinks, const Timeouts& timeouts,
                  std::function<void()> closed)
     : main_(main),
       info_(std::move(info)),
       name_(info_.robot_id + " " + info_.session_id),
       sinks_(std::move(sinks)),
-      timeout_(timeout),
+      timeouts_(timeouts),
       closed_(std::move(closed)),
       timer_(main),
       retry_(main) {
@@ -189,7 +188,7 @@ void Session::settle() {
 
 /// The connection is gone; the robot has this long to come back.
 void Session::start_timeout() {
-  timer_.expires_after(timeout_);
+  timer_.expires_after(timeouts_.connection);
   timer_.async_wait([self = shared_from_this()](const error_code& failed) {
     const bool is_over = !failed && self->timer_.expiry() <= std::chrono::steady_clock::now();
     if (is_over && self->peer_.expired()) self->close(SessionEnd::kAbandoned);
@@ -199,7 +198,7 @@ void Session::start_timeout() {
 void Session::close(SessionEnd end) {
   if (is_closing()) return;
   end_ = end;
-  timer_.expires_after(kCloseGrace);
+  timer_.expires_after(timeouts_.drain);
   timer_.async_wait([self = shared_from_this()](const error_code& failed) {
     if (failed) return;
     for (const auto& sink : self->sinks_) sink->close();

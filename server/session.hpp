@@ -52,10 +52,15 @@ class Session : public std::enable_shared_from_this<Session> {
   /// connection that was replaced or detached meanwhile, nor by a session that is closing.
   using Taken = std::function<void()>;
 
-  /// timeout: how long the session waits, after a connection, for the next before it closes itself.
+  /// How long a session waits for others.
+  struct Timeouts {
+    std::chrono::nanoseconds connection;  ///< after one connection, for the next
+    std::chrono::nanoseconds drain;       ///< when it closes, for the sinks
+  };
+
   /// closed: runs once, when the session has ended for whatever reason and all sinks are closed.
   Session(boost::asio::io_context& main, SessionInfo info,
-          std::vector<std::shared_ptr<FrameSink>> sinks, std::chrono::nanoseconds timeout,
+          std::vector<std::shared_ptr<FrameSink>> sinks, const Timeouts& timeouts,
           std::function<void()> closed);
 
   /// Makes `peer` the one connection, replacing the present one. peer->attached() follows as
@@ -69,7 +74,7 @@ class Session : public std::enable_shared_from_this<Session> {
   void write_drops(wire::Dropped dropped, Taken taken);
   void note(const wire::Stats& stats);
 
-  /// Ends the session when the sinks are done with what they have begun, or in two seconds.
+  /// Ends the session when the sinks are done with what they have begun, or when `drain` is over.
   void close(SessionEnd end);
 
   bool is_closing() const { return end_.has_value(); }
@@ -99,9 +104,9 @@ class Session : public std::enable_shared_from_this<Session> {
   const SessionInfo info_;
   const std::string name_;  // for the log
   std::vector<std::shared_ptr<FrameSink>> sinks_;
-  const std::chrono::nanoseconds timeout_;
+  const Timeouts timeouts_;
   const std::function<void()> closed_;
-  boost::asio::steady_timer timer_;  // until a connection comes; while closing, the grace
+  boost::asio::steady_timer timer_;  // until a connection comes, or the sinks drain
   boost::asio::steady_timer retry_;
 
   wire::Position position_;

@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/settings.hpp"
 
+#include <spdlog/fmt/fmt.h>
+
 #include <array>
 #include <string_view>
 #include <utility>
+
+#include "common/wire.hpp"
 
 namespace orbbuf {
 namespace {
@@ -23,12 +27,35 @@ void load_address(ConfigReader& reader, Address& address) {
   address = std::move(parsed).value();
 }
 
+std::size_t load_count(ConfigReader& reader, std::string_view key, std::size_t fallback) {
+  constexpr std::int64_t kMost = 100'000;
+  return static_cast<std::size_t>(
+      reader.integer(key, static_cast<std::int64_t>(fallback), 1, kMost));
+}
+
+void load_admission(ConfigReader& reader, ListenSettings& listen) {
+  load_tls(reader, listen.tls);
+  listen.insecure = reader.flag("listen.insecure", listen.insecure);
+  if (!listen.tls.is_on() && !listen.insecure && !is_loopback(listen.address)) {
+    reader.fail("listen.address",
+                fmt::format("{} can be reached from the network: set up [tls] (docs/security.md), "
+                            "or say listen.insecure = true to let anybody in",
+                            to_string(listen.address)));
+  }
+  listen.robots = reader.texts("listen.robots");
+  for (const std::string& id : listen.robots) {
+    if (wire::is_valid_id(id)) continue;
+    reader.fail("listen.robots", "not a robot id: \"" + id + "\"");
+  }
+}
+
 void load_listen(ConfigReader& reader, ListenSettings& listen) {
-  constexpr std::int64_t kMostConnections = 100'000;
   load_address(reader, listen.address);
-  listen.max_connections = static_cast<std::size_t>(
-      reader.integer("listen.max_connections", static_cast<std::int64_t>(listen.max_connections), 1,
-                     kMostConnections));
+  load_admission(reader, listen);
+  listen.max_robots = load_count(reader, "listen.max_robots", listen.max_robots);
+  listen.max_connections = load_count(reader, "listen.max_connections", listen.max_connections);
+  listen.max_connections_per_address =
+      load_count(reader, "listen.max_connections_per_address", listen.max_connections_per_address);
   listen.hello_timeout =
       reader.duration("listen.hello_timeout", listen.hello_timeout, kShortest, hours(1));
   listen.idle_timeout =
@@ -66,6 +93,8 @@ Settings load_settings(ConfigReader& reader) {
   load_listen(reader, settings.listen);
   settings.session_timeout =
       reader.duration("session.timeout", settings.session_timeout, kShortest, hours(24 * 365));
+  settings.drain_timeout =
+      reader.duration("session.drain_timeout", settings.drain_timeout, milliseconds(0), hours(1));
   load_sinks(reader, settings.sinks);
   reader.reject_unknown();
   return settings;

@@ -5,9 +5,11 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "common/address.hpp"
 #include "common/config.hpp"
+#include "common/net/tls.hpp"
 #include "server/sink/make_sinks.hpp"
 
 namespace orbbuf {
@@ -15,7 +17,12 @@ namespace orbbuf {
 /// What the server listens on, and what it allows there.
 struct ListenSettings {
   Address address{"127.0.0.1", 7722};  ///< port 0: any free one
-  std::size_t max_connections = 256;
+  TlsSettings tls;                     ///< `[tls]`
+  bool insecure = false;               ///< plain TCP is wanted though not only we can connect
+  std::vector<std::string> robots;     ///< ids of those that may connect; empty: all
+  std::size_t max_robots = 256;
+  std::size_t max_connections = 1024;
+  std::size_t max_connections_per_address = 64;
   std::chrono::nanoseconds hello_timeout = std::chrono::seconds(5);
   std::chrono::nanoseconds idle_timeout = std::chrono::seconds(10);
   std::uint32_t max_frame_bytes = 16 * 1024 * 1024;
@@ -29,6 +36,7 @@ struct Settings {
   std::string log_level = "info";
   ListenSettings listen;
   std::chrono::nanoseconds session_timeout = std::chrono::minutes(10);
+  std::chrono::nanoseconds drain_timeout = std::chrono::seconds(2);
   SinkSettings sinks;
 
   friend bool operator==(const Settings&, const Settings&) = default;

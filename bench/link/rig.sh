@@ -113,7 +113,8 @@ make_images() {
 start_stream() {
   local name=$1 address=$2 images=$3 fps=$4 port folder
   start "$name-server" "${on_server[@]}" "$build/server/orbbuf-server" \
-    --set "listen.address=$address:0" --set "files.path=$work/$name"
+    --set "listen.address=$address:0" --set listen.insecure=true \
+    --set "files.path=$work/$name"
   wait_for "$name-server" 'listening on'
   port=$(grep -o 'listening on .*' "$work/$name-server.err" | grep -o '[0-9]*$')
   start "$name-robot" "${on_robot[@]}" "$build/daemon/orbbufd" --set robot.id=r \

@@ -31,6 +31,7 @@ Sender::Sender(asio::io_context& io, LinkSettings settings, wire::Hello hello, F
                DropLog& drops)
     : io_(io),
       settings_(std::move(settings)),
+      tls_(make_tls_context(settings_.tls)),
       hello_(std::move(hello)),
       buffer_(buffer),
       drops_(drops),
@@ -47,6 +48,12 @@ Sender::~Sender() {
 }
 
 void Sender::start() {
+  if (!tls_ && !is_loopback(settings_.server)) {
+    spdlog::warn(
+        "link: plain TCP to {}: whoever is on the way can see and change the frames; "
+        "docs/security.md says how to set up [tls]",
+        to_string(settings_.server));
+  }
   stats_time_ = Clock::now() + kStatsInterval;
   resolve();
   tick();
@@ -68,8 +75,9 @@ void Sender::resolve() {
 }
 
 void Sender::connect() {
-  attempt_ = std::make_shared<ServerConnection>(io_, static_cast<ServerConnection::Owner&>(*this));
-  attempt_->open(endpoints_[attempts_ % endpoints_.size()], hello_,
+  attempt_ = std::make_shared<ServerConnection>(io_, tls_.get(),
+                                                static_cast<ServerConnection::Owner&>(*this));
+  attempt_->open(endpoints_[attempts_ % endpoints_.size()], settings_.server.host, hello_,
                  static_cast<std::uint32_t>(settings_.unsent_bytes));
   attempt_timer_.expires_after(settings_.connect_timeout);
   attempt_timer_.async_wait([this, attempt = attempt_](const error_code& error) {
@@ -140,8 +148,8 @@ void Sender::on_welcome(const wire::Position& position) {
   moved_time_ = Clock::now();
   buffer_.resume(position.next_sequence);
   drops_.rewind(position.next_drop);
-  spdlog::info("link: connected to {}; its record of this session reaches frame {}",
-               to_string(settings_.server), position.next_sequence);
+  spdlog::info("link: connected to {}{}; its record of this session reaches frame {}",
+               to_string(settings_.server), tls_ ? " over TLS" : "", position.next_sequence);
 }
 
 void Sender::on_ack(const wire::Position& position) {

@@ -14,6 +14,7 @@
 
 #include "common/address.hpp"
 #include "common/drop_record.hpp"
+#include "common/net/tls.hpp"
 #include "common/wire.hpp"
 #include "daemon/buffer/frame_buffer.hpp"
 #include "daemon/net/drop_log.hpp"
@@ -24,6 +25,7 @@ namespace orbbuf {
 /// `[link]` of orbbufd.toml.
 struct LinkSettings {
   Address server{"127.0.0.1", 7722};
+  TlsSettings tls;  ///< `[tls]`; the server's certificate must be for server.host
   /// One attempt, from the SYN to the welcome; must exceed the link's round trip.
   std::chrono::nanoseconds connect_timeout = std::chrono::milliseconds(500);
   /// Beside a connection whose kernel has sent something and seen none of it acknowledged for this
@@ -44,7 +46,8 @@ struct LinkSettings {
 /// `main`, the thread that runs the io_context.
 class Sender final : private ServerConnection::Owner {
  public:
-  /// `buffer` and `drops` must outlive the sender. Nothing happens before start().
+  /// `buffer` and `drops` must outlive the sender. Nothing happens before start(). Throws
+  /// std::runtime_error if the keys of settings.tls cannot be used.
   Sender(boost::asio::io_context& io, LinkSettings settings, wire::Hello hello, FrameBuffer& buffer,
          DropLog& drops);
   ~Sender();
@@ -84,6 +87,7 @@ class Sender final : private ServerConnection::Owner {
 
   boost::asio::io_context& io_;
   const LinkSettings settings_;
+  const std::unique_ptr<TlsContext> tls_;  // null: plain TCP
   const wire::Hello hello_;
   FrameBuffer& buffer_;
   DropLog& drops_;

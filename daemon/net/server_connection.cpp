@@ -12,29 +12,40 @@ namespace orbbuf {
 namespace asio = boost::asio;
 using boost::system::error_code;
 
-ServerConnection::ServerConnection(asio::io_context& io, Owner& owner)
-    : socket_(io), owner_(&owner) {}
+ServerConnection::ServerConnection(asio::io_context& io, TlsContext* tls, Owner& owner)
+    : stream_(asio::ip::tcp::socket(io), tls), owner_(&owner) {}
 
-void ServerConnection::open(const asio::ip::tcp::endpoint& server, const wire::Hello& hello,
-                            std::uint32_t unsent_limit) {
+void ServerConnection::open(const asio::ip::tcp::endpoint& server, const std::string& host,
+                            const wire::Hello& hello, std::uint32_t unsent_limit) {
   message_ = wire::encode(hello);
-  socket_.async_connect(server, [self = shared_from_this(), unsent_limit](const error_code& error) {
+  stream_.socket().async_connect(
+      server, [self = shared_from_this(), host, unsent_limit](const error_code& error) {
+        if (!self->owner_) return;
+        if (error) return self->fail("cannot connect", error);
+        self->connected(host, unsent_limit);
+      });
+}
+
+void ServerConnection::connected(const std::string& host, std::uint32_t unsent_limit) {
+  auto& socket = stream_.socket();
+  error_code error;
+  socket.set_option(asio::ip::tcp::no_delay(true), error);
+  if (error) return fail("cannot set TCP_NODELAY", error);
+  keep_alive(socket.native_handle());  // without it a dead server is merely noticed later
+  if (!limit_unsent(socket.native_handle(), unsent_limit)) {
+    return fail(system_error("cannot set TCP_NOTSENT_LOWAT", errno));
+  }
+  if (!stream_.is_tls()) return say_hello();
+  stream_.async_handshake_as_robot(host, [self = shared_from_this()](const error_code& failed) {
     if (!self->owner_) return;
-    if (error) return self->fail("cannot connect", error);
-    self->say_hello(unsent_limit);
+    if (failed) return self->fail("no TLS", failed);
+    self->say_hello();
   });
 }
 
-void ServerConnection::say_hello(std::uint32_t unsent_limit) {
-  error_code error;
-  socket_.set_option(asio::ip::tcp::no_delay(true), error);
-  if (error) return fail("cannot set TCP_NODELAY", error);
-  keep_alive(socket_.native_handle());  // without it a dead server is merely noticed later
-  if (!limit_unsent(socket_.native_handle(), unsent_limit)) {
-    return fail(system_error("cannot set TCP_NOTSENT_LOWAT", errno));
-  }
+void ServerConnection::say_hello() {
   has_said_hello_ = true;
-  asio::async_write(socket_, asio::buffer(message_),
+  asio::async_write(stream_, asio::buffer(message_),
                     [self = shared_from_this()](const error_code& failed, std::size_t) {
                       if (self->owner_ && failed) self->fail("cannot say hello", failed);
                     });
@@ -44,7 +55,7 @@ void ServerConnection::say_hello(std::uint32_t unsent_limit) {
 void ServerConnection::write(std::vector<std::uint8_t> message) {
   is_writable_ = false;
   message_ = std::move(message);
-  asio::async_write(socket_, asio::buffer(message_),
+  asio::async_write(stream_, asio::buffer(message_),
                     [self = shared_from_this()](const error_code& error, std::size_t) {
                       self->on_written(error);
                     });
@@ -56,7 +67,7 @@ void ServerConnection::write(FramePtr frame) {
   frame_head_ = wire::encode_frame_head(*frame_);
   const std::array<asio::const_buffer, 2> parts = {asio::buffer(frame_head_),
                                                    asio::buffer(frame_->jpeg)};
-  asio::async_write(socket_, parts,
+  asio::async_write(stream_, parts,
                     [self = shared_from_this()](const error_code& error, std::size_t) {
                       self->on_written(error);
                     });
@@ -70,17 +81,17 @@ void ServerConnection::on_written(const error_code& error) {
 }
 
 void ServerConnection::wait_writable() {
-  socket_.async_wait(asio::socket_base::wait_write,
-                     [self = shared_from_this()](const error_code& error) {
-                       if (!self->owner_) return;
-                       if (error) return self->fail("write failed", error);
-                       self->is_writable_ = true;
-                       self->owner_->on_writable();
-                     });
+  stream_.socket().async_wait(asio::socket_base::wait_write,
+                              [self = shared_from_this()](const error_code& error) {
+                                if (!self->owner_) return;
+                                if (error) return self->fail("write failed", error);
+                                self->is_writable_ = true;
+                                self->owner_->on_writable();
+                              });
 }
 
 void ServerConnection::read_header() {
-  asio::async_read(socket_, asio::buffer(header_),
+  asio::async_read(stream_, asio::buffer(header_),
                    [self = shared_from_this()](const error_code& error, std::size_t) {
                      if (!self->owner_) return;
                      if (error) return self->fail("read failed", error);
@@ -92,7 +103,7 @@ void ServerConnection::read_header() {
 
 void ServerConnection::read_body(const wire::Header& header) {
   body_.resize(header.body_bytes);
-  asio::async_read(socket_, asio::buffer(body_),
+  asio::async_read(stream_, asio::buffer(body_),
                    [self = shared_from_this(), header](const error_code& error, std::size_t) {
                      if (!self->owner_) return;
                      if (error) return self->fail("read failed", error);
@@ -135,12 +146,11 @@ void ServerConnection::dispatch(const wire::Header& header) {
 }
 
 std::optional<TcpProgress> ServerConnection::progress() {
-  return tcp_progress(socket_.native_handle());
+  return tcp_progress(stream_.socket().native_handle());
 }
 
 void ServerConnection::fail(const char* attempt, const error_code& error) {
-  fail({std::string(attempt) + ": " +
-        (error == asio::error::eof ? "closed by the server" : error.message())});
+  fail({std::string(attempt) + ": " + stream_.explain(error)});
 }
 
 void ServerConnection::fail(const Error& error) {
@@ -153,8 +163,8 @@ void ServerConnection::close() {
   owner_ = nullptr;
   is_writable_ = false;
   error_code ignored;  // a socket that is already gone is as closed as it gets
-  socket_.set_option(asio::socket_base::linger(true, 0), ignored);
-  socket_.close(ignored);
+  stream_.socket().set_option(asio::socket_base::linger(true, 0), ignored);
+  stream_.socket().close(ignored);
 }
 
 }  // namespace orbbuf

@@ -7,10 +7,12 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "common/error.hpp"
 #include "common/frame.hpp"
+#include "common/net/stream.hpp"
 #include "common/wire.hpp"
 #include "daemon/net/tcp_progress.hpp"
 
@@ -41,12 +43,14 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
     ~Owner() = default;
   };
 
-  /// `owner` must outlive the connection or its close().
-  ServerConnection(boost::asio::io_context& io, Owner& owner);
+  /// `owner` must outlive the connection or its close(); `tls`, null for plain TCP, the
+  /// io_context's last run.
+  ServerConnection(boost::asio::io_context& io, TlsContext* tls, Owner& owner);
 
-  /// Connects, keeping at most about `unsent_limit` bytes unsent in the kernel, and says `hello`.
-  void open(const boost::asio::ip::tcp::endpoint& server, const wire::Hello& hello,
-            std::uint32_t unsent_limit);
+  /// Connects to `server`, which under TLS must prove to be `host`, and says `hello`. From then on
+  /// the kernel keeps at most about `unsent_limit` bytes unsent.
+  void open(const boost::asio::ip::tcp::endpoint& server, const std::string& host,
+            const wire::Hello& hello, std::uint32_t unsent_limit);
 
   /// From then on the server may have given this connection the place of an older one.
   bool has_said_hello() const { return has_said_hello_; }
@@ -65,7 +69,8 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
  private:
   using FrameHead = std::array<std::uint8_t, wire::kHeaderBytes + wire::kFrameMetaBytes>;
 
-  void say_hello(std::uint32_t unsent_limit);
+  void connected(const std::string& host, std::uint32_t unsent_limit);
+  void say_hello();
   void wait_writable();
   void on_written(const boost::system::error_code& error);
   void read_header();
@@ -76,7 +81,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   void fail(const Error& error);
   void fail(const char* attempt, const boost::system::error_code& error);
 
-  boost::asio::ip::tcp::socket socket_;
+  Stream stream_;
   Owner* owner_;  // null once closed
   bool is_writable_ = false;
   bool has_said_hello_ = false;

@@ -52,6 +52,7 @@ TEST(Settings, SampleFileHoldsEveryKeyWithItsDefault) {
   EXPECT_EQ(sample.link.stall_timeout, fallback.link.stall_timeout);
   EXPECT_EQ(sample.link.drain_timeout, fallback.link.drain_timeout);
   EXPECT_EQ(sample.link.unsent_bytes, fallback.link.unsent_bytes);
+  EXPECT_EQ(sample.link.tls, fallback.link.tls);
 }
 
 TEST(Settings, EveryValueReachesItsPlace) {

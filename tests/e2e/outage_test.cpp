@@ -33,7 +33,8 @@ TEST_P(OutageTest, EveryFrameIsDeliveredOnceOrNamedAsDropped) {
   const TemporaryFolder folder;
   const fs::path log = folder / "drops.csv";
   overrides.push_back("buffer.drop_log=" + log.string());
-  Server server(folder / "out", {}, Namespaces::kServerListen, hosts.on_server());
+  Server server(folder / "out", {"listen.insecure=true"}, Namespaces::kServerListen,
+                hosts.on_server());
   Process robot(robot_command("r", server.address(), overrides, hosts.on_robot()));
 
   ASSERT_TRUE(robot.wait_for_lines("] captured ", stream.seconds_before));

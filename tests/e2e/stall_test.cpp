@@ -5,6 +5,7 @@
 #include <csignal>
 
 #include "tests/e2e/rig.hpp"
+#include "tests/support/certificates.hpp"
 #include "tests/support/namespaces.hpp"
 
 namespace orbbuf::test {
@@ -12,15 +13,27 @@ namespace {
 
 namespace fs = std::filesystem;
 
-class StallTest : public ::testing::Test {
+constexpr const char* kRobot = "turtlebot1";
+
+enum class Link { kPlain, kTls };
+
+class StallTest : public ::testing::TestWithParam<Link> {
  protected:
   void SetUp() override {
     if (!hosts_.exist()) GTEST_SKIP() << hosts_.why();
-    server_ = std::make_unique<Server>(folder_ / "out", Overrides{}, Namespaces::kServerListen,
+    Overrides on_server{"listen.insecure=true"};
+    Overrides on_robot{"source.frames=1000000", "source.width=640", "source.height=480"};
+    if (GetParam() == Link::kTls) {
+      const std::string listen = Namespaces::kServerListen;
+      keys_.make("server", "127.0.0.1", listen.substr(0, listen.find(':')));
+      on_server = Certificates::overrides(keys_.server());
+      const Overrides keys = Certificates::overrides(keys_.robot());
+      on_robot.insert(on_robot.end(), keys.begin(), keys.end());
+    }
+    server_ = std::make_unique<Server>(folder_ / "out", on_server, Namespaces::kServerListen,
                                        hosts_.on_server());
-    robot_ = std::make_unique<Process>(robot_command(
-        "r", server_->address(), {"source.frames=1000000", "source.width=640", "source.height=480"},
-        hosts_.on_robot()));
+    robot_ = std::make_unique<Process>(
+        robot_command(kRobot, server_->address(), on_robot, hosts_.on_robot()));
     ASSERT_TRUE(robot_->wait_for_lines("] captured ", 2));
   }
 
@@ -46,18 +59,19 @@ class StallTest : public ::testing::Test {
     robot_->signal(SIGTERM);
     ASSERT_EQ(robot_->wait(), 0) << robot_->output();
     const auto account = closing_account(*robot_);
-    const Record record = read_record(folder_ / "out", "r");
+    const Record record = read_record(folder_ / "out", kRobot);
     expect_exactly_once(record, account.at("captured"));
     EXPECT_EQ(record.delivered.size(), account.at("acknowledged"));
   }
 
   const Namespaces hosts_;
+  const Certificates keys_;
   const TemporaryFolder folder_;
   std::unique_ptr<Server> server_;
   std::unique_ptr<Process> robot_;
 };
 
-TEST_F(StallTest, TheOldConnectionGoesOnIfItIsTheFirstToMove) {
+TEST_P(StallTest, TheOldConnectionGoesOnIfItIsTheFirstToMove) {
   hosts_.cut_link();
   ASSERT_TRUE(robot_->wait_for_line("stalled"));
   set_rule("tcp flags & (syn | ack) == syn drop");  // nothing new comes in
@@ -68,8 +82,8 @@ TEST_F(StallTest, TheOldConnectionGoesOnIfItIsTheFirstToMove) {
   end_and_expect_exactly_once();
 }
 
-TEST_F(StallTest, TheNewConnectionTakesOverIfTheOldOneDoesNotMove) {
-  const auto line = server_->process().wait_for_line("r 10.77.0.1:");
+TEST_P(StallTest, TheNewConnectionTakesOverIfTheOldOneDoesNotMove) {
+  const auto line = server_->process().wait_for_line("turtlebot1 10.77.0.1:");
   ASSERT_TRUE(line);
   const std::string old_port = line->substr(line->find("10.77.0.1:") + 10, 5);
   set_rule("tcp sport " + old_port.substr(0, old_port.find(':')) + " drop");
@@ -81,7 +95,7 @@ TEST_F(StallTest, TheNewConnectionTakesOverIfTheOldOneDoesNotMove) {
 
 // The window's opening is lost in the outage, and nothing is outstanding but the kernel's probes,
 // which it sends ever more rarely.
-TEST_F(StallTest, AWindowThatOpensDuringAnOutageIsNotSleptOn) {
+TEST_P(StallTest, AWindowThatOpensDuringAnOutageIsNotSleptOn) {
   server_->process().signal(SIGSTOP);
   wait_seconds(2);
   nft("add table inet some; add chain inet some in { type filter hook input priority 0; policy "
@@ -89,7 +103,7 @@ TEST_F(StallTest, AWindowThatOpensDuringAnOutageIsNotSleptOn) {
       "}; add chain inet some out { type filter hook output priority 0; policy drop; }");
   server_->process().signal(SIGCONT);
   wait_seconds(8);
-  const fs::path images = read_record(folder_ / "out", "r").folder / "images";
+  const fs::path images = read_record(folder_ / "out", kRobot).folder / "images";
   Process watch({ORBBUF_LINK_PEER, "watch", images.string()});  // a line for each frame
   ASSERT_TRUE(watch.wait_for_line("watching"));
   nft("delete table inet some");
@@ -99,6 +113,11 @@ TEST_F(StallTest, AWindowThatOpensDuringAnOutageIsNotSleptOn) {
   EXPECT_LT(wait.count(), 1.5) << robot_->output();
   end_and_expect_exactly_once();
 }
+
+INSTANTIATE_TEST_SUITE_P(Over, StallTest, ::testing::Values(Link::kPlain, Link::kTls),
+                         [](const auto& link) {
+                           return link.param == Link::kTls ? "Tls" : "PlainTcp";
+                         });
 
 }  // namespace
 }  // namespace orbbuf::test

@@ -4,49 +4,23 @@
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <poll.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 
 #include <memory>
 #include <stdexcept>
 
-#include "tests/server/captured_log.hpp"
 #include "tests/server/frames.hpp"
+#include "tests/server/listener_fixture.hpp"
 #include "tests/server/resource_limit.hpp"
-#include "tests/server/robot_client.hpp"
-#include "tests/server/running_server.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {
 
+using test::ListenerTest;
 using test::plain_frame;
 using test::RobotClient;
 using wire::ErrorCode;
-
-class ListenerTest : public testing::Test {
- protected:
-  ListenerTest() { settings_.sinks.files_path = folder_ / "data"; }
-
-  void start() { server_ = std::make_unique<test::RunningServer>(settings_); }
-  RobotClient connect() {
-    if (!server_) start();
-    return RobotClient(server_->port());
-  }
-  std::size_t frames_kept(const std::string& session) const {
-    return test::read_lines(folder_ / "data" / session / "times.txt").size();
-  }
-  static bool has_answer(const RobotClient& robot, int milliseconds) {
-    pollfd events{robot.fd(), POLLIN, 0};
-    return ::poll(&events, 1, milliseconds) > 0;
-  }
-
-  test::TemporaryFolder folder_;
-  test::CapturedLog log_;
-  Settings settings_;
-  std::unique_ptr<test::RunningServer> server_;
-};
 
 TEST_F(ListenerTest, TellsWhereItListens) {
   start();
@@ -136,23 +110,6 @@ TEST_F(ListenerTest, ARecordThatCannotBeReadRefusesThatSessionOnly) {
   EXPECT_TRUE(connect().hello("r", "s2"));
   server_->stop();
   EXPECT_EQ(log_.lines("error r s: no session: open ").size(), 1U);
-}
-
-TEST_F(ListenerTest, ConnectionsBeyondTheLimitAreRefused) {
-  settings_.listen.max_connections = 1;
-  auto first = connect();
-  ASSERT_TRUE(first.hello("r", "s"));
-  const auto second = connect();
-  const auto error = second.error();
-  ASSERT_TRUE(error);
-  EXPECT_EQ(error->code, ErrorCode::kRefused);
-  EXPECT_EQ(error->text, "all 1 connections are taken");
-  first.send(wire::encode(wire::Bye{}));
-  EXPECT_TRUE(first.bye());
-  EXPECT_TRUE(first.is_closed());
-  first.close();
-  while (!connect().hello("r", "s")) {  // until the server has seen the end, too
-  }
 }
 
 TEST_F(ListenerTest, RunningOutOfDescriptorsIsSurvived) {

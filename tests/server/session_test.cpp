@@ -57,8 +57,9 @@ class SessionTest : public test::EventLoop {
 
   void make(std::vector<std::shared_ptr<FrameSink>> sinks,
             std::chrono::nanoseconds timeout = std::chrono::hours(1)) {
-    session_ = std::make_shared<Session>(main_, SessionInfo{"robot", "session", ""},
-                                         std::move(sinks), timeout, [this] { ++closed_; });
+    session_ = std::make_shared<Session>(
+        main_, SessionInfo{"robot", "session", ""}, std::move(sinks),
+        Session::Timeouts{timeout, std::chrono::seconds(2)}, [this] { ++closed_; });
     session_->attach(peer_);
   }
   void write(Sequence sequence) {

@@ -26,16 +26,41 @@ TEST(Settings, TheSampleSaysTheDefaults) {
 }
 
 TEST(Settings, EveryKeyIsRead) {
-  const Settings got =
-      load({"log.level=debug", "listen.address=[::1]:80", "listen.max_connections=3",
-            "listen.hello_timeout=100 ms", "listen.idle_timeout=2 s", "listen.max_frame=1 MiB",
-            "listen.receive_buffer=0 B", "session.timeout=1 min", "files.enabled=false",
-            "files.path=/out", "pipe.fifo=/run/{robot}", "pipe.format=mjpeg"});
+  const Settings got = load({"log.level=debug",
+                             "listen.address=[::1]:80",
+                             "listen.insecure=true",
+                             "listen.robots=[\"a\", \"b\"]",
+                             "listen.max_robots=4",
+                             "listen.max_connections=3",
+                             "listen.max_connections_per_address=2",
+                             "listen.hello_timeout=100 ms",
+                             "listen.idle_timeout=2 s",
+                             "listen.max_frame=1 MiB",
+                             "listen.receive_buffer=0 B",
+                             "tls.certificate=/c",
+                             "tls.key=/k",
+                             "tls.ca=/a",
+                             "session.timeout=1 min",
+                             "session.drain_timeout=3 s",
+                             "files.enabled=false",
+                             "files.path=/out",
+                             "pipe.fifo=/run/{robot}",
+                             "pipe.format=mjpeg"});
   Settings expected;
   expected.log_level = "debug";
-  expected.listen = {{"::1", 80}, 3, std::chrono::milliseconds(100), std::chrono::seconds(2),
-                     1024 * 1024, 0};
+  expected.listen = {{"::1", 80},
+                     {"/c", "/k", "/a"},
+                     true,
+                     {"a", "b"},
+                     4,
+                     3,
+                     2,
+                     std::chrono::milliseconds(100),
+                     std::chrono::seconds(2),
+                     1024 * 1024,
+                     0};
   expected.session_timeout = std::chrono::minutes(1);
+  expected.drain_timeout = std::chrono::seconds(3);
   expected.sinks = {false, "/out", "/run/{robot}", "", PipeFormat::kMjpeg};
   EXPECT_EQ(got, expected);
 }
@@ -63,7 +88,12 @@ INSTANTIATE_TEST_SUITE_P(
                     BadValue{{"listen.address=:7722"}, "listen.address"},
                     BadValue{{"listen.address=::1:7722"}, "listen.address"},
                     BadValue{{"listen.address=localhost:65536"}, "listen.address"},
+                    BadValue{{"listen.address=0.0.0.0:7722"}, "listen.insecure = true"},
+                    BadValue{{"listen.address=myserver:7722"}, "listen.insecure = true"},
+                    BadValue{{"listen.robots=[\"../etc\"]"}, "listen.robots"},
+                    BadValue{{"listen.max_robots=0"}, "listen.max_robots"},
                     BadValue{{"listen.max_connections=0"}, "listen.max_connections"},
+                    BadValue{{"tls.key=/k"}, "tls.certificate"},
                     BadValue{{"listen.hello_timeout=0 s"}, "listen.hello_timeout"},
                     BadValue{{"listen.idle_timeout=10"}, "listen.idle_timeout"},
                     BadValue{{"listen.max_frame=2 GiB"}, "listen.max_frame"},

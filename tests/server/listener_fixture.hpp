@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <gtest/gtest.h>
+#include <poll.h>
+
+#include <memory>
+#include <string>
+
+#include "tests/server/captured_log.hpp"
+#include "tests/server/robot_client.hpp"
+#include "tests/server/running_server.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace orbbuf::test {
+
+/// A whole server with `settings_`, its log, and the folder that it writes into.
+class ListenerTest : public testing::Test {
+ protected:
+  ListenerTest() { settings_.sinks.files_path = folder_ / "data"; }
+
+  void start() { server_ = std::make_unique<RunningServer>(settings_); }
+  RobotClient connect() {
+    if (!server_) start();
+    return RobotClient(server_->port());
+  }
+  std::size_t frames_kept(const std::string& session) const {
+    return read_lines(folder_ / "data" / session / "times.txt").size();
+  }
+  static bool has_answer(const RobotClient& robot, int milliseconds) {
+    pollfd events{robot.fd(), POLLIN, 0};
+    return ::poll(&events, 1, milliseconds) > 0;
+  }
+
+  TemporaryFolder folder_;
+  CapturedLog log_;
+  Settings settings_;
+  std::unique_ptr<RunningServer> server_;
+};
+
+}  // namespace orbbuf::test

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <memory>
+
+#include "tests/server/captured_log.hpp"
+#include "tests/server/robot_client.hpp"
+#include "tests/server/running_server.hpp"
+#include "tests/support/certificates.hpp"
+#include "tests/support/process.hpp"
+
+namespace orbbuf {
+namespace {
+
+using test::Certificates;
+using test::RobotClient;
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::SizeIs;
+
+/// A server with TLS, and openssl's own client as whoever comes.
+class TlsServer : public testing::Test {
+ protected:
+  TlsServer() {
+    settings_.sinks.files_path = folder_ / "data";
+    settings_.listen.tls = keys_.server();
+    server_ = std::make_unique<test::RunningServer>(settings_);
+  }
+
+  /// openssl s_client: a handshake with these keys and arguments; it goes when the server does.
+  void come(const TlsSettings& tls, const std::vector<std::string>& arguments = {}) const {
+    std::vector<std::string> command = {
+        "openssl", "s_client",       "-connect", "127.0.0.1:" + std::to_string(server_->port()),
+        "-CAfile", tls.ca.string(),  "-cert",    tls.certificate.string(),
+        "-key",    tls.key.string(), "-ign_eof"};
+    command.insert(command.end(), arguments.begin(), arguments.end());
+    test::run(command);
+  }
+  /// What the server has warned of by now.
+  std::vector<std::string> warnings() {
+    server_->stop();
+    return log_.lines("warning ");
+  }
+
+  test::TemporaryFolder folder_;
+  test::CapturedLog log_;
+  const Certificates keys_;
+  Settings settings_;
+  std::unique_ptr<test::RunningServer> server_;
+};
+
+TEST_F(TlsServer, ACertificateOfAnotherCaIsRefused) {
+  const Certificates strangers;
+  come(strangers.robot());
+  const auto said = warnings();
+  ASSERT_THAT(said, SizeIs(1));
+  EXPECT_THAT(said[0], HasSubstr("in certificate chain"));
+}
+
+TEST_F(TlsServer, AnExpiredCertificateIsRefused) {
+  keys_.make("robot", "-days 825", "-days -1");
+  come(keys_.robot());
+  const auto said = warnings();
+  ASSERT_THAT(said, SizeIs(1));
+  EXPECT_THAT(said[0],
+              HasSubstr("the certificate of \"turtlebot1\" is refused: certificate has expired"));
+}
+
+TEST_F(TlsServer, AServersCertificateIsNotARobots) {
+  come(keys_.server());
+  const auto said = warnings();
+  ASSERT_THAT(said, SizeIs(1));
+  EXPECT_THAT(said[0], HasSubstr("certificate purpose"));
+}
+
+TEST_F(TlsServer, Tls12IsRefused) {
+  come(keys_.robot(), {"-tls1_2"});
+  const auto said = warnings();
+  ASSERT_THAT(said, SizeIs(1));
+  EXPECT_THAT(said[0], AllOf(HasSubstr("no TLS: "), HasSubstr("does not speak TLS 1.3")));
+}
+
+TEST_F(TlsServer, WhoeverShowsNoCertificateIsRefused) {
+  test::run({"openssl", "s_client", "-connect", "127.0.0.1:" + std::to_string(server_->port()),
+             "-ign_eof"});
+  const auto said = warnings();
+  ASSERT_THAT(said, SizeIs(1));
+  EXPECT_THAT(said[0], HasSubstr("the other end shows no certificate"));
+}
+
+TEST_F(TlsServer, APlainRobotIsRefused) {
+  const RobotClient robot(server_->port());
+  EXPECT_FALSE(robot.hello("turtlebot1", "s"));
+  const auto said = warnings();
+  ASSERT_THAT(said, SizeIs(1));
+  EXPECT_THAT(said[0], HasSubstr("the other end does not speak TLS"));
+}
+
+TEST_F(TlsServer, WhoeverNeverShakesHandsIsDisconnected) {
+  server_->stop();
+  settings_.listen.hello_timeout = std::chrono::milliseconds(50);
+  server_ = std::make_unique<test::RunningServer>(settings_);
+  const RobotClient silent(server_->port());
+  EXPECT_TRUE(silent.is_closed());
+  EXPECT_THAT(log_.lines("no hello within 0.05 s"), SizeIs(1));
+}
+
+}  // namespace
+}  // namespace orbbuf
