@@ -139,14 +139,14 @@ void Listener::introduced(const std::shared_ptr<Connection>& connection, const w
 
 /// Empty if there is none.
 std::string Listener::reason_to_refuse(const SessionKey& key) const {
-  const auto& [robot, session] = key;
+  const std::string& robot = key.first;
   const auto& allowed = settings_.listen.robots;
   if (!allowed.empty() && std::ranges::find(allowed, robot) == allowed.end()) {
     return robot + " is not among listen.robots";
   }
   if (std::ranges::find(superseded_, key) != superseded_.end()) {
     return fmt::format("{} has begun another session since {}; are there two of that name?", robot,
-                       session);
+                       key.second);
   }
   const auto others = std::ranges::count_if(
       sessions_, [&](const auto& entry) { return entry.first.first != robot; });

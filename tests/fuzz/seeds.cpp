@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+// Writes the fuzzers' first inputs, from the samples that the tests use: a folder for each fuzzer.
+#include <filesystem>
+#include <iostream>
+
+#include "tests/common/wire_samples.hpp"
+#include "tests/server/frames.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace fs = std::filesystem;
+using wire::Bytes;
+
+Bytes joined(const std::vector<Bytes>& messages) {
+  Bytes all;
+  for (const Bytes& message : messages) all.insert(all.end(), message.begin(), message.end());
+  return all;
+}
+
+/// A short life: hello, frames with a repeat, drop records, an account, bye.
+Bytes life(const std::string& session) {
+  return joined({wire::encode(wire::Hello{1, 1, "r", session, "orbbufd", ""}),
+                 wire::encode_whole(test::plain_frame(0)), wire::encode_whole(test::plain_frame(2)),
+                 wire::encode_whole(test::plain_frame(0)),
+                 wire::encode(wire::Dropped{0, {{1, 0, DropReason::kPolicy}}}),
+                 wire::encode(wire::Stats{3, 0, 0, 1, 2, 0, 0}), wire::encode(wire::Bye{{3, 1}})});
+}
+
+void write(const fs::path& file, const Bytes& bytes) {
+  fs::create_directories(file.parent_path());
+  test::write_file(file, test::as_text(bytes));
+}
+
+void write_seeds(const fs::path& folder) {
+  for (const auto& [type, bytes] : wire::sample_messages()) {
+    write(folder / "wire" / std::string(to_string(type)), bytes);
+  }
+  // Bytes at a time, and where the first connection ends: session_fuzz.cpp.
+  write(folder / "session/one", joined({{255, 255}, life("s")}));
+  write(folder / "session/replaced", joined({{255, 128}, life("s"), life("s")}));
+  write(folder / "session/rebooted", joined({{3, 100}, life("s"), life("t")}));
+  const fs::path samples = ORBBUF_SOURCE_DIR "/config";
+  for (const char* name : {"orbbuf-server.toml", "orbbufd.toml"}) {
+    write(folder / "config" / name, wire::bytes_of(test::read_file(samples / name)));
+  }
+}
+
+}  // namespace
+}  // namespace orbbuf
+
+int main(int argc, char** argv) {
+  if (argc != 2) {
+    std::cerr << "usage: orbbuf-fuzz-seeds FOLDER\n";
+    return 2;
+  }
+  orbbuf::write_seeds(argv[1]);
+  return 0;
+}
