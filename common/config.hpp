@@ -13,10 +13,11 @@
 
 namespace orbbuf {
 
-/// What is wrong with a configuration: `FILE:LINE: KEY: why`, or `--set KEY=VALUE: KEY: why`.
+/// What is wrong with a configuration: `FILE:LINE: KEY: why`, or `--set KEY=VALUE: KEY: why`. One
+/// line, whatever it quotes: control characters in `text` become '?'.
 class ConfigError : public std::runtime_error {
  public:
-  using std::runtime_error::runtime_error;
+  explicit ConfigError(std::string text);
 };
 
 /// Typed reading of one TOML file, toml++ hidden behind it. A key is `table.key`. Every getter

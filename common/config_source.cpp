@@ -84,7 +84,15 @@ std::string step(std::string_view key) {
                  : fmt::format("unknown {}", what));
 }
 
+std::string on_one_line(std::string text) {
+  const auto is_control = [](char c) { return (c >= 0 && c < 0x20) || c == 0x7F; };
+  std::replace_if(text.begin(), text.end(), is_control, '?');
+  return text;
+}
+
 }  // namespace
+
+ConfigError::ConfigError(std::string text) : std::runtime_error(on_one_line(std::move(text))) {}
 
 ConfigSource::ConfigSource(std::filesystem::path file, std::span<const std::string> overrides)
     : file_(std::move(file)) {
@@ -162,11 +170,7 @@ void ConfigSource::look_for_strangers(const toml::table& table, const std::strin
   }
 }
 
-std::string quoted(std::string text) {
-  const auto is_control = [](char c) { return (c >= 0 && c < 0x20) || c == 0x7F; };
-  std::replace_if(text.begin(), text.end(), is_control, '?');
-  return fmt::format("\"{}\"", text);
-}
+std::string quoted(const std::string& text) { return fmt::format("\"{}\"", text); }
 
 void refuse(std::string_view where, std::string_view key, std::string_view why) {
   throw ConfigError(fmt::format("{}: {}: {}", where, key, why));

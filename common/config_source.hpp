@@ -64,8 +64,8 @@ class ConfigSource {
   std::set<std::string> known_tables_;
 };
 
-/// `text` in quotes, fit for one line of a log.
-std::string quoted(std::string text);
+/// `text` in quotes.
+std::string quoted(const std::string& text);
 
 /// Throw ConfigError: `WHERE: KEY: why`, and `WHERE: KEY: expected ..., got ...`.
 [[noreturn]] void refuse(std::string_view where, std::string_view key, std::string_view why);

@@ -48,6 +48,7 @@ TEST_F(ConfigSource, SyntaxErrorNamesItsLine) {
   EXPECT_THAT(syntax("[t]\nk = 1\nk = 2\n"), MatchesRegex("FILE:3: Error while parsing.*"));
   EXPECT_THAT(syntax("[t]\n\nk = \"open\n"), MatchesRegex("FILE:3: Error while parsing.*"));
   EXPECT_THAT(syntax("k = '\xFF'\n"), MatchesRegex("FILE:1: .*"));
+  EXPECT_THAT(syntax("k = fal\nse\n"), MatchesRegex("FILE:1: .*'fal.'.*")) << "on one line";
 }
 
 TEST_F(ConfigSource, OverrideWinsOverTheFileAndTheLastOverTheFirst) {
