@@ -79,9 +79,13 @@ void Sender::connect() {
                                                 static_cast<ServerConnection::Owner&>(*this));
   attempt_->open(endpoints_[attempts_ % endpoints_.size()], settings_.server.host, hello_,
                  static_cast<std::uint32_t>(settings_.unsent_bytes));
+  start_attempt_timer();
+}
+
+void Sender::start_attempt_timer() {
   attempt_timer_.expires_after(settings_.connect_timeout);
   attempt_timer_.async_wait([this, attempt = attempt_](const error_code& error) {
-    if (error || attempt != attempt_) return;
+    if (error || attempt != attempt_ || attempt_timer_.expiry() > Clock::now()) return;
     attempt_failed({fmt::format("no answer within {} s", seconds(settings_.connect_timeout))},
                    milliseconds(0));
   });
@@ -131,6 +135,10 @@ void Sender::connection_lost(const Error& why) {
 void Sender::on_failed(const ServerConnection& from, const Error& error) {
   if (&from == attempt_.get()) return attempt_failed(error, retry_delay());
   connection_lost(error);
+}
+
+void Sender::on_step(const ServerConnection& from) {
+  if (&from == attempt_.get()) start_attempt_timer();
 }
 
 void Sender::on_welcome(const wire::Position& position) {

@@ -26,7 +26,7 @@ namespace orbbuf {
 struct LinkSettings {
   Address server{"127.0.0.1", 7722};
   TlsSettings tls;  ///< `[tls]`; the server's certificate must be for server.host
-  /// One attempt, from the SYN to the welcome; must exceed the link's round trip.
+  /// For each step of an attempt: TCP, TLS, the welcome. Must exceed the link's round trip.
   std::chrono::nanoseconds connect_timeout = std::chrono::milliseconds(500);
   /// Beside a connection whose kernel has sent something and seen none of it acknowledged for this
   /// long (or four round trips, if that is longer) another is tried.
@@ -62,6 +62,7 @@ class Sender final : private ServerConnection::Owner {
   void finish(std::function<void(bool complete)> done);
 
  private:
+  void on_step(const ServerConnection& from) override;
   void on_welcome(const wire::Position& position) override;
   void on_ack(const wire::Position& position) override;
   void on_bye(const wire::Position& position) override;
@@ -70,6 +71,7 @@ class Sender final : private ServerConnection::Owner {
 
   void resolve();
   void connect();
+  void start_attempt_timer();
   void connect_again(std::chrono::nanoseconds delay);
   void attempt_failed(const Error& why, std::chrono::nanoseconds retry_delay);
   void connection_lost(const Error& why);

@@ -35,10 +35,12 @@ void ServerConnection::connected(const std::string& host, std::uint32_t unsent_l
   if (!limit_unsent(socket.native_handle(), unsent_limit)) {
     return fail(system_error("cannot set TCP_NOTSENT_LOWAT", errno));
   }
+  owner_->on_step(*this);
   if (!stream_.is_tls()) return say_hello();
   stream_.async_handshake_as_robot(host, [self = shared_from_this()](const error_code& failed) {
     if (!self->owner_) return;
     if (failed) return self->fail("no TLS", failed);
+    self->owner_->on_step(*self);
     self->say_hello();
   });
 }

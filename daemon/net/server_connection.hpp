@@ -28,6 +28,8 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   /// Called from the io_context only, never from within a call to the connection.
   class Owner {
    public:
+    /// On the way to being welcome: TCP is there, or TLS. Each step takes a round trip.
+    virtual void on_step(const ServerConnection& from) = 0;
     /// The server's position; writing may begin.
     virtual void on_welcome(const wire::Position& position) = 0;
     virtual void on_ack(const wire::Position& position) = 0;
