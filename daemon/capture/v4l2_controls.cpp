@@ -22,7 +22,9 @@ std::string text_of(const Byte (&bytes)[Size]) {
 }
 
 bool can_be_set(const v4l2_query_ext_ctrl& query) {
-  if ((query.flags & (V4L2_CTRL_FLAG_DISABLED | V4L2_CTRL_FLAG_READ_ONLY)) != 0) return false;
+  constexpr __u32 kNot =
+      V4L2_CTRL_FLAG_DISABLED | V4L2_CTRL_FLAG_READ_ONLY | V4L2_CTRL_FLAG_HAS_PAYLOAD;
+  if ((query.flags & kNot) != 0) return false;
   switch (query.type) {
     case V4L2_CTRL_TYPE_INTEGER:
     case V4L2_CTRL_TYPE_BOOLEAN:
