@@ -14,7 +14,7 @@ rm -rf "$vm/share"
 mkdir "$vm/share"
 cp "${programs[@]}" "$here"/guest/*.sh "$vm/share/"
 # Not KVM, which not every machine has; a CPU for which OpenCV picks no code that is slow to emulate.
-timeout --foreground 300 qemu-system-x86_64 -accel tcg,thread=multi -cpu Nehalem -smp 2 -m 1536 \
+timeout --foreground 600 qemu-system-x86_64 -accel tcg,thread=multi -cpu Nehalem -smp 2 -m 1536 \
   -nodefaults -no-reboot -nographic -serial stdio -nic none \
   -kernel "$vm/kernel" -initrd "$vm/initrd.gz" -append 'console=ttyS0 quiet panic=-1 mitigations=off' \
   -drive "file=$vm/root.ext4,if=virtio,format=raw,snapshot=on" \
