@@ -137,6 +137,23 @@ std::filesystem::path ConfigReader::path(std::string_view key,
   return state_->file().parent_path() / got;  // `got` itself, if it is absolute
 }
 
+std::map<std::string, std::int64_t> ConfigReader::integers(std::string_view key) {
+  std::map<std::string, std::int64_t> values;
+  for (const std::string& name : state_->ask_table(key)) {
+    const std::string path = fmt::format("{}.{}", key, name);
+    const auto setting = state_->ask(path);
+    if (!setting) continue;
+    if (const auto* const number = setting->node->as_integer()) {
+      values[name] = number->get();
+    } else if (const auto* const flag = setting->node->as_boolean()) {
+      values[name] = flag->get() ? 1 : 0;
+    } else {
+      refuse_type(*setting, path, "an integer");
+    }
+  }
+  return values;
+}
+
 void ConfigReader::reject_unknown() const { state_->reject_unknown(); }
 
 void ConfigReader::fail(std::string_view key, std::string_view why) const {

@@ -135,6 +135,21 @@ std::optional<Setting> ConfigSource::ask(std::string_view key) {
   return locate(key);
 }
 
+std::set<std::string> ConfigSource::ask_table(std::string_view key) {
+  std::set<std::string> names;
+  known_tables_.emplace(key);
+  if (const auto setting = locate(key)) {
+    const auto* const table = setting->node->as_table();
+    if (table == nullptr || setting->is_override) refuse_type(*setting, key, "a table in the file");
+    for (const auto& [name, value] : *table) names.emplace(name.str());
+  }
+  const std::string prefix = std::string(key) + '.';
+  for (const Override& entry : overrides_) {
+    if (entry.key.starts_with(prefix)) names.insert(entry.key.substr(prefix.size()));
+  }
+  return names;
+}
+
 void ConfigSource::reject_unknown() const {
   std::optional<Stranger> first;
   look_for_strangers(root_, "", first);

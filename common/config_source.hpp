@@ -35,6 +35,9 @@ class ConfigSource {
   /// locate(), and from now on `key` is known.
   std::optional<Setting> ask(std::string_view key);
 
+  /// The names set in the table `key`, of the file and of overrides; from now on `key` is known.
+  std::set<std::string> ask_table(std::string_view key);
+
   /// Throws ConfigError for the first key or table, in the order of the lines and then of the
   /// overrides, that nobody asked for.
   void reject_unknown() const;

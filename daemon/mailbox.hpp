@@ -2,6 +2,8 @@
 #pragma once
 
 #include <condition_variable>
+#include <cstddef>
+#include <deque>
 #include <mutex>
 #include <optional>
 #include <stop_token>
@@ -9,30 +11,36 @@
 
 namespace orbbuf {
 
-/// One slot between `capture` and `worker`, latest wins: a reader that is late gets the newest
-/// item, and the writer learns which one it overwrote. Thread-safe: one writer, one reader.
+/// A few slots between `capture` and `worker`, latest win: a reader that is late gets the newest
+/// items, in order, and the writer learns which one it pushed out. Several, so that items that come
+/// in a burst are not lost to each other. Thread-safe: one writer, one reader.
 template <class T>
 class Mailbox {
  public:
-  /// Never waits. Returns the item that was still in the slot, if any.
+  /// slots: at least 1.
+  explicit Mailbox(std::size_t slots) : slots_(slots) {}
+
+  /// Never waits. Returns the oldest item if there was no slot left for `item`.
   std::optional<T> put(T item) {
     const std::lock_guard lock(mutex_);
-    std::optional<T> overwritten = std::exchange(slot_, std::move(item));
+    std::optional<T> overwritten;
+    if (items_.size() == slots_) overwritten = pop();
+    items_.push_back(std::move(item));
     changed_.notify_all();
     return overwritten;
   }
 
-  /// Waits until the slot is empty, for a writer that can afford to. False if `stop` came first.
+  /// Waits until all slots are empty, for a writer that can afford to. False if `stop` came first.
   bool wait_until_empty(std::stop_token stop) {
     std::unique_lock lock(mutex_);
-    return changed_.wait(lock, std::move(stop), [this] { return !slot_; });
+    return changed_.wait(lock, std::move(stop), [this] { return items_.empty(); });
   }
 
   /// Waits for an item. Nothing once the mailbox is closed and empty.
   std::optional<T> take() {
     std::unique_lock lock(mutex_);
-    changed_.wait(lock, [this] { return slot_ || is_closed_; });
-    std::optional<T> item = std::exchange(slot_, std::nullopt);
+    changed_.wait(lock, [this] { return !items_.empty() || is_closed_; });
+    std::optional<T> item = pop();
     changed_.notify_all();
     return item;
   }
@@ -41,10 +49,10 @@ class Mailbox {
   /// is not done.
   bool take_would_wait() const {
     const std::lock_guard lock(mutex_);
-    return !slot_ && !is_closed_;
+    return items_.empty() && !is_closed_;
   }
 
-  /// The writer is done: what is in the slot can still be taken.
+  /// The writer is done: what is there can still be taken.
   void close() {
     const std::lock_guard lock(mutex_);
     is_closed_ = true;
@@ -52,9 +60,17 @@ class Mailbox {
   }
 
  private:
+  std::optional<T> pop() {
+    if (items_.empty()) return std::nullopt;
+    std::optional<T> item(std::move(items_.front()));
+    items_.pop_front();
+    return item;
+  }
+
+  const std::size_t slots_;
   mutable std::mutex mutex_;
   std::condition_variable_any changed_;
-  std::optional<T> slot_;   // guarded by mutex_
+  std::deque<T> items_;     // guarded by mutex_, at most slots_
   bool is_closed_ = false;  // guarded by mutex_
 };
 

@@ -14,10 +14,10 @@
 namespace orbbuf {
 
 /// From the source into the buffer, on two threads of its own: `capture` takes frames from the
-/// source and numbers them, `worker` encodes and pushes them. Between them is a one-slot mailbox: a
-/// live source never waits, and a frame that the worker does not get to in time is named as
-/// skipped. A source that can wait is read only as fast as the buffer has room, so it loses
-/// nothing. Thread-bound to `main`.
+/// source and numbers them, `worker` encodes and pushes them. Between them is a mailbox of a
+/// few frames: a live source never waits, and a frame that the worker does not get to in time is
+/// named as skipped. A source that can wait is read only as fast as the buffer has room, so it
+/// loses nothing. Thread-bound to `main`.
 class Pipeline {
  public:
   struct Events {
@@ -49,9 +49,9 @@ class Pipeline {
   const std::unique_ptr<FrameSource> source_;
   FrameBuffer& buffer_;
   const Events events_;
-  JpegEncoder encoder_;  // worker only
-  Mailbox<Captured> mailbox_;
-  bool source_failed_ = false;  // set before mailbox_.close(), read once it is closed
+  JpegEncoder encoder_;           // worker only
+  Mailbox<Captured> mailbox_{3};  // a camera's frames come in a burst after `capture` was held up
+  bool source_failed_ = false;    // set before mailbox_.close(), read once it is closed
   std::jthread capture_;
   std::jthread worker_;
 };

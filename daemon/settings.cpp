@@ -14,6 +14,7 @@
 
 #include "common/config.hpp"
 #include "common/wire.hpp"
+#include "daemon/capture/v4l2_formats.hpp"
 
 namespace orbbuf {
 namespace {
@@ -22,6 +23,11 @@ using std::chrono::hours;
 using std::chrono::milliseconds;
 
 constexpr std::array<std::string_view, 5> kLogLevels = {"trace", "debug", "info", "warn", "error"};
+constexpr auto kSourceFormats = [] {
+  std::array<std::string_view, kCameraFormats.size() + 1> formats = {"auto"};
+  std::copy(kCameraFormats.begin(), kCameraFormats.end(), formats.begin() + 1);
+  return formats;
+}();
 constexpr std::int64_t kMaxInteger = std::numeric_limits<std::int64_t>::max();
 
 std::string host_name() {
@@ -54,9 +60,13 @@ void read_robot(ConfigReader& config, Settings& settings) {
 void read_source(ConfigReader& config, SourceSettings& source) {
   source.kind = config.choice("source.kind", source.kind, kSourceKinds);
   source.path = config.path("source.path", source.path);
-  if (source.kind != "generated" && source.path.empty()) {
+  const bool is_file = source.kind == "folder" || source.kind == "video";
+  if (is_file && source.path.empty()) {
     config.fail("source.path", "needed for source.kind = \"" + source.kind + "\"");
   }
+  source.device = config.text("source.device", source.device);
+  source.format = config.choice("source.format", source.format, kSourceFormats);
+  source.controls = config.integers("source.controls");
   source.fps = config.number("source.fps", source.fps, 0.01, 1000);
   source.realtime = config.flag("source.realtime", source.realtime);
   source.loop = config.flag("source.loop", source.loop);

@@ -12,6 +12,9 @@
 #include "daemon/capture/replay_source.hpp"
 #include "daemon/capture/scene_source.hpp"
 #include "daemon/capture/video_replay_source.hpp"
+#ifdef ORBBUF_V4L2
+#include "daemon/capture/v4l2_source.hpp"
+#endif
 
 namespace orbbuf {
 namespace {
@@ -21,15 +24,26 @@ using Source = std::unique_ptr<FrameSource>;
 
 struct Kind {
   std::string_view name;
+  bool is_camera;
   Source (*open)(const Settings&);
 };
 
+Source open_v4l2([[maybe_unused]] const Settings& settings) {
+#ifdef ORBBUF_V4L2
+  return std::make_unique<V4l2Source>(settings);
+#else
+  throw std::runtime_error("cannot film: this program was built without V4L2's header");
+#endif
+}
+
 constexpr std::array kKinds = {
-    Kind{"generated", [](const Settings& s) -> Source { return std::make_unique<SceneSource>(s); }},
-    Kind{"folder",
+    Kind{"generated", false,
+         [](const Settings& s) -> Source { return std::make_unique<SceneSource>(s); }},
+    Kind{"folder", false,
          [](const Settings& s) -> Source { return std::make_unique<FolderReplaySource>(s); }},
-    Kind{"video",
+    Kind{"video", false,
          [](const Settings& s) -> Source { return std::make_unique<VideoReplaySource>(s); }},
+    Kind{"v4l2", true, open_v4l2},
 };
 static_assert(std::ranges::equal(kKinds, kSourceKinds, {}, &Kind::name));
 
@@ -45,6 +59,7 @@ std::unique_ptr<FrameSource> make_source(const SourceSettings& settings) {
     throw std::runtime_error(fmt::format("cannot open a source at {} fps: not from {} to {}",
                                          settings.fps, kMinFps, kMaxFps));
   }
+  if (kind->is_camera) return kind->open(settings);
   const ReplaySource::Options options{.is_realtime = settings.realtime,
                                       .is_looped = settings.loop,
                                       .nominal_interval_ns = nominal_time_ns(1, settings.fps)};

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -14,23 +15,28 @@ namespace orbbuf {
 
 /// `[source]` of orbbufd.toml.
 struct SourceSettings {
-  std::string kind = "generated";  ///< one of kSourceKinds
-  std::filesystem::path path;      ///< folder: the images; video: the file
-  double fps = 25.0;               ///< frames per second where the source has no times of its own
+  std::string kind = "generated";      ///< one of kSourceKinds
+  std::filesystem::path path;          ///< folder: the images; video: the file
+  std::string device = "/dev/video0";  ///< v4l2: the camera's node
+  std::string format = "auto";  ///< v4l2: one of kCameraFormats, or "auto" (v4l2_formats.hpp)
+  std::map<std::string, std::int64_t> controls;  ///< v4l2: by name (v4l2_controls.hpp)
+  double fps = 25.0;  ///< frames per second: a camera's, or where files have no times of their own
   bool realtime = true;    ///< pace frames by their capture times; else as fast as they are taken
   bool loop = false;       ///< begin again at the end, capture times going on
   std::uint64_t seed = 1;  ///< generated: same seed, same frames
-  int width_px = 640;      ///< generated
-  int height_px = 480;     ///< generated
+  int width_px = 640;      ///< generated, v4l2
+  int height_px = 480;     ///< generated, v4l2
   std::int64_t frames = 500;  ///< generated: how many
   bool color = false;         ///< `[jpeg] color`: whether images are read in colour
 };
 
 /// Every kind of source, by its name in the configuration.
-inline constexpr std::array<std::string_view, 3> kSourceKinds = {"generated", "folder", "video"};
+inline constexpr std::array<std::string_view, 4> kSourceKinds = {"generated", "folder", "video",
+                                                                 "v4l2"};
 
-/// Opens the source that `settings.kind` names, paced and looped as asked. Throws
-/// std::runtime_error saying what was tried, on what and why, if it cannot deliver a first frame.
+/// Opens the source that `settings.kind` names; what is not a camera is paced and looped as asked.
+/// Throws std::runtime_error saying what was tried, on what and why, if it cannot deliver a first
+/// frame.
 std::unique_ptr<FrameSource> make_source(const SourceSettings& settings);
 
 }  // namespace orbbuf

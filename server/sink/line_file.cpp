@@ -10,7 +10,7 @@
 #include <span>
 #include <utility>
 
-#include "server/sink/unique_fd.hpp"
+#include "common/unique_fd.hpp"
 #include "server/sink/write_file.hpp"
 
 namespace orbbuf {

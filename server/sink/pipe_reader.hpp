@@ -4,7 +4,7 @@
 #include <string>
 
 #include "common/error.hpp"
-#include "server/sink/unique_fd.hpp"
+#include "common/unique_fd.hpp"
 
 namespace orbbuf {
 

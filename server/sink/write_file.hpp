@@ -7,7 +7,7 @@
 #include <span>
 
 #include "common/error.hpp"
-#include "server/sink/unique_fd.hpp"
+#include "common/unique_fd.hpp"
 
 namespace orbbuf {
 

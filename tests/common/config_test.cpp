@@ -5,6 +5,7 @@
 
 #include <array>
 #include <limits>
+#include <map>
 
 #include "tests/common/config_fixture.hpp"
 
@@ -164,6 +165,28 @@ TEST_F(Config, RelativePathIsTakenFromTheFoldersOfTheFile) {
   EXPECT_EQ(reader.path("t.empty", "z"), "");
   EXPECT_EQ(reader.path("t.given", ""), "x/y");
   EXPECT_EQ(reader.path("t.unset", "z"), "z");
+}
+
+TEST_F(Config, ATableOfIntegersHasTheNamesThatAreSet) {
+  using Integers = std::map<std::string, std::int64_t>;
+  auto reader = read("[a]\nt = { gain = 3, auto = true, hue = -1 }\nnone = {}\n",
+                     {"a.t.gain=5", "a.t.zoom=7"});
+  EXPECT_EQ(reader.integers("a.t"), (Integers{{"auto", 1}, {"gain", 5}, {"hue", -1}, {"zoom", 7}}));
+  EXPECT_EQ(reader.integers("a.none"), Integers());
+  EXPECT_EQ(reader.integers("a.unset"), Integers());
+  reader.reject_unknown();
+}
+
+TEST_F(Config, WhatIsNoTableOfIntegersIsRefused) {
+  const auto integers = [](ConfigReader& reader) { reader.integers("t.k"); };
+  EXPECT_EQ(error_with("k = 3", integers),
+            "FILE:2: t.k: expected a table in the file, got integer 3");
+  EXPECT_EQ(error_with("k = { x = 0.5 }", integers),
+            "FILE:2: t.k.x: expected an integer, got number 0.5");
+  EXPECT_EQ(error_with("[t.k]", integers, {"t.k.x=high"}),
+            "--set t.k.x=high: t.k.x: expected an integer, got string \"high\"");
+  EXPECT_EQ(error_with("", integers, {"t.k={x = 1}"}),
+            "--set t.k={x = 1}: t.k: expected a table in the file, got a table");
 }
 
 TEST_F(Config, FailNamesWhereTheValueWasSet) {

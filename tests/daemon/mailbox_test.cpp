@@ -9,15 +9,23 @@ namespace orbbuf {
 namespace {
 
 TEST(Mailbox, LatestWinsAndTheWriterLearnsWhatWasOverwritten) {
-  Mailbox<int> mailbox;
+  Mailbox<int> mailbox(1);
   EXPECT_FALSE(mailbox.put(1));
   EXPECT_EQ(mailbox.put(2), 1);
   EXPECT_EQ(mailbox.take(), 2);
   EXPECT_FALSE(mailbox.put(3));
 }
 
+TEST(Mailbox, ABurstHasASlotForEachAndThenTheOldestGoes) {
+  Mailbox<int> mailbox(3);
+  for (int i = 0; i < 3; ++i) EXPECT_FALSE(mailbox.put(i));
+  EXPECT_EQ(mailbox.put(3), 0);
+  for (int i = 1; i <= 3; ++i) EXPECT_EQ(mailbox.take(), i);
+  EXPECT_TRUE(mailbox.take_would_wait());
+}
+
 TEST(Mailbox, WhatIsInTheSlotCanBeTakenAfterClosing) {
-  Mailbox<int> mailbox;
+  Mailbox<int> mailbox(1);
   mailbox.put(1);
   mailbox.close();
   EXPECT_EQ(mailbox.take(), 1);
@@ -25,7 +33,7 @@ TEST(Mailbox, WhatIsInTheSlotCanBeTakenAfterClosing) {
 }
 
 TEST(Mailbox, ReaderWouldWaitOnlyWhileItIsOpenAndEmpty) {
-  Mailbox<int> mailbox;
+  Mailbox<int> mailbox(1);
   EXPECT_TRUE(mailbox.take_would_wait());
   mailbox.put(1);
   EXPECT_FALSE(mailbox.take_would_wait());
@@ -36,7 +44,7 @@ TEST(Mailbox, ReaderWouldWaitOnlyWhileItIsOpenAndEmpty) {
 }
 
 TEST(Mailbox, ReaderIsWokenByPutAndByClose) {
-  Mailbox<int> mailbox;
+  Mailbox<int> mailbox(1);
   std::jthread writer([&] {
     mailbox.put(7);
     std::stop_source never;
@@ -48,7 +56,7 @@ TEST(Mailbox, ReaderIsWokenByPutAndByClose) {
 }
 
 TEST(Mailbox, WaitingForAnEmptySlotEndsWhenStopIsRequested) {
-  Mailbox<int> mailbox;
+  Mailbox<int> mailbox(1);
   std::stop_source stop;
   EXPECT_TRUE(mailbox.wait_until_empty(stop.get_token()));
   mailbox.put(1);
@@ -58,7 +66,7 @@ TEST(Mailbox, WaitingForAnEmptySlotEndsWhenStopIsRequested) {
 
 TEST(Mailbox, EveryItemIsEitherTakenOrReportedAsOverwritten) {
   constexpr int kItems = 100'000;
-  Mailbox<int> mailbox;
+  Mailbox<int> mailbox(3);
   int overwritten = 0;
   std::jthread writer([&] {
     for (int i = 0; i < kItems; ++i) overwritten += mailbox.put(i).has_value();

@@ -31,6 +31,9 @@ TEST(Settings, SampleFileHoldsEveryKeyWithItsDefault) {
   EXPECT_EQ(sample.calibration, fallback.calibration);
   EXPECT_EQ(sample.source.kind, fallback.source.kind);
   EXPECT_EQ(sample.source.path, fallback.source.path);
+  EXPECT_EQ(sample.source.device, fallback.source.device);
+  EXPECT_EQ(sample.source.format, fallback.source.format);
+  EXPECT_EQ(sample.source.controls, fallback.source.controls);
   EXPECT_EQ(sample.source.fps, fallback.source.fps);
   EXPECT_EQ(sample.source.realtime, fallback.source.realtime);
   EXPECT_EQ(sample.source.loop, fallback.source.loop);
@@ -76,6 +79,14 @@ TEST(Settings, EveryValueReachesItsPlace) {
   EXPECT_EQ(s.link.unsent_bytes, 1U << 20);
 }
 
+TEST(Settings, ACameraNeedsNoPath) {
+  const Settings s = with({"source.kind=v4l2", "source.device=/dev/video2", "source.format=MJPG",
+                           "source.controls.exposure_auto=1"});
+  EXPECT_EQ(s.source.device, "/dev/video2");
+  EXPECT_EQ(s.source.format, "MJPG");
+  EXPECT_EQ(s.source.controls, (std::map<std::string, std::int64_t>{{"exposure_auto", 1}}));
+}
+
 TEST(Settings, WhatCannotBeIsRefusedByName) {
   const auto names = [](const std::string& text, const std::string& part) {
     EXPECT_NE(text.find(part), std::string::npos) << text;
@@ -83,6 +94,7 @@ TEST(Settings, WhatCannotBeIsRefusedByName) {
   names(why({"robot.id=../etc"}), "robot.id: ");
   names(why({"source.kind=folder"}), "source.path: needed for source.kind = \"folder\"");
   names(why({"source.kind=kinect"}), "source.kind: ");
+  names(why({"source.format=YUV"}), "one of auto, GREY, NV12, YUV420, YUYV, UYVY, BGR24");
   names(why({"features.pixels=3"}), "features.pixels");
   names(why({"buffer.capacity=2"}), "buffer.capacity: ");
   names(why({"buffer.policy=best"}), "drop-youngest");

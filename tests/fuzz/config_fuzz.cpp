@@ -6,8 +6,8 @@
 #include <cstdlib>
 #include <string>
 
+#include "common/unique_fd.hpp"
 #include "server/settings.hpp"
-#include "server/sink/unique_fd.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const orbbuf::UniqueFd file(::memfd_create("config", 0));

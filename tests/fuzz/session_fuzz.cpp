@@ -15,8 +15,8 @@
 #include <vector>
 
 #include "common/log.hpp"
+#include "common/unique_fd.hpp"
 #include "server/connection.hpp"
-#include "server/sink/unique_fd.hpp"
 #include "tests/fuzz/stream_mutator.hpp"
 
 namespace orbbuf {

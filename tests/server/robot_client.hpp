@@ -8,8 +8,8 @@
 #include <string_view>
 #include <vector>
 
+#include "common/unique_fd.hpp"
 #include "common/wire.hpp"
-#include "server/sink/unique_fd.hpp"
 
 namespace orbbuf::test {
 

@@ -38,7 +38,7 @@ TEST(MakeSource, TheDefaultIsALiveGeneratedScene) {
 TEST(MakeSource, AnUnknownKindIsRefusedWithAListOfThose) {
   SourceSettings settings;
   settings.kind = "webcam";
-  EXPECT_THAT(error(settings), HasSubstr("'webcam': the kinds are generated, folder, video"));
+  EXPECT_THAT(error(settings), HasSubstr("'webcam': the kinds are generated, folder, video, v4l2"));
 }
 
 TEST(MakeSource, EveryKindIsOpenedAtOnce) {
@@ -47,6 +47,7 @@ TEST(MakeSource, EveryKindIsOpenedAtOnce) {
     SourceSettings settings;
     settings.kind = kind;
     settings.path = folder / "absent";
+    settings.device = folder / "absent";
     settings.width_px = 0;
     EXPECT_NE(error(settings), "") << kind;
   }

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+
+namespace orbbuf {
+
+/// Two clocks at one moment: the monotonic one that drivers stamp buffers with, which is Linux's
+/// steady_clock, and UTC.
+struct ClockPair {
+  std::int64_t monotonic_ns = 0;
+  std::int64_t utc_ns = 0;
+};
+
+/// Both clocks, within a few microseconds of each other.
+ClockPair read_clocks();
+
+/// Capture times in UTC from a driver's monotonic time stamps, by an offset taken at the start and
+/// kept, so that steps of the system's clock do not reach into the images' times. Times strictly
+/// increase. Thread-bound.
+class CaptureClock {
+ public:
+  /// A stream starts. The first takes the offset; a later one only if it has grown by over 1 s, as
+  /// it does where the machine slept. True if it was taken.
+  bool start(const ClockPair& now);
+
+  std::int64_t offset_ns() const { return offset_ns_; }
+
+  /// The capture time of a buffer stamped `stamp_ns` that is read at `now_ns` (both monotonic). A
+  /// stamp that cannot be (none at all: 0, or later than now) is replaced by now.
+  std::int64_t utc_ns(std::int64_t stamp_ns, std::int64_t now_ns);
+
+ private:
+  std::int64_t offset_ns_ = 0;
+  std::int64_t last_utc_ns_ = 0;
+  bool is_started_ = false;
+};
+
+/// Counts the frames that a driver numbered but did not give. Thread-bound.
+class GapCounter {
+ public:
+  /// A stream starts, whose numbers begin anywhere.
+  void start() { is_started_ = false; }
+
+  /// How many are missing before the buffer of this number, which wraps around. A driver that does
+  /// not count, or begins anew, misses nothing.
+  std::uint32_t missed_before(std::uint32_t sequence);
+
+ private:
+  std::uint32_t last_ = 0;
+  bool is_started_ = false;
+};
+
+}  // namespace orbbuf

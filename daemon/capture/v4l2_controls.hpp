@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace orbbuf {
+
+class V4l2Device;
+
+/// Settings of a camera by the names of its controls.
+using CameraControls = std::map<std::string, std::int64_t>;
+
+/// A control as its driver has it.
+struct CameraControl {
+  std::uint32_t id = 0;
+  std::string name;  ///< control_name() of the driver's
+  std::int64_t min = 0;
+  std::int64_t max = 0;
+  std::int64_t step = 1;
+  std::int64_t fallback = 0;
+  std::vector<std::string> menu;  ///< `1 Manual Mode`; empty: any number of the range
+  bool is_wide = false;           ///< 64 bits
+};
+
+/// The name to set a control by, which is the one v4l2-ctl has for it: "Exposure, Auto" becomes
+/// exposure_auto, letters in lower case and all else between them one underscore.
+std::string control_name(std::string_view driver_name);
+
+/// Why `control` does not take `value`, with what it does take; empty: it may.
+std::string why_refused(const CameraControl& control, std::int64_t value);
+
+/// Every control that has a number and can be set.
+std::vector<CameraControl> list_controls(const V4l2Device& device);
+
+/// Sets all of `values`. A control may first need another one set (a manual exposure needs
+/// exposure_auto off): what is refused is tried again as long as others are accepted. Throws
+/// std::runtime_error naming the control and what it takes, or all names if there is none like it.
+void set_controls(const V4l2Device& device, const CameraControls& values);
+
+}  // namespace orbbuf

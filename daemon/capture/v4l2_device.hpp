@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/unique_fd.hpp"
+#include "daemon/capture/v4l2_formats.hpp"
+
+namespace orbbuf {
+
+/// An open V4L2 capture device, and what it says of itself. Thread-bound.
+class V4l2Device {
+ public:
+  /// path: of a video node or of a link to one. Throws std::runtime_error saying why it cannot be
+  /// opened, and which nodes there are, or why what is there does not capture.
+  explicit V4l2Device(std::string path);
+
+  const std::string& path() const { return path_; }
+  const std::string& name() const { return name_; }  ///< of the camera, for people
+  const std::string& bus() const { return bus_; }    ///< where it is plugged in
+  int fd() const { return fd_.get(); }
+
+  /// Every format, with its sizes and rates.
+  std::vector<CameraOffer> offers() const;
+
+  /// ioctl(2), begun again when a signal interrupts it. Returns 0 or errno.
+  int call(unsigned long request, void* argument) const;
+
+  /// call() for what must not fail. Throws std::runtime_error: `camera PATH: cannot ATTEMPT: why`.
+  void must(std::string_view attempt, unsigned long request, void* argument) const;
+
+  /// Throws as must() does, for the errno value `error`.
+  [[noreturn]] void fail(std::string_view attempt, int error) const;
+
+ private:
+  std::string path_;
+  std::string name_;
+  std::string bus_;
+  UniqueFd fd_;
+};
+
+/// The video nodes of this machine (/dev/video*), by number. Not all of them capture.
+std::vector<std::string> video_nodes();
+
+}  // namespace orbbuf

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/capture/v4l2_formats.hpp"
+
+#include <spdlog/fmt/fmt.h>
+#include <spdlog/fmt/ranges.h>
+
+#include <algorithm>
+#include <limits>
+#include <optional>
+
+namespace orbbuf {
+namespace {
+
+constexpr std::array<std::string_view, kCameraFormats.size()> kFourccs = {
+    "GREY", "NV12", "YU12", "YUYV", "UYVY", "BGR3", "RGB3", "MJPG"};
+
+/// A camera that says 29.97 will do for 30.
+constexpr double kRateTolerance = 0.99;
+
+bool gives_color(CameraFormat format) {
+  return format == CameraFormat::kMjpg || format == CameraFormat::kBgr24 ||
+         format == CameraFormat::kRgb24;
+}
+
+std::string describe(const CameraSize& size) {
+  std::string text = fmt::format("{}x{}", size.min_width_px, size.min_height_px);
+  if (size.max_width_px > size.min_width_px || size.max_height_px > size.min_height_px) {
+    text += fmt::format(" to {}x{}", size.max_width_px, size.max_height_px);
+  }
+  if (size.rates.empty()) return text;
+  const auto count = std::min<std::size_t>(size.rates.size(), 4);
+  return fmt::format(
+      "{} ({:.4g}{} fps)", text,
+      fmt::join(size.rates.begin(), size.rates.begin() + static_cast<int>(count), ", "),
+      size.rates.size() > count ? ", ..." : "");
+}
+
+/// The best rate at which `offer` has the size; without one it does not have it. Unknown: infinite.
+std::optional<double> rate_of(const CameraOffer& offer, const CameraRequest& request) {
+  constexpr double kUnknown = std::numeric_limits<double>::infinity();
+  if (offer.sizes.empty()) return kUnknown;
+  std::optional<double> best;
+  for (const CameraSize& size : offer.sizes) {
+    if (!size.holds(request.width_px, request.height_px)) continue;
+    const double rate = size.rates.empty() ? kUnknown : size.rates.front();
+    best = std::max(best.value_or(0), rate);
+  }
+  return best;
+}
+
+Error nothing_fits(std::span<const CameraOffer> offers, const CameraRequest& request) {
+  return {fmt::format("no {} of {}x{}{}; it offers {}",
+                      request.format == "auto" ? "format that is read" : request.format,
+                      request.width_px, request.height_px,
+                      request.color ? " in colour (MJPG, BGR24 or RGB24)" : "", describe(offers))};
+}
+
+}  // namespace
+
+std::string describe(std::span<const CameraOffer> offers) {
+  std::vector<std::string> formats;
+  for (const CameraOffer& offer : offers) {
+    std::vector<std::string> sizes;
+    for (const CameraSize& size : offer.sizes) sizes.push_back(describe(size));
+    formats.push_back(fmt::format("{} {}", offer.fourcc, fmt::join(sizes, ", ")));
+  }
+  return formats.empty() ? "nothing" : fmt::format("{}", fmt::join(formats, "; "));
+}
+
+std::string_view fourcc_of(CameraFormat format) {
+  return kFourccs.at(static_cast<std::size_t>(format));
+}
+
+Result<CameraFormat> choose_format(std::span<const CameraOffer> offers,
+                                   const CameraRequest& request) {
+  struct Choice {
+    CameraFormat format;
+    double rate;
+  };
+  std::vector<Choice> choices;
+  for (std::size_t i = 0; i < kCameraFormats.size(); ++i) {
+    const auto format = static_cast<CameraFormat>(i);
+    if (request.format != "auto" && request.format != to_string(format)) continue;
+    if (request.color && !gives_color(format)) continue;
+    const auto offer = std::ranges::find(offers, kFourccs.at(i), &CameraOffer::fourcc);
+    const auto rate = offer == offers.end() ? std::nullopt : rate_of(*offer, request);
+    if (rate) choices.push_back({format, *rate});
+  }
+  if (choices.empty()) return nothing_fits(offers, request);
+  const double enough = request.fps * kRateTolerance;
+  const auto best = std::ranges::max_element(
+      choices, {}, [enough](const Choice& choice) { return std::min(choice.rate, enough); });
+  return best->format;
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/capture/v4l2_source.hpp"
+
+#include <poll.h>
+#include <spdlog/spdlog.h>
+#include <sys/eventfd.h>
+
+#include <algorithm>
+#include <array>
+#include <stdexcept>
+
+#include "common/error.hpp"
+#include "daemon/capture/v4l2_stream.hpp"
+
+namespace orbbuf {
+namespace {
+
+using namespace std::chrono_literals;
+using std::chrono::duration;
+using std::chrono::duration_cast;
+using std::chrono::milliseconds;
+using std::chrono::nanoseconds;
+
+constexpr auto kFirstFrame = 5s;  // some cameras take seconds to start
+constexpr milliseconds kFirstBackoff = 100ms;
+constexpr milliseconds kLongestBackoff = 2s;
+
+double seconds_between(std::chrono::steady_clock::time_point a,
+                       std::chrono::steady_clock::time_point b) {
+  return duration<double>(b - a).count();
+}
+
+}  // namespace
+
+V4l2Source::V4l2Source(const SourceSettings& settings)
+    : settings_(settings), stop_event_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
+  if (!stop_event_) throw_system_error("cannot make an event");
+  open();
+}
+
+V4l2Source::~V4l2Source() {
+  spdlog::info("camera {}: {} frames, {} missed by the camera, {} corrupt, reopened {} times",
+               settings_.device, frames_, missed_, corrupt_, reopened_);
+}
+
+std::optional<RawFrame> V4l2Source::next(std::stop_token stop) {
+  const std::stop_callback wake(stop, [this] { ::eventfd_write(stop_event_.get(), 1); });
+  while (!stop.stop_requested()) {
+    if (!stream_) {
+      wait_until(deadline_, false);
+      if (!stop.stop_requested()) reopen();
+    } else if (auto frame = take()) {
+      return frame;
+    } else if (stream_) {
+      wait_until(deadline_, true);
+    }
+  }
+  return std::nullopt;
+}
+
+/// The frame that the driver has ready, if any. May give up the stream.
+std::optional<RawFrame> V4l2Source::take() {
+  const auto buffer = stream_->borrow();
+  if (!buffer) {
+    give_up(buffer.error().text);
+    return std::nullopt;
+  }
+  if (!buffer.value()) {
+    if (Clock::now() >= deadline_) {
+      give_up(fmt::format("no frame for {:.1f} s", seconds_between(waiting_since_, Clock::now())));
+    }
+    return std::nullopt;
+  }
+  auto frame = frame_of(*buffer.value());
+  if (is_lost_) greet();
+  ++frames_;
+  await_frame_for(longest_pause());
+  if (const auto error = stream_->give_back(*buffer.value())) give_up(error->text);
+  return frame;
+}
+
+RawFrame V4l2Source::frame_of(const CameraBuffer& buffer) {
+  count_missed(buffer.sequence);
+  RawFrame frame;
+  if (buffer.is_corrupt) {
+    ++corrupt_;
+    frame.defect = "the camera's driver calls this image corrupt";
+  } else {
+    frame = unpack(stream_->mode(), buffer.data);
+    if (!frame.defect.empty()) ++corrupt_;
+  }
+  const nanoseconds now = Clock::now().time_since_epoch();
+  frame.capture_time_ns = clock_.utc_ns(buffer.stamp_ns, now.count());
+  return frame;
+}
+
+void V4l2Source::count_missed(std::uint32_t sequence) {
+  const auto missed = gaps_.missed_before(sequence);
+  missed_ += missed;
+  if (missed == 0 || !gap_log_.lets_through()) return;
+  spdlog::warn("camera {}: {} frames missed by the camera, {} in all (not logged again for 10 s)",
+               settings_.device, missed, missed_);
+}
+
+void V4l2Source::open() {
+  stream_ = std::make_unique<V4l2Stream>(settings_);
+  await_frame_for(kFirstFrame);
+  gaps_.start();
+  if (clock_.start(read_clocks())) {
+    spdlog::info("camera {}: capture times are the monotonic clock's plus {} ns", settings_.device,
+                 clock_.offset_ns());
+  }
+}
+
+void V4l2Source::reopen() {
+  backoff_ = std::clamp(2 * backoff_, kFirstBackoff, kLongestBackoff);
+  try {
+    open();
+  } catch (const std::runtime_error& error) {
+    spdlog::debug("cannot reopen: {}", error.what());
+    deadline_ = Clock::now() + backoff_;
+  }
+}
+
+void V4l2Source::give_up(const std::string& why) {
+  stream_.reset();
+  deadline_ = Clock::now() + backoff_;
+  if (is_lost_) return spdlog::debug("camera {}: lost again: {}", settings_.device, why);
+  is_lost_ = true;
+  lost_at_ = Clock::now();
+  spdlog::warn("camera {}: lost: {}; opening it again", settings_.device, why);
+}
+
+void V4l2Source::greet() {
+  is_lost_ = false;
+  backoff_ = 0ms;
+  ++reopened_;
+  spdlog::info("{}: back after {:.1f} s", description(), seconds_between(lost_at_, Clock::now()));
+}
+
+void V4l2Source::await_frame_for(nanoseconds limit) {
+  waiting_since_ = Clock::now();
+  deadline_ = waiting_since_ + limit;
+}
+
+/// Ends early for a stop and, if `for_frame`, for a frame or the driver's failure.
+void V4l2Source::wait_until(Clock::time_point deadline, bool for_frame) {
+  const auto left = duration_cast<milliseconds>(deadline - Clock::now()) + 1ms;
+  std::array<pollfd, 2> events = {
+      {{stop_event_.get(), POLLIN, 0}, {for_frame ? stream_->device().fd() : -1, POLLIN, 0}}};
+  ::poll(events.data(), events.size(), static_cast<int>(std::max(left, 0ms).count()));
+}
+
+nanoseconds V4l2Source::longest_pause() const {
+  const double fps = stream_->mode().fps > 0 ? stream_->mode().fps : settings_.fps;
+  return 1s + duration_cast<nanoseconds>(duration<double>(3 / fps));
+}
+
+std::string V4l2Source::description() const {
+  if (!stream_) return fmt::format("camera {}", settings_.device);
+  const CameraMode& mode = stream_->mode();
+  return fmt::format("camera {} ({}, {}): {} {}x{} px, {}", settings_.device,
+                     stream_->device().name(), stream_->device().bus(), to_string(mode.format),
+                     mode.width_px, mode.height_px,
+                     mode.fps > 0 ? fmt::format("{:.4g} fps", mode.fps) : "rate unknown");
+}
+
+}  // namespace orbbuf

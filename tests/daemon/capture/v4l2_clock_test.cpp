@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/capture/v4l2_clock.hpp"
+
+#include <gtest/gtest.h>
+
+namespace orbbuf {
+namespace {
+
+constexpr std::int64_t kSecond = 1'000'000'000;
+
+TEST(CaptureClock, StampsAreMovedByTheOffsetOfTheStart) {
+  CaptureClock clock;
+  EXPECT_TRUE(clock.start({.monotonic_ns = 100, .utc_ns = 1'000'100}));
+  EXPECT_EQ(clock.offset_ns(), 1'000'000);
+  EXPECT_EQ(clock.utc_ns(150, 200), 1'000'150);
+  EXPECT_EQ(clock.utc_ns(250, 300), 1'000'250);
+}
+
+TEST(CaptureClock, TheOffsetIsKeptUnlessTheMachineSlept) {
+  CaptureClock clock;
+  clock.start({0, 50 * kSecond});
+  EXPECT_FALSE(clock.start({10 * kSecond, 40 * kSecond}));
+  EXPECT_FALSE(clock.start({10 * kSecond, 61 * kSecond}));
+  EXPECT_EQ(clock.offset_ns(), 50 * kSecond);
+  EXPECT_TRUE(clock.start({10 * kSecond, 61 * kSecond + 1}));
+  EXPECT_EQ(clock.offset_ns(), 51 * kSecond + 1);
+}
+
+TEST(CaptureClock, AStampThatCannotBeIsReplacedByNow) {
+  CaptureClock clock;
+  clock.start({0, 1000});
+  EXPECT_EQ(clock.utc_ns(0, 500), 1500);
+  EXPECT_EQ(clock.utc_ns(701, 700), 1700);
+  EXPECT_EQ(clock.utc_ns(800, 800), 1800);
+}
+
+TEST(CaptureClock, TimesStrictlyIncrease) {
+  CaptureClock clock;
+  clock.start({0, 1000});
+  EXPECT_EQ(clock.utc_ns(500, 500), 1500);
+  EXPECT_EQ(clock.utc_ns(500, 600), 1501);
+  EXPECT_EQ(clock.utc_ns(400, 700), 1502);
+  EXPECT_EQ(clock.utc_ns(600, 800), 1600);
+}
+
+TEST(CaptureClock, TheClocksAreReadTogether) {
+  const auto first = read_clocks();
+  const auto second = read_clocks();
+  EXPECT_LE(first.monotonic_ns, second.monotonic_ns);
+  EXPECT_GT(first.utc_ns, kSecond);
+}
+
+TEST(GapCounter, WhatIsLeftOutIsMissed) {
+  GapCounter gaps;
+  EXPECT_EQ(gaps.missed_before(7), 0U);
+  EXPECT_EQ(gaps.missed_before(8), 0U);
+  EXPECT_EQ(gaps.missed_before(12), 3U);
+}
+
+TEST(GapCounter, NumbersWrapAround) {
+  GapCounter gaps;
+  gaps.missed_before(0xFFFFFFFE);
+  EXPECT_EQ(gaps.missed_before(1), 2U);
+}
+
+TEST(GapCounter, ADriverThatDoesNotCountMissesNothing) {
+  GapCounter gaps;
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(gaps.missed_before(0), 0U);
+  gaps.missed_before(100);
+  EXPECT_EQ(gaps.missed_before(3), 0U);
+  EXPECT_EQ(gaps.missed_before(5), 1U);
+}
+
+TEST(GapCounter, ANewStreamBeginsAnywhere) {
+  GapCounter gaps;
+  gaps.missed_before(3);
+  gaps.start();
+  EXPECT_EQ(gaps.missed_before(50), 0U);
+}
+
+}  // namespace
+}  // namespace orbbuf

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/capture/v4l2_unpack.hpp"
+
+#include <gmock/gmock.h>
+
+#include <numeric>
+#include <vector>
+
+namespace orbbuf {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+using Bytes = std::vector<std::uint8_t>;
+
+Bytes counting(std::size_t size) {
+  Bytes bytes(size);
+  std::iota(bytes.begin(), bytes.end(), std::uint8_t{0});
+  return bytes;
+}
+
+CameraMode mode(CameraFormat format, std::size_t stride_bytes) {
+  return {.format = format, .width_px = 4, .height_px = 2, .stride_bytes = stride_bytes};
+}
+
+Bytes pixels_of(const RawFrame& frame) { return {frame.data.begin(), frame.data.end()}; }
+
+TEST(V4l2Unpack, OnlyLumaIsTaken) {
+  for (const auto format : {CameraFormat::kGrey, CameraFormat::kNv12, CameraFormat::kYuv420}) {
+    const auto frame = unpack(mode(format, 4), counting(12));
+    EXPECT_EQ(frame.defect, "");
+    EXPECT_EQ(frame.format, PixelFormat::kGray8);
+    EXPECT_EQ(frame.width_px, 4);
+    EXPECT_EQ(frame.height_px, 2);
+    EXPECT_EQ(frame.stride_bytes, 4U);
+    EXPECT_THAT(pixels_of(frame), ElementsAre(0, 1, 2, 3, 4, 5, 6, 7));
+  }
+}
+
+TEST(V4l2Unpack, LumaIsPickedOutFromBetweenChroma) {
+  const auto yuyv = unpack(mode(CameraFormat::kYuyv, 8), counting(16));
+  EXPECT_EQ(yuyv.format, PixelFormat::kGray8);
+  EXPECT_EQ(yuyv.stride_bytes, 4U);
+  EXPECT_THAT(pixels_of(yuyv), ElementsAre(0, 2, 4, 6, 8, 10, 12, 14));
+  const auto uyvy = unpack(mode(CameraFormat::kUyvy, 8), counting(16));
+  EXPECT_THAT(pixels_of(uyvy), ElementsAre(1, 3, 5, 7, 9, 11, 13, 15));
+}
+
+TEST(V4l2Unpack, PaddingOfRowsIsLeftOut) {
+  EXPECT_THAT(pixels_of(unpack(mode(CameraFormat::kGrey, 6), counting(12))),
+              ElementsAre(0, 1, 2, 3, 6, 7, 8, 9));
+  EXPECT_THAT(pixels_of(unpack(mode(CameraFormat::kYuyv, 10), counting(20))),
+              ElementsAre(0, 2, 4, 6, 10, 12, 14, 16));
+}
+
+TEST(V4l2Unpack, TheLastRowNeedsNoPadding) {
+  EXPECT_EQ(unpack(mode(CameraFormat::kGrey, 6), counting(10)).defect, "");
+  EXPECT_THAT(unpack(mode(CameraFormat::kGrey, 6), counting(9)).defect,
+              HasSubstr("cut short: 9 bytes of 10"));
+}
+
+TEST(V4l2Unpack, ColourIsBlueGreenRed) {
+  const auto bgr = unpack(mode(CameraFormat::kBgr24, 12), counting(24));
+  EXPECT_EQ(bgr.format, PixelFormat::kBgr24);
+  EXPECT_EQ(bgr.stride_bytes, 12U);
+  EXPECT_EQ(pixels_of(bgr), counting(24));
+  const auto rgb = unpack(mode(CameraFormat::kRgb24, 12), counting(24));
+  EXPECT_EQ(rgb.format, PixelFormat::kBgr24);
+  EXPECT_THAT(rgb.data.first(6), ElementsAre(2, 1, 0, 5, 4, 3));
+  EXPECT_EQ(rgb.data.back(), 21);
+}
+
+TEST(V4l2Unpack, AJpegIsTakenAsItIs) {
+  const auto frame = unpack(mode(CameraFormat::kMjpg, 0), counting(5));
+  EXPECT_EQ(frame.format, PixelFormat::kJpeg);
+  EXPECT_EQ(pixels_of(frame), counting(5));
+}
+
+TEST(V4l2Unpack, TheFrameOutlivesTheBuffer) {
+  auto buffer = counting(8);
+  const auto frame = unpack(mode(CameraFormat::kGrey, 4), buffer);
+  buffer.assign(8, 0);
+  EXPECT_EQ(pixels_of(frame), counting(8));
+}
+
+TEST(V4l2Unpack, AnImageThatIsNotThereIsADefect) {
+  for (std::size_t i = 0; i < kCameraFormats.size(); ++i) {
+    const auto frame = unpack(mode(static_cast<CameraFormat>(i), 12), {});
+    EXPECT_EQ(frame.defect, "the camera gave an empty buffer");
+    EXPECT_TRUE(frame.data.empty());
+  }
+  EXPECT_THAT(unpack(mode(CameraFormat::kYuyv, 8), counting(15)).defect,
+              HasSubstr("15 bytes of 16"));
+  EXPECT_THAT(unpack(mode(CameraFormat::kRgb24, 12), counting(23)).defect, HasSubstr("of 24"));
+}
+
+}  // namespace
+}  // namespace orbbuf

@@ -1,0 +1,70 @@
+# shellcheck shell=bash
+# SPDX-License-Identifier: Apache-2.0
+# A USB camera, played by orbbuf-usb-camera: MJPG, and unplugging.
+
+modprobe vhci-hcd
+modprobe uvcvideo
+given=/tmp/given # every JPEG that the camera gave away
+mkdir $given
+
+plug_in() {
+  orbbuf-usb-camera $given >usb.log 2>&1 &
+  usb=$!
+}
+
+# Killed, it is unplugged; the port is free once the node has gone.
+unplug() {
+  kill $usb
+  wait $usb
+  wait_for 10 [ ! -e /dev/video0 ]
+}
+
+# same_bytes ROBOT: each of its images is one that the camera gave, and they are in that order.
+same_bytes() {
+  (cd $given && md5sum -- *.jpg) | cut -d' ' -f1 >given.md5
+  (cd "$(session_of "$1")/images" && md5sum -- *.jpg) | cut -d' ' -f1 >taken.md5
+  awk 'NR == FNR { place[$1] = NR; next }
+    !($1 in place) || place[$1] <= last { bad = 1 }
+    { last = place[$1] }
+    END { exit bad }' given.md5 taken.md5
+}
+
+# row_is_whole ROBOT: the 100 images in a row are 100 in a row that the camera gave.
+row_is_whole() {
+  (cd "$(session_of "$1")/images" && xargs md5sum) <row.txt | cut -d' ' -f1 >row.md5
+  grep -A 99 "$(head -n 1 row.md5)" given.md5 | cmp -s - row.md5
+}
+
+plug_in
+expect 'a camera appears' wait_for 20 [ -e /dev/video0 ]
+mode=(device=/dev/video0 width=320 height=240 fps=15)
+film mjpg "${mode[@]}" format=MJPG
+expect '100 frames in a row at 15 fps' wait_for 60 has_row mjpg 15
+end_film
+expect 'times increase' times_increase mjpg
+expect 'byte for byte' same_bytes mjpg
+expect 'none left out' row_is_whole mjpg
+verdict 'USB MJPG: 100 frames in a row at 15 fps, none lost, byte for byte as the camera gave them'
+
+film yuyv "${mode[@]}"
+expect 'YUYV by itself' wait_for 30 logged 1 'YUYV 320x240 px, 15 fps'
+expect '20 frames' wait_for 30 has_frames yuyv 20
+end_film
+verdict 'USB: uncompressed where that is fast enough'
+
+film plugged "${mode[@]}" format=MJPG
+expect 'frames' wait_for 30 has_frames plugged 5
+for cycle in {1..10}; do
+  unplug
+  expect "unplugged $cycle" wait_for 10 logged "$cycle" ': lost: '
+  plug_in
+  expect "plugged in $cycle" wait_for 20 logged "$cycle" ': back after '
+done
+before=$(frame_count plugged)
+expect 'films on' wait_for 10 has_frames plugged $((before + 5))
+end_film
+expect 'one session' [ "$(find $frames/plugged -mindepth 1 -maxdepth 1 | wc -l)" = 1 ]
+expect 'times increase' times_increase plugged
+expect 'every frame accounted for' all_accounted
+expect 'two lines for each' [ "$(grep -cE ': (lost: |back after )' "$log")" = 20 ]
+verdict 'USB: ten times unplugged and plugged in again in one run'

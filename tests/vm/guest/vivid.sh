@@ -1,0 +1,90 @@
+# shellcheck shell=bash
+# SPDX-License-Identifier: Apache-2.0
+# vivid: a camera in the kernel that has all formats but MJPG, and faults on demand.
+
+width=320 height=180 fps=15
+modprobe vivid n_devs=1 node_types=0x1 num_inputs=1 input_types=0x0
+camera=/dev/video0
+mode=("device=$camera" "width=$width" "height=$height" "fps=$fps")
+
+for format in GREY NV12 YUV420 YUYV UYVY BGR24 RGB24; do
+  film "$format" "${mode[@]}" "format=$format"
+  expect "100 frames in a row at $fps fps" wait_for 60 has_row "$format" $fps
+  end_film
+  expect 'times increase' times_increase "$format"
+  expect 'every frame accounted for' all_accounted
+  image=$(session_of "$format")/images/$(tail -n 1 row.txt)
+  expect "images of ${width}x$height" [ "$(size_of "$image")" = ${width}x$height ]
+  verdict "vivid $format: 100 frames in a row at $fps fps, none lost"
+done
+
+# cause CONTROL...: presses vivid's buttons.
+cause() {
+  local control
+  for control in "$@"; do v4l2-ctl -d $camera -c "$control=1"; done
+}
+
+# survives TEXT: for the TEXTth time the camera is lost, and then back, and films on.
+lost=0
+survives() {
+  local before
+  lost=$((lost + 1))
+  expect "$1: noticed" wait_for 10 logged $lost ': lost: '
+  expect "$1: back" wait_for 20 logged $lost ': back after '
+  before=$(frame_count faults)
+  expect "$1: films on" wait_for 10 has_frames faults $((before + 5))
+}
+
+film faults "${mode[@]}" format=YUYV controls.brightness=100 controls.gain_automatic=false
+expect 'frames' wait_for 30 has_frames faults 10
+expect 'brightness' [ "$(v4l2-ctl -d $camera -C brightness)" = 'brightness: 100' ]
+v4l2-ctl -d $camera -c percentage_of_dropped_buffers=50
+expect 'missed frames are counted' wait_for 10 logged 1 'missed by the camera'
+v4l2-ctl -d $camera -c percentage_of_dropped_buffers=0
+cause inject_v4l2_buf_flag_error
+expect 'a corrupt image is named' wait_for 10 logged 1 'calls this image corrupt'
+cause inject_vidioc_qbuf_error
+survives 'failing QBUF'
+cause inject_vidioc_reqbufs_error inject_fatal_streaming_error
+survives 'failing REQBUFS'
+cause inject_vidioc_streamon_error inject_fatal_streaming_error
+survives 'failing STREAMON'
+cause inject_fatal_streaming_error
+survives 'fatal error'
+cause disconnect
+survives 'disconnect'
+expect 'brightness is set again' [ "$(v4l2-ctl -d $camera -C brightness)" = 'brightness: 100' ]
+end_film
+expect 'one session' [ "$(find $frames/faults -mindepth 1 -maxdepth 1 | wc -l)" = 1 ]
+expect 'times increase' times_increase faults
+expect 'every frame accounted for' all_accounted
+expect "reopened $lost times" logged 1 "1 corrupt, reopened $lost times"
+verdict 'vivid: every fault survived in one run'
+
+# refuses TEXT SETTING...: the daemon does not start, and says why.
+refuses() {
+  local text=$1
+  shift
+  film refused "$@"
+  wait $daemon
+  expect "exit status of: $text" [ $? -eq 1 ]
+  expect "$text" logged 1 "$text"
+}
+
+refuses 'cannot open camera /dev/video9: No such file or directory; there is /dev/video0' device=/dev/video9
+refuses 'no GREY of 321x180; it offers' "${mode[@]}" width=321 format=GREY
+refuses 'no MJPG of 320x180; it offers' "${mode[@]}" format=MJPG
+refuses 'it has no control zoom_zoom; it has brightness' "${mode[@]}" controls.zoom_zoom=1
+refuses 'brightness takes 0 to 255 in steps of 1 (default 128), not 256' "${mode[@]}" controls.brightness=256
+refuses 'test_pattern takes 0 75% Colorbar, ' "${mode[@]}" controls.test_pattern=99
+film busy "${mode[@]}" format=GREY
+expect 'frames' wait_for 30 has_frames busy 5
+first=$daemon
+refuses 'another program films with it' "${mode[@]}" format=GREY
+daemon=$first
+end_film
+modprobe -r vivid
+modprobe vivid n_devs=1 node_types=0x100 # an output
+refuses 'does not capture images' "${mode[@]}"
+modprobe -r vivid
+verdict 'what cannot be filmed is refused by name'

@@ -1,0 +1,91 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Makes the virtual machine's parts in FOLDER: kernel, initrd.gz and root.ext4, a Debian just large
+# enough, with the libraries that PROGRAMs need. The packages come from this machine's own sources.
+# What is there already, and still right, is kept. Usage: tests/vm/image.sh FOLDER PROGRAM...
+set -euo pipefail
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+folder=$1
+shift
+PACKAGES=busybox-static,bash,kmod,v4l-utils,linux-image-amd64
+BOOT_MODULES=(virtio_pci virtio_blk ext4 9p 9pnet_virtio)
+CAMERA_MODULES=(vivid uvcvideo vhci-hcd)
+mkdir -p "$folder"
+cd "$folder"
+
+sources=(/etc/apt/sources.list /etc/apt/sources.list.d/*.list /etc/apt/sources.list.d/*.sources)
+mapfile -t sources < <(ls -d "${sources[@]}" 2>/dev/null)
+
+# keep STAMP FILE...: whether FILEs were made from what STAMP says; if not, they are removed.
+keep() {
+  local stamp=$1
+  shift
+  [ ! -e "$1" ] || [ "$(cat "$1.stamp" 2>/dev/null)" != "$stamp" ] || return 0
+  rm -rf "$@"
+  return 1
+}
+
+debian() {
+  local stamp
+  stamp=$(echo "$PACKAGES" | cat - "${sources[@]}" | sha256sum)
+  ! keep "$stamp" debian || return 0
+  mmdebstrap --quiet --variant=extract --include="$PACKAGES" \
+    --dpkgopt='path-exclude=/usr/share/doc/*' --dpkgopt='path-exclude=/usr/share/man/*' \
+    --dpkgopt='path-exclude=/usr/share/locale/*' bookworm debian "${sources[@]}"
+  echo "$stamp" >debian.stamp
+}
+
+# modules NAME...: the files that have to be loaded for them, in the order of loading.
+modules() {
+  local name
+  for name in "$@"; do
+    modprobe -d "$PWD/debian" -S "$version" --show-depends "$name"
+  done | awk '$1 == "insmod" && !seen[$2]++ {print $2}'
+}
+
+initrd() {
+  rm -rf initrd
+  mkdir -p initrd/{bin,dev,proc,sys,new}
+  cp debian/bin/busybox initrd/bin/
+  cp "$here/init" initrd/init
+  modules "${BOOT_MODULES[@]}" | while read -r file; do
+    cp "$file" initrd/
+    basename "$file" >>initrd/modules
+  done
+  (cd initrd && find . | cpio --quiet -o -H newc | gzip -1) >initrd.gz
+}
+
+# What the programs are linked to and Debian's root does not have.
+libraries() {
+  local file
+  ldd "$@" | awk '$2 == "=>" && !seen[$3]++ {print $3}' | while read -r file; do
+    [ -e "root/lib/x86_64-linux-gnu/$(basename "$file")" ] ||
+      cp -L "$file" root/lib/x86_64-linux-gnu/
+  done
+}
+
+root() {
+  rm -rf root
+  mkdir root
+  tar -C debian --exclude=./lib/modules --exclude=./boot --exclude='./var/*' -c . | tar -C root -x
+  mkdir -p root/{share,proc,sys,dev,tmp,run} "root/lib/modules/$version"
+  ln -sf bash root/bin/sh
+  cp "debian/lib/modules/$version"/modules.{builtin*,order} "root/lib/modules/$version/"
+  modules "${CAMERA_MODULES[@]}" | xargs cp -t "root/lib/modules/$version"
+  depmod -b "$PWD/root" "$version"
+  libraries "$@"
+  mke2fs -q -t ext4 -O ^has_journal -d root root.ext4 \
+    "$(($(du -sm root | cut -f1) * 5 / 4 + 40))M" >/dev/null
+  rm -rf root
+}
+
+debian
+version=$(ls debian/lib/modules)
+[ -e "debian/lib/modules/$version/modules.dep" ] || depmod -b "$PWD/debian" "$version"
+stamp=$(ldd "$@" | awk '$2 == "=>" {print $3}' | sort -u | xargs stat -L -c '%n %s %Y' |
+  cat - debian.stamp "$here/image.sh" "$here/init" | sha256sum)
+keep "$stamp" root.ext4 && exit
+cp "debian/boot/vmlinuz-$version" kernel
+initrd
+root "$@"
+echo "$stamp" >root.ext4.stamp

@@ -1,0 +1,26 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Films with the kernel's own simulated cameras in a virtual machine: vivid, and a USB camera that is
+# played by a program. One line for each case, PASS or FAIL; what the guest printed, with the logs of
+# what failed, is in BUILD/vm/console.log. Usage: tests/vm/run.sh BUILD
+set -euo pipefail
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+build=$(cd "$1" && pwd)
+vm=$build/../vm
+programs=("$build"/daemon/orbbufd "$build"/server/orbbuf-server "$build"/tests/vm/orbbuf-usb-camera)
+
+"$here/image.sh" "$vm" "${programs[@]}"
+rm -rf "$vm/share"
+mkdir "$vm/share"
+cp "${programs[@]}" "$here"/guest/*.sh "$vm/share/"
+# Not KVM, which not every machine has; a CPU for which OpenCV picks no code that is slow to emulate.
+timeout --foreground 600 qemu-system-x86_64 -accel tcg,thread=multi -cpu Nehalem -smp 2 -m 1536 \
+  -nodefaults -no-reboot -nographic -serial stdio -nic none \
+  -kernel "$vm/kernel" -initrd "$vm/initrd.gz" -append 'console=ttyS0 quiet panic=-1 mitigations=off' \
+  -drive "file=$vm/root.ext4,if=virtio,format=raw,snapshot=on" \
+  -virtfs "local,path=$vm/share,mount_tag=share,security_model=none,readonly=on" \
+  </dev/null 2>&1 | tr -d '\r' | tee "$vm/console.log" | grep --line-buffered -E '^(PASS|FAIL|DONE) ' || true
+
+if grep -q '^DONE ' "$vm/console.log" && ! grep -q '^FAIL ' "$vm/console.log"; then exit 0; fi
+echo "test-vm: failed; see $vm/console.log" >&2
+exit 1
