@@ -6,6 +6,8 @@
 #include <iostream>
 
 #include "common/log.hpp"
+#include "daemon/capture/list_cameras.hpp"
+#include "daemon/probe.hpp"
 #include "daemon/robot.hpp"
 #include "daemon/settings.hpp"
 
@@ -22,17 +24,24 @@ int main(int argc, char** argv) {
   CLI::App app{kAbout, "orbbufd"};
   std::string file;
   std::vector<std::string> overrides;
-  bool check_only = false;
+  bool check_only = false, list_only = false, probe_only = false;
   app.add_option("--config", file, "Configuration file (TOML); without one, all defaults")
       ->type_name("FILE");
   app.add_option("--set", overrides, "Set one key over the file, e.g. link.server=10.0.0.1:7722")
       ->type_name("KEY=VALUE")
       ->allow_extra_args(false);
   app.add_flag("--check-config", check_only, "Check the configuration and exit");
+  app.add_flag("--list-cameras", list_only, "List the cameras and what they offer, and exit");
+  app.add_flag("--probe", probe_only,
+               "Film for 2 s, report rates and costs, suggest a configuration");
   app.set_version_flag("--version", "orbbufd " ORBBUF_VERSION);
   CLI11_PARSE(app, argc, argv);
 
   try {
+    if (list_only) {
+      std::cout << orbbuf::list_cameras();
+      return EXIT_SUCCESS;
+    }
     const orbbuf::Settings settings = orbbuf::load_settings(file, overrides);
     if (check_only) {
       std::cout << (file.empty() ? "defaults" : file) << ": OK\n";
@@ -40,6 +49,10 @@ int main(int argc, char** argv) {
     }
     orbbuf::set_up_log(settings.log_level);
     orbbuf::name_this_thread("main");
+    if (probe_only) {
+      std::cout << orbbuf::probe(settings);
+      return EXIT_SUCCESS;
+    }
     return orbbuf::run_robot(settings) ? EXIT_SUCCESS : EXIT_FAILURE;
   } catch (const std::exception& error) {
     spdlog::critical("{}", error.what());

@@ -66,7 +66,10 @@ void Pipeline::encode(const Captured& captured) {
   if (encoded) {
     buffer_.push(std::make_shared<const EncodedFrame>(std::move(encoded.value())));
   } else {
-    spdlog::warn("frame {}: {}", captured.sequence, encoded.error().text);
+    if (failure_log_.lets_through()) {
+      spdlog::warn("frame {}: {} (further failures are not logged for 10 s)", captured.sequence,
+                   encoded.error().text);
+    }
     lose(captured, DropReason::kFailed);
   }
 }

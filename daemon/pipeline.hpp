@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <chrono>
 #include <functional>
 #include <memory>
 #include <thread>
 
 #include "common/frame.hpp"
+#include "common/log_limit.hpp"
 #include "daemon/buffer/frame_buffer.hpp"
 #include "daemon/capture/frame_source.hpp"
 #include "daemon/image/jpeg_encoder.hpp"
@@ -49,7 +51,8 @@ class Pipeline {
   const std::unique_ptr<FrameSource> source_;
   FrameBuffer& buffer_;
   const Events events_;
-  JpegEncoder encoder_;           // worker only
+  JpegEncoder encoder_;                             // worker only
+  LogLimit failure_log_{std::chrono::seconds(10)};  // worker only
   Mailbox<Captured> mailbox_{3};  // a camera's frames come in a burst after `capture` was held up
   bool source_failed_ = false;    // set before mailbox_.close(), read once it is closed
   std::jthread capture_;

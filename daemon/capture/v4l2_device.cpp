@@ -10,7 +10,6 @@
 #include <algorithm>
 #include <cerrno>
 #include <filesystem>
-#include <stdexcept>
 #include <system_error>
 
 #include "common/error.hpp"
@@ -101,7 +100,7 @@ V4l2Device::V4l2Device(std::string path) : path_(std::move(path)) {
   v4l2_capability capability{};
   const int error = call(VIDIOC_QUERYCAP, &capability);
   if (error == ENOTTY || error == EINVAL) {
-    throw std::runtime_error(fmt::format("camera {}: it is not a V4L2 device", path_));
+    throw NoCamera(fmt::format("camera {}: it is not a V4L2 device", path_));
   }
   if (error != 0) fail("ask what it can do", error);
   name_ = text_of(capability.card);
@@ -109,7 +108,7 @@ V4l2Device::V4l2Device(std::string path) : path_(std::move(path)) {
   const bool has_own = (capability.capabilities & V4L2_CAP_DEVICE_CAPS) != 0;
   const auto can = has_own ? capability.device_caps : capability.capabilities;
   if ((can & V4L2_CAP_VIDEO_CAPTURE) == 0 || (can & V4L2_CAP_STREAMING) == 0) {
-    throw std::runtime_error(
+    throw NoCamera(
         fmt::format("camera {}: this node of {} does not capture images{}", path_, name_,
                     (can & V4L2_CAP_VIDEO_CAPTURE_MPLANE) != 0 ? " but in several planes" : ""));
   }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -10,11 +11,17 @@
 
 namespace orbbuf {
 
+/// What was opened does not film: another kind of device, or of node.
+class NoCamera : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
 /// An open V4L2 capture device, and what it says of itself. Thread-bound.
 class V4l2Device {
  public:
   /// path: of a video node or of a link to one. Throws std::runtime_error saying why it cannot be
-  /// opened, and which nodes there are, or why what is there does not capture.
+  /// opened, and which nodes there are, and NoCamera if what is there does not capture.
   explicit V4l2Device(std::string path);
 
   const std::string& path() const { return path_; }

@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <limits>
-#include <optional>
 
 namespace orbbuf {
 namespace {
@@ -60,11 +59,21 @@ Error nothing_fits(std::span<const CameraOffer> offers, const CameraRequest& req
 std::string describe(std::span<const CameraOffer> offers) {
   std::vector<std::string> formats;
   for (const CameraOffer& offer : offers) {
-    std::vector<std::string> sizes;
-    for (const CameraSize& size : offer.sizes) sizes.push_back(describe(size));
-    formats.push_back(fmt::format("{} {}", offer.fourcc, fmt::join(sizes, ", ")));
+    formats.push_back(fmt::format("{} {}", offer.fourcc, describe_sizes(offer)));
   }
   return formats.empty() ? "nothing" : fmt::format("{}", fmt::join(formats, "; "));
+}
+
+std::string describe_sizes(const CameraOffer& offer) {
+  std::vector<std::string> sizes;
+  for (const CameraSize& size : offer.sizes) sizes.push_back(describe(size));
+  return fmt::format("{}", fmt::join(sizes, ", "));
+}
+
+std::optional<CameraFormat> format_of(std::string_view fourcc) {
+  const auto* const found = std::ranges::find(kFourccs, fourcc);
+  if (found == kFourccs.end()) return std::nullopt;
+  return static_cast<CameraFormat>(found - kFourccs.begin());
 }
 
 std::string_view fourcc_of(CameraFormat format) {

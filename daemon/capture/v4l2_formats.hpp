@@ -2,7 +2,7 @@
 #pragma once
 
 #include <array>
-#include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -47,8 +47,12 @@ struct CameraOffer {
 /// `YUYV 640x480 (30, 15 fps), 1280x720 (10 fps); MJPG ...`, for errors and lists.
 std::string describe(std::span<const CameraOffer> offers);
 
-/// The driver's four characters for `format`.
+/// The sizes alone: `640x480 (30, 15 fps), 1280x720 (10 fps)`.
+std::string describe_sizes(const CameraOffer& offer);
+
+/// The driver's four characters for `format`, and back; nothing for a format that is not read.
 std::string_view fourcc_of(CameraFormat format);
+std::optional<CameraFormat> format_of(std::string_view fourcc);
 
 struct CameraRequest {
   std::string_view format = "auto";  ///< "auto" or one of kCameraFormats

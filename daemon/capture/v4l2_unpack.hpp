@@ -22,7 +22,8 @@ struct CameraMode {
 /// The image in a driver's buffer, of which `data` was filled, in memory of its own: one pass, in
 /// which luma is picked out of YUYV and UYVY, only the luma of NV12 and YUV420 is taken, and RGB24
 /// becomes kBgr24. So the driver has its buffer back at once, however long the frame is kept. About
-/// 0.03 ms for 640x480. Data that do not hold the image make a frame with a defect. Sets no time.
+/// 0.01 ms for 640x480, 0.2 ms for RGB24. Data that do not hold the image make a frame with a
+/// defect. Sets no time.
 RawFrame unpack(const CameraMode& mode, std::span<const std::uint8_t> data);
 
 }  // namespace orbbuf

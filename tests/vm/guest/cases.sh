@@ -5,6 +5,7 @@
 frames=/tmp/frames # the server's folder
 log=/tmp/daemon.log
 daemon=
+as=() # a command that starts the daemon
 problems=
 
 # wait_for SECONDS COMMAND...: until the command succeeds. There is no event to wait for here.
@@ -45,7 +46,7 @@ film() {
   local robot=$1 arguments=() setting
   shift
   for setting in "$@"; do arguments+=(--set "source.$setting"); done
-  orbbufd --set "robot.id=$robot" --set source.kind=v4l2 "${arguments[@]}" >"$log" 2>&1 &
+  "${as[@]}" orbbufd --set "robot.id=$robot" --set source.kind=v4l2 "${arguments[@]}" >"$log" 2>&1 &
   daemon=$!
 }
 

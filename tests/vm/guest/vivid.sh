@@ -18,6 +18,19 @@ for format in GREY NV12 YUV420 YUYV UYVY BGR24 RGB24; do
   verdict "vivid $format: 100 frames in a row at $fps fps, none lost"
 done
 
+orbbufd --list-cameras >list.txt
+expect 'name and bus' grep -qx '/dev/video0: vivid, platform:vivid-000' list.txt
+expect 'sizes and rates' grep -qE '^  YUYV 320x180 \(.* fps\), .*, 1280x720 \(' list.txt
+expect 'controls' grep -qx '  control brightness: 0 to 255, default 128' list.txt
+settings=()
+for setting in kind=v4l2 "${mode[@]}"; do settings+=(--set "source.$setting"); done
+orbbufd --probe "${settings[@]}" >probe.txt 2>&1
+expect 'rate and size' grep -qE '^filmed: .* at 1[3-6][.0-9]* fps, 320x180 px$' probe.txt
+sed '1,/^suggested:/d' probe.txt >suggested.toml
+expect 'a suggestion that holds' orbbufd --check-config --config suggested.toml
+cat list.txt probe.txt >"$log"
+verdict 'vivid: --list-cameras and --probe'
+
 # cause CONTROL...: presses vivid's buttons.
 cause() {
   local control
@@ -69,6 +82,7 @@ refuses() {
   wait $daemon
   expect "exit status of: $text" [ $? -eq 1 ]
   expect "$text" logged 1 "$text"
+  cat "$log" >>refusals.log
 }
 
 refuses 'cannot open camera /dev/video9: No such file or directory; there is /dev/video0' device=/dev/video9
@@ -77,6 +91,10 @@ refuses 'no MJPG of 320x180; it offers' "${mode[@]}" format=MJPG
 refuses 'it has no control zoom_zoom; it has brightness' "${mode[@]}" controls.zoom_zoom=1
 refuses 'brightness takes 0 to 255 in steps of 1 (default 128), not 256' "${mode[@]}" controls.brightness=256
 refuses 'test_pattern takes 0 75% Colorbar, ' "${mode[@]}" controls.test_pattern=99
+as=(setpriv --reuid 65534 --regid 65534 --clear-groups)
+chmod 660 $camera
+refuses 'Permission denied (who films must be root or in the group' "${mode[@]}"
+as=()
 film busy "${mode[@]}" format=GREY
 expect 'frames' wait_for 30 has_frames busy 5
 first=$daemon
@@ -87,4 +105,5 @@ modprobe -r vivid
 modprobe vivid n_devs=1 node_types=0x100 # an output
 refuses 'does not capture images' "${mode[@]}"
 modprobe -r vivid
+mv refusals.log "$log"
 verdict 'what cannot be filmed is refused by name'

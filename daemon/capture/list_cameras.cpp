@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/capture/list_cameras.hpp"
+
+#include <spdlog/fmt/fmt.h>
+#include <spdlog/fmt/ranges.h>
+
+#include <algorithm>
+#include <stdexcept>
+#include <vector>
+
+#ifdef ORBBUF_V4L2
+#include "daemon/capture/v4l2_controls.hpp"
+#include "daemon/capture/v4l2_device.hpp"
+#endif
+
+namespace orbbuf {
+
+#ifdef ORBBUF_V4L2
+
+namespace {
+
+std::string describe(const CameraControl& control) {
+  if (!control.menu.empty()) {
+    return fmt::format("{}: {}; default {}", control.name, fmt::join(control.menu, ", "),
+                       control.fallback);
+  }
+  return fmt::format("{}: {} to {}, default {}", control.name, control.min, control.max,
+                     control.fallback);
+}
+
+std::string describe(const V4l2Device& device) {
+  std::string text = fmt::format("{}: {}, {}\n", device.path(), device.name(), device.bus());
+  std::vector<std::string> others;
+  for (const CameraOffer& offer : device.offers()) {
+    if (const auto format = format_of(offer.fourcc)) {
+      text += fmt::format("  {} {}\n", to_string(*format), describe_sizes(offer));
+    } else {
+      others.push_back(offer.fourcc);
+    }
+  }
+  if (!others.empty()) text += fmt::format("  not read: {}\n", fmt::join(others, ", "));
+  for (const CameraControl& control : list_controls(device)) {
+    text += fmt::format("  control {}\n", describe(control));
+  }
+  return text;
+}
+
+}  // namespace
+
+std::string list_cameras() {
+  std::string text;
+  for (const std::string& node : video_nodes()) {
+    try {
+      text += describe(V4l2Device(node));
+    } catch (const NoCamera&) {
+      continue;
+    } catch (const std::runtime_error& error) {
+      text += fmt::format("{}: {}\n", node, error.what());
+    }
+  }
+  return text.empty() ? "no V4L2 camera\n" : text;
+}
+
+#else
+
+std::string list_cameras() {
+  throw std::runtime_error("cannot list cameras: this program was built without V4L2's header");
+}
+
+#endif
+
+}  // namespace orbbuf

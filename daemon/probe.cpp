@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/probe.hpp"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <condition_variable>
+#include <deque>
+#include <mutex>
+#include <stdexcept>
+#include <thread>
+
+namespace orbbuf {
+namespace {
+
+using namespace std::chrono_literals;
+using Clock = std::chrono::steady_clock;
+
+constexpr auto kFilming = 2s;
+constexpr auto kPatience = 7s;
+constexpr std::size_t kTimed = 8;  // of the last frames
+
+struct Footage {
+  std::int64_t first_ns = 0;
+  std::int64_t last_ns = 0;
+  int frames = 0;
+  int defects = 0;
+  std::deque<RawFrame> last;  // without a defect
+};
+
+double ms_since(Clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+Footage film(FrameSource& source) {
+  std::stop_source stop;
+  std::mutex mutex;
+  std::condition_variable_any ended;
+  const std::jthread alarm([&](const std::stop_token& is_filmed) {
+    std::unique_lock lock(mutex);
+    ended.wait_for(lock, is_filmed, kPatience, [] { return false; });
+    stop.request_stop();
+  });
+  Footage footage;
+  Clock::time_point first;
+  while (auto frame = source.next(stop.get_token())) {
+    if (footage.frames++ == 0) {
+      first = Clock::now();
+      footage.first_ns = frame->capture_time_ns;
+    }
+    footage.last_ns = frame->capture_time_ns;
+    if (frame->defect.empty()) {
+      footage.last.push_back(std::move(*frame));
+    } else {
+      ++footage.defects;
+    }
+    if (footage.last.size() > kTimed) footage.last.pop_front();
+    if (Clock::now() - first >= kFilming) break;
+  }
+  return footage;
+}
+
+/// Adds up what a frame costs in `result`; in the first one caches are cold, so it does not count.
+void time_frames(const Settings& settings, const std::deque<RawFrame>& frames,
+                 ProbeResult& result) {
+  JpegEncoder encoder(settings.jpeg);
+  OrbExtractor extractor(settings.features);
+  FeatureSet features;
+  int timed = -1;
+  for (const RawFrame& raw : frames) {
+    auto start = Clock::now();
+    const auto frame = encoder.encode(raw, 0);
+    const double encode_ms = ms_since(start);
+    if (!frame) throw std::runtime_error(frame.error().text);
+    start = Clock::now();
+    extractor.extract(frame.value(), features);
+    const double features_ms = ms_since(start);
+    result.width_px = frame.value().width_px;
+    result.height_px = frame.value().height_px;
+    if (++timed == 0) continue;
+    result.encode_ms += (encode_ms - result.encode_ms) / timed;
+    result.features_ms += (features_ms - result.features_ms) / timed;
+    result.jpeg_bytes +=
+        (static_cast<double>(frame.value().jpeg.size()) - result.jpeg_bytes) / timed;
+  }
+}
+
+}  // namespace
+
+std::string probe(const Settings& settings) {
+  const auto source = make_source(settings.source);
+  const auto description = source->description();
+  const Footage footage = film(*source);
+  if (footage.last.size() < 2 || footage.last_ns <= footage.first_ns) {
+    throw std::runtime_error(
+        fmt::format("{}: no two images in {} s", description, kPatience.count()));
+  }
+  ProbeResult result;
+  result.fps = (footage.frames - 1) * 1e9 / static_cast<double>(footage.last_ns - footage.first_ns);
+  time_frames(settings, footage.last, result);
+  return fmt::format(
+      "source: {}\n"
+      "filmed: {} frames, {} of them defective, at {:.4g} fps, {}x{} px\n"
+      "JPEG: {:.2f} ms and {:.1f} kB a frame, {:.2f} Mbit/s on the link\n"
+      "ORB features, only while frames wait: {:.2f} ms a frame\n"
+      "suggested:\n{}",
+      description, footage.frames, footage.defects, result.fps, result.width_px, result.height_px,
+      result.encode_ms, result.jpeg_bytes / 1000, result.jpeg_bytes * 8e-6 * result.fps,
+      result.features_ms, suggest(settings, result));
+}
+
+std::string suggest(const Settings& settings, const ProbeResult& result) {
+  constexpr int kLeastPixels = 10'000;  // what settings.cpp allows
+  constexpr std::int64_t kLeastCapacity = 3;
+  const double share = result.features_ms * result.fps / 1000;
+  int pixels = std::min(settings.features.pixels, result.width_px * result.height_px);
+  pixels = share > 0.5 ? std::max(static_cast<int>(pixels * 0.5 / share), kLeastPixels)
+                       : settings.features.pixels;
+  std::string text = fmt::format("[source]\nkind = \"{}\"\n", settings.source.kind);
+  if (settings.source.kind == "v4l2") {
+    text += fmt::format("device = \"{}\"\nformat = \"{}\"\n", settings.source.device,
+                        settings.source.format);
+  }
+  return text + fmt::format(
+                    "width = {}\nheight = {}\nfps = {:.4g}\n[features]\npixels = {}\n[buffer]\n"
+                    "capacity = {}\n",
+                    result.width_px, result.height_px, result.fps, pixels,
+                    std::max<std::int64_t>(std::llround(result.fps), kLeastCapacity));
+}
+
+}  // namespace orbbuf

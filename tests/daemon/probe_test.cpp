@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/probe.hpp"
+
+#include <gmock/gmock.h>
+
+#include <stdexcept>
+
+#include "tests/support/temporary_folder.hpp"
+
+namespace orbbuf {
+namespace {
+
+using testing::HasSubstr;
+
+Settings generated(std::int64_t frames) {
+  Settings settings;
+  settings.source.width_px = 160;
+  settings.source.height_px = 120;
+  settings.source.frames = frames;
+  settings.source.realtime = false;
+  return settings;
+}
+
+TEST(Probe, WhatWasFilmedIsReported) {
+  const auto report = probe(generated(5));
+  EXPECT_THAT(report, HasSubstr("source: generated scene 1: 5 frames of 160x120 px, 25 fps\n"));
+  EXPECT_THAT(report, HasSubstr("filmed: 5 frames, 0 of them defective, at 25 fps, 160x120 px\n"));
+  EXPECT_THAT(report, HasSubstr("\nJPEG: "));
+  EXPECT_THAT(report, HasSubstr("\nORB features"));
+}
+
+TEST(Probe, WhatItSuggestsIsAConfiguration) {
+  const auto report = probe(generated(5));
+  const test::TemporaryFolder folder;
+  test::write_file(folder / "c.toml", report.substr(report.find("suggested:\n") + 11));
+  const Settings suggested = load_settings(folder / "c.toml", {});
+  EXPECT_EQ(suggested.source.width_px, 160);
+  EXPECT_EQ(suggested.source.fps, 25);
+  EXPECT_EQ(suggested.buffer.capacity, 25U);
+}
+
+TEST(Probe, ASingleImageIsNoFilm) { EXPECT_THROW(probe(generated(1)), std::runtime_error); }
+
+TEST(Probe, FeaturesThatTakeTooLongGetFewerPixels) {
+  ProbeResult result{.fps = 20, .width_px = 640, .height_px = 480, .features_ms = 25};
+  EXPECT_THAT(suggest({}, result), HasSubstr("pixels = 131072\n"));
+  result.features_ms = 50;
+  EXPECT_THAT(suggest({}, result), HasSubstr("pixels = 65536\n"));
+  result.features_ms = 10'000;
+  EXPECT_THAT(suggest({}, result), HasSubstr("pixels = 10000\n"));
+}
+
+TEST(Probe, TheBufferHoldsASecondAndAtLeastThree) {
+  ProbeResult result{.fps = 29.97, .width_px = 64, .height_px = 64};
+  EXPECT_THAT(suggest({}, result), HasSubstr("fps = 29.97\n"));
+  EXPECT_THAT(suggest({}, result), HasSubstr("capacity = 30\n"));
+  result.fps = 1;
+  EXPECT_THAT(suggest({}, result), HasSubstr("capacity = 3\n"));
+}
+
+}  // namespace
+}  // namespace orbbuf
