@@ -12,7 +12,7 @@
 #include <memory>
 
 #include "bench/load/robot.hpp"
-#include "bench/load/watched_process.hpp"
+#include "bench/watched_process.hpp"
 #include "common/address.hpp"
 #include "tests/support/process.hpp"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "bench/load/watched_process.hpp"
+#include "bench/watched_process.hpp"
 
 #include <unistd.h>
 
