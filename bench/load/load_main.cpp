@@ -12,6 +12,7 @@
 #include <memory>
 
 #include "bench/load/robot.hpp"
+#include "bench/load/wake_cost.hpp"
 #include "bench/watched_process.hpp"
 #include "common/address.hpp"
 #include "tests/support/process.hpp"
@@ -229,7 +230,11 @@ void idle(const Options& options) {
   const auto begin = Clock::now();
   fleet.run_for(std::chrono::duration_cast<nanoseconds>(Seconds(options.idle_seconds)));
   const Seconds took = Clock::now() - begin;
-  result("idle_core_share", Seconds(watched.cpu_time() - before) / took);
+  const Seconds cpu = watched.cpu_time() - before;
+  const Seconds wake = orbbuf::load::bare_wake_cost();
+  std::printf("  a thread that is woken %zu times a second and does nothing takes %.2g of a core\n",
+              options.idle_robots, wake.count() * static_cast<double>(options.idle_robots));
+  result("idle_core_share", cpu / took);
   result("idle_kib_per_robot", static_cast<double>(watched.peak_kib() - empty_kib) /
                                    static_cast<double>(options.idle_robots));
   fleet.end();

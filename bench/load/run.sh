@@ -32,4 +32,5 @@ await_quiet_disk
 discarded=$(discards)
 ulimit -Sn "$(ulimit -Hn)" # two sockets a robot
 "$build/bench/orbbuf-load" --server "$build/server/orbbuf-server" --work "$work" "$@"
-[ "$(discards)" = "$discarded" ] || echo 'load: the disk discarded blocks meanwhile: run it again' >&2
+[ "$(discards)" = "$discarded" ] ||
+  echo "load: the disk discarded what was deleted meanwhile: run it again" >&2
