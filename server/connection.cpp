@@ -174,14 +174,14 @@ void Connection::handle_hello(const Message& message) {
     return refuse(fmt::format("the certificate is for \"{}\", not for this robot",
                               wire::is_valid_id(stream_.peer_name()) ? stream_.peer_name() : ""));
   }
-  timer_.cancel();
+  stop_timer();
   owner_.introduced(shared_from_this(), hello.value());
 }
 
 void Connection::handle_frame(Message message) {
   auto frame = wire::parse_frame(message.header, message.meta, std::move(message.body));
   if (!frame) return fail(frame.error());
-  timer_.cancel();  // from here on it is the sinks that take their time
+  stop_timer();  // from here on it is the sinks that take their time
   session_->write(std::make_shared<const EncodedFrame>(std::move(frame).value()),
                   [weak = weak_from_this()] {
                     if (const auto self = weak.lock()) self->taken();
@@ -191,7 +191,7 @@ void Connection::handle_frame(Message message) {
 void Connection::handle_dropped(const Message& message) {
   auto dropped = wire::parse_dropped(message.header, message.body);
   if (!dropped) return fail(dropped.error());
-  timer_.cancel();
+  stop_timer();
   session_->write_drops(std::move(dropped).value(), [weak = weak_from_this()] {
     if (const auto self = weak.lock()) self->taken();
   });
@@ -266,12 +266,25 @@ void Connection::close() {
   owner_.closed(self);
 }
 
-/// Replaces the timer that runs, even one whose handler is already on its way.
+/// Each message moves the deadline, which costs nothing: the timer that runs finds out when it
+/// ends.
 void Connection::start_timer(std::chrono::nanoseconds time) {
-  timer_.expires_after(time);
+  deadline_ = std::chrono::steady_clock::now() + time;
+  if (!is_timer_running_ || deadline_ < timer_.expiry()) await_deadline();
+}
+
+void Connection::stop_timer() { deadline_ = std::chrono::steady_clock::time_point::max(); }
+
+/// Replaces the timer that runs, even one whose handler is already on its way.
+void Connection::await_deadline() {
+  is_timer_running_ = true;
+  timer_.expires_at(deadline_);
   timer_.async_wait([self = shared_from_this()](const error_code& failed) {
-    if (failed || self->timer_.expiry() > std::chrono::steady_clock::now()) return;
-    self->time_is_up();
+    const auto now = std::chrono::steady_clock::now();
+    if (failed || self->timer_.expiry() > now) return;
+    self->is_timer_running_ = false;
+    if (self->deadline_ <= now) return self->time_is_up();
+    if (self->deadline_ < std::chrono::steady_clock::time_point::max()) self->await_deadline();
   });
 }
 

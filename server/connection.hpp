@@ -89,6 +89,8 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void send_next();
   void close();
   void start_timer(std::chrono::nanoseconds time);
+  void stop_timer();
+  void await_deadline();
   void time_is_up();
   std::string name() const;
 
@@ -100,7 +102,10 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   std::string software_;
   std::shared_ptr<Session> session_;
   State state_ = State::kHello;
-  boost::asio::steady_timer timer_;  // hello, idle or parting: one at a time
+  // Hello, idle or parting, one at a time. The timer wakes at the deadline or before it.
+  std::chrono::steady_clock::time_point deadline_ = std::chrono::steady_clock::time_point::max();
+  boost::asio::steady_timer timer_;
+  bool is_timer_running_ = false;
 
   MessageReader reader_;
   std::array<std::uint8_t, 4096> discarded_{};

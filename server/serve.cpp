@@ -12,6 +12,7 @@
 #include <cstdlib>
 
 #include "common/log.hpp"
+#include "server/descriptors.hpp"
 #include "server/listener.hpp"
 
 namespace orbbuf {
@@ -28,6 +29,7 @@ void serve(const Settings& settings) {
   name_this_thread("main");
   std::signal(SIGPIPE, SIG_IGN);
   check_sinks(settings.sinks);
+  allow_descriptors_for(settings.listen.max_connections);
   asio::io_context main(1);
   asio::thread_pool files(1);  // ends before `main`, to which its work reports
   asio::post(files, [] { name_this_thread("files"); });

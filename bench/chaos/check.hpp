@@ -31,7 +31,8 @@ struct Verdict {
 
 /// Whether each frame of each session is exactly once on disk or in the drop record, from the files
 /// alone: it shares no code with what it judges. `source`: the JPEGs, sorted by name, that all
-/// robots replay again and again, so that frame n of a session is the n-th of them, cyclically.
+/// robots replay again and again, so that frame n of a session is the n-th of them, cyclically; if
+/// there are none, the images' bytes are not judged.
 Verdict check(const std::vector<Session>& sessions, const std::filesystem::path& source);
 
 }  // namespace orbbuf::chaos

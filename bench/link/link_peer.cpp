@@ -2,7 +2,8 @@
 // What the bench of the link measures with, and against:
 //   send ADDRESS PORT BYTES FPS   a camera over one plain, blocking TCP connection
 //   receive ADDRESS PORT          its other end: a line for each whole frame, TIME BYTES
-//   watch FOLDER                  the same line for each file that is renamed into FOLDER
+//   watch FOLDER                  the same line, and the file's name, for each file that is renamed
+//                                 into FOLDER
 // TIME is in seconds of the system's clock. Each runs until it is killed.
 #include <arpa/inet.h>
 #include <netinet/in.h>
@@ -34,12 +35,12 @@ int check(int result, const std::string& attempt) {
   return result;
 }
 
-void print_frame(std::size_t bytes) {
+void print_frame(std::size_t bytes, const char* name = "") {
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   const auto microseconds = std::chrono::duration_cast<std::chrono::microseconds>(now).count();
   constexpr long long kPerSecond = 1'000'000;
   const auto count = static_cast<long long>(microseconds);
-  std::printf("%lld.%06lld %zu\n", count / kPerSecond, count % kPerSecond, bytes);
+  std::printf("%lld.%06lld %zu %s\n", count / kPerSecond, count % kPerSecond, bytes, name);
   std::fflush(stdout);
 }
 
@@ -102,9 +103,10 @@ void receive(const std::string& address, const std::string& port) {
   }
 }
 
-void print_file(const std::string& file) {
+void print_file(const std::string& folder, const char* name) {
   struct stat status {};
-  if (::stat(file.c_str(), &status) == 0) print_frame(static_cast<std::size_t>(status.st_size));
+  if (::stat((folder + "/" + name).c_str(), &status) != 0) return;
+  print_frame(static_cast<std::size_t>(status.st_size), name);
 }
 
 void watch(const std::string& folder) {
@@ -117,7 +119,7 @@ void watch(const std::string& folder) {
         check(static_cast<int>(::read(notify, events.data(), events.size())), "read events");
     for (int at = 0; at < count;) {
       const auto* event = reinterpret_cast<const inotify_event*>(events.data() + at);
-      print_file(folder + "/" + event->name);
+      print_file(folder, event->name);
       at += static_cast<int>(sizeof(inotify_event) + event->len);
     }
   }

@@ -108,10 +108,11 @@ make_images() {
   rm -r "$work/made"
 }
 
-# start_stream NAME ADDRESS IMAGES FPS: orbbuf-server, orbbufd, and a watch on what arrives, whose
-# lines TIME BYTES are $work/NAME.out.
+# start_stream NAME ADDRESS IMAGES FPS [SETTING...]: orbbuf-server, orbbufd with these settings, and
+# a watch on what arrives, whose lines TIME BYTES FILE are $work/NAME.out.
 start_stream() {
-  local name=$1 address=$2 images=$3 fps=$4 port folder
+  local name=$1 address=$2 images=$3 fps=$4 port folder setting settings=()
+  for setting in "${@:5}"; do settings+=(--set "$setting"); done
   start "$name-server" "${on_server[@]}" "$build/server/orbbuf-server" \
     --set "listen.address=$address:0" --set listen.insecure=true \
     --set "files.path=$work/$name"
@@ -119,7 +120,8 @@ start_stream() {
   port=$(grep -o 'listening on .*' "$work/$name-server.err" | grep -o '[0-9]*$')
   start "$name-robot" "${on_robot[@]}" "$build/daemon/orbbufd" --set robot.id=r \
     --set "link.server=$address:$port" --set source.kind=folder --set "source.path=$images" \
-    --set "source.fps=$fps" --set source.loop=true --set 'link.drain_timeout=100 ms'
+    --set "source.fps=$fps" --set source.loop=true --set 'link.drain_timeout=100 ms' \
+    "${settings[@]}"
   wait_for "$name-robot" 'connected to'
   for ((tries = 0; tries < 200; ++tries)); do
     folder=$(echo "$work/$name"/r/*/images)

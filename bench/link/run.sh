@@ -1,18 +1,19 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # The bench of the link, between two network namespaces: how soon frames come after an outage, side
-# by side with a plain TCP connection and with roscpp, and how much of the link's rate is frames.
-# Usage: bench/link/run.sh BUILD_FOLDER [--full|--quick] [--seed N] [--only return|goodput]
-# About 10 minutes; --full repeats the long outages ten times too (half an hour), --quick is a look.
+# by side with a plain TCP connection and with roscpp, how much of the link's rate is frames, and
+# what stands in the kernel's queue.
+# Usage: bench/link/run.sh BUILD_FOLDER [--full|--quick] [--seed N] [--only return|goodput|queue]
+# About 20 minutes; --full repeats the long outages ten times too (40 minutes), --quick is a look.
 set -euo pipefail
 build=$(cd "$1" && pwd)
 shift
 here=$(dirname "${BASH_SOURCE[0]}")
-plan=(1:10 5:10 20:3 60:2) only='' seed=1
+plan=(1:10 5:10 20:3 60:2) rates=(0.5 2 10 50 100) only='' seed=1
 while [ $# -gt 0 ]; do
   case $1 in
     --full) plan=(1:10 5:10 20:10 60:10) ;;
-    --quick) plan=(1:2 5:1) ;;
+    --quick) plan=(1:2 5:1) rates=(2 50) ;;
     --seed) seed=$2 && shift ;;
     --only) only=$2 && shift ;;
     *) echo "bench link: unknown option $1" >&2 && exit 2 ;;
@@ -28,9 +29,13 @@ results=()
 . "$here/return.sh"
 # shellcheck source=bench/link/goodput.sh
 . "$here/goodput.sh"
+# shellcheck source=bench/link/queue.sh
+. "$here/queue.sh"
 
 rig_up
 echo "bench link: seed $seed; OUTAGE:REPEATS ${plan[*]}; 20 Mbit/s; nftables drop at the server"
-[ "$only" = goodput ] || returns "${plan[@]}"
-[ "$only" = return ] || goodput 2 10 50
+wants() { [ -z "$only" ] || [ "$only" = "$1" ]; }
+! wants return || returns "${plan[@]}"
+! wants goodput || goodput 2 10 50
+! wants queue || queues "${rates[@]}"
 printf '%s\n' "${results[@]}"

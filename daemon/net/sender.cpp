@@ -186,6 +186,7 @@ void Sender::write_next() {
   const bool is_drops_turn = std::exchange(is_drops_turn_, false) && drops_.has_unsent();
   if (FramePtr frame = is_drops_turn ? nullptr : buffer_.take()) {
     is_drops_turn_ = true;
+    spdlog::debug("link: frame {} is the kernel's from here on", frame->sequence);
     connection_->write(std::move(frame));
   } else if (drops_.has_unsent()) {
     connection_->write(wire::encode(drops_.take_unsent()));

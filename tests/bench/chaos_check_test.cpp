@@ -68,6 +68,12 @@ TEST_F(ChaosCheck, ASoundSessionHasNoProblem) {
   EXPECT_EQ(sound.problems, std::vector<std::string>());
 }
 
+TEST_F(ChaosCheck, WithoutASourceOnlyTheImagesBytesAreNotJudged) {
+  EXPECT_EQ(check({session_}, {}).problems, std::vector<std::string>());
+  fs::remove(session_.files / "images/000002.jpg");
+  EXPECT_EQ(check({session_}, {}).unexplained, 1U);
+}
+
 TEST_F(ChaosCheck, AFrameThatIsNowhereIsLost) {
   write_drops("");
   EXPECT_EQ(verdict().lost, 1U);

@@ -122,6 +122,18 @@ TEST_F(ConnectionTest, ARobotThatSaysHelloAndThenNothingIsDisconnected) {
   EXPECT_THAT(warning(), HasSubstr("nothing came"));
 }
 
+TEST_F(ConnectionTest, EveryMessageGivesTheRobotTheIdleTimeAnew) {
+  settings_.listen.idle_timeout = std::chrono::milliseconds(500);
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  const auto begin = std::chrono::steady_clock::now();
+  while (std::chrono::steady_clock::now() - begin < 2 * settings_.listen.idle_timeout) {
+    robot.send_frame(plain_frame(0));
+    ASSERT_TRUE(robot.acked(1));
+  }
+  expect_end(robot, ErrorCode::kTimeout, "nothing came for 0.5 s");
+}
+
 TEST_F(ConnectionTest, WhoeverSaysNothingAtAllIsDisconnected) {
   settings_.listen.hello_timeout = std::chrono::milliseconds(50);
   expect_end(connect(), ErrorCode::kTimeout, "no hello within 0.05 s");

@@ -1,0 +1,265 @@
+// SPDX-License-Identifier: Apache-2.0
+// Many robots from one process into one real server that writes files: whether all is delivered,
+// how soon it is on disk, and what the server takes for it. Then many robots that only say that
+// they are there.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <boost/asio/io_context.hpp>
+#include <csignal>
+#include <cstdio>
+#include <exception>
+#include <filesystem>
+#include <memory>
+
+#include "bench/load/robot.hpp"
+#include "bench/load/wake_cost.hpp"
+#include "bench/watched_process.hpp"
+#include "common/address.hpp"
+#include "tests/support/process.hpp"
+
+namespace {
+
+namespace asio = boost::asio;
+namespace fs = std::filesystem;
+using orbbuf::bench::WatchedProcess;
+using orbbuf::load::Clock;
+using orbbuf::load::Content;
+using orbbuf::load::Robot;
+using std::chrono::milliseconds;
+using std::chrono::nanoseconds;
+using Seconds = std::chrono::duration<double>;
+
+constexpr std::chrono::seconds kPatience{60};
+constexpr milliseconds kSampling{50};
+
+struct Options {
+  std::string server;
+  fs::path work;
+  std::size_t robots = 64;
+  double fps = 25;
+  std::size_t bytes = 40'000;
+  double seconds = 60;
+  std::size_t idle_robots = 500;
+  double idle_seconds = 20;
+  std::uint64_t seed = 1;
+};
+
+Options parse(int argc, char** argv) {
+  Options options;
+  bool is_quick = false;
+  CLI::App app("Many robots and one server");
+  app.add_option("--server", options.server, "orbbuf-server")->required();
+  app.add_option("--work", options.work, "an empty folder for all that is written")->required();
+  app.add_option("--robots", options.robots)->check(CLI::PositiveNumber);
+  app.add_option("--fps", options.fps, "of each robot")->check(CLI::PositiveNumber);
+  app.add_option("--bytes", options.bytes, "of each frame")->check(CLI::PositiveNumber);
+  app.add_option("--seconds", options.seconds)->check(CLI::PositiveNumber);
+  app.add_option("--idle-robots", options.idle_robots)->check(CLI::PositiveNumber);
+  app.add_option("--idle-seconds", options.idle_seconds)->check(CLI::PositiveNumber);
+  app.add_option("--seed", options.seed, "of what is filmed");
+  app.add_flag("--quick", is_quick, "10 s, and 5 s idle");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    std::exit(app.exit(error));
+  }
+  if (is_quick) {
+    options.seconds = 10;
+    options.idle_seconds = 5;
+  }
+  return options;
+}
+
+/// orbbuf-server with its files in a folder of the work folder, until end().
+class Server {
+ public:
+  Server(const Options& options, const std::string& folder, std::size_t robots)
+      : files_(options.work / folder),
+        process_({options.server, "--set", "listen.address=127.0.0.1:0", "--set",
+                  "listen.max_connections=" + std::to_string(robots), "--set",
+                  "files.path=" + files_.string()}) {
+    const std::string words = "listening on ";
+    const auto line = process_.wait_for_line(words);
+    if (!line) throw std::runtime_error("no server: " + process_.output());
+    const auto address = orbbuf::parse_address(line->substr(line->find(words) + words.size()));
+    endpoint_ = {asio::ip::make_address(address.value().host), address.value().port};
+  }
+
+  void end() {
+    process_.signal(SIGTERM);
+    if (process_.wait() != 0) throw std::runtime_error("server: " + process_.output());
+  }
+  asio::ip::tcp::endpoint endpoint() const { return endpoint_; }
+  WatchedProcess watched() const { return WatchedProcess(process_.pid()); }
+  const fs::path& files() const { return files_; }
+
+ private:
+  const fs::path files_;
+  orbbuf::test::Process process_;
+  asio::ip::tcp::endpoint endpoint_;
+};
+
+/// Robots that begin in turn, so that no two tick together.
+class Fleet {
+ public:
+  Fleet(const Content& content, std::size_t count, std::uint64_t frames, nanoseconds interval)
+      : interval_(interval) {
+    for (std::size_t i = 0; i < count; ++i) {
+      robots_.push_back(std::make_unique<Robot>(io_, content, Robot::Plan{i, frames, interval}));
+    }
+  }
+
+  void connect(const asio::ip::tcp::endpoint& server) {
+    await_all(kPatience, [&](Robot& robot, auto done) { robot.connect(server, done); });
+  }
+  void start(std::function<void()> settled) {
+    const auto first = Clock::now() + milliseconds(100);
+    const auto count = static_cast<nanoseconds::rep>(robots_.size());
+    for (nanoseconds::rep i = 0; i < count; ++i) {
+      robots_[static_cast<std::size_t>(i)]->start(first + i * interval_ / count, settled);
+    }
+  }
+  /// All films to the last ack, which is due `length` from now at the soonest.
+  void film(nanoseconds length, const std::function<void()>& sample) {
+    std::size_t left = robots_.size();
+    start([&left] { --left; });
+    const auto limit = Clock::now() + length + kPatience;
+    while (left > 0 && Clock::now() < limit) {
+      io_.run_for(kSampling);
+      sample();
+    }
+    if (left > 0) throw std::runtime_error(std::to_string(left) + " robots wait for acks in vain");
+  }
+  void run_for(nanoseconds time) { io_.run_for(time); }
+  void end() {
+    await_all(kPatience, [](Robot& robot, auto done) { robot.end(done); });
+  }
+  const std::vector<std::unique_ptr<Robot>>& robots() const { return robots_; }
+
+ private:
+  /// Something that each robot is to be done with.
+  template <class Begin>
+  void await_all(nanoseconds limit, Begin begin) {
+    std::size_t left = robots_.size();
+    for (const auto& robot : robots_) begin(*robot, [&left] { --left; });
+    const auto end = Clock::now() + limit;
+    while (left > 0 && io_.run_one_until(end) > 0) {
+    }
+    if (left > 0) throw std::runtime_error(std::to_string(left) + " robots have no answer");
+  }
+
+  const nanoseconds interval_;
+  asio::io_context io_{1};
+  std::vector<std::unique_ptr<Robot>> robots_;
+};
+
+void result(const char* name, double value) { std::printf("RESULT load.%s %.5g\n", name, value); }
+
+double milliseconds_of(nanoseconds time) { return Seconds(time).count() * 1000; }
+
+void report_latency(const Fleet& fleet) {
+  std::vector<nanoseconds> all;
+  for (const auto& robot : fleet.robots()) {
+    all.insert(all.end(), robot->latencies().begin(), robot->latencies().end());
+  }
+  std::ranges::sort(all);
+  const auto share = [&](double part) {
+    return milliseconds_of(all[static_cast<std::size_t>(part * static_cast<double>(all.size()))]);
+  };
+  std::printf("  capture to ack: median %.1f ms, p99 %.1f ms, p99.9 %.1f ms, worst %.1f ms\n",
+              share(0.5), share(0.99), share(0.999), milliseconds_of(all.back()));
+  result("p99_ms", share(0.99));
+}
+
+void report_delivered(const Fleet& fleet, const Content& content, const fs::path& files) {
+  std::uint64_t captured = 0;
+  std::uint64_t delivered = 0;
+  for (std::size_t i = 0; i < fleet.robots().size(); ++i) {
+    const Robot& robot = *fleet.robots()[i];
+    captured += robot.captured();
+    delivered += content.count_delivered(files / robot.id() / Robot::kSession, i, robot.captured());
+  }
+  std::printf("  captured %lu, byte for byte on disk %lu\n", captured, delivered);
+  std::printf("RESULT load.delivered_share %.6f\n",
+              static_cast<double>(delivered) / static_cast<double>(captured));
+}
+
+void stream(const Options& options) {
+  const Content content(options.seed, options.bytes);
+  const auto interval = std::chrono::duration_cast<nanoseconds>(Seconds(1 / options.fps));
+  const auto length = std::chrono::duration_cast<nanoseconds>(Seconds(options.seconds));
+  const auto frames = static_cast<std::uint64_t>(options.fps * options.seconds);
+  Server server(options, "stream", options.robots);
+  const WatchedProcess watched = server.watched();
+  const auto empty_kib = watched.resident_kib();
+  const auto idle_tcp_kib = orbbuf::bench::tcp_memory_kib();
+  auto tcp_kib = idle_tcp_kib;
+
+  Fleet fleet(content, options.robots, frames, interval);
+  fleet.connect(server.endpoint());
+  const nanoseconds cpu_before = watched.cpu_time();
+  const auto begin = Clock::now();
+  fleet.film(length, [&] { tcp_kib = std::max(tcp_kib, orbbuf::bench::tcp_memory_kib()); });
+  const Seconds took = Clock::now() - begin;
+  const Seconds cpu = watched.cpu_time() - cpu_before;
+  const auto peak_kib = watched.peak_kib();
+  fleet.end();
+  server.end();
+
+  const auto robots = static_cast<double>(options.robots);
+  std::printf("  server: resident %lu KiB without robots, at most %lu KiB\n", empty_kib, peak_kib);
+  std::printf("  all TCP sockets of this machine, both ends: at most %lu KiB more than before\n",
+              tcp_kib - idle_tcp_kib);
+  report_latency(fleet);
+  result("kib_per_robot", static_cast<double>(peak_kib - empty_kib) / robots);
+  result("socket_kib_per_robot", static_cast<double>(tcp_kib - idle_tcp_kib) / robots);
+  result("server_cores", cpu / took);
+  report_delivered(fleet, content, server.files());
+}
+
+void idle(const Options& options) {
+  const Content content(options.seed, 1);
+  Server server(options, "idle", options.idle_robots);
+  const WatchedProcess watched = server.watched();
+  const auto empty_kib = watched.resident_kib();
+  Fleet fleet(content, options.idle_robots, 0, std::chrono::seconds(1));
+  fleet.connect(server.endpoint());
+  fleet.start({});
+  fleet.run_for(std::chrono::seconds(2));  // past the hellos
+  const nanoseconds before = watched.cpu_time();
+  const auto begin = Clock::now();
+  fleet.run_for(std::chrono::duration_cast<nanoseconds>(Seconds(options.idle_seconds)));
+  const Seconds took = Clock::now() - begin;
+  const Seconds cpu = watched.cpu_time() - before;
+  const Seconds wake = orbbuf::load::bare_wake_cost();
+  std::printf("  a thread that is woken %zu times a second and does nothing takes %.2g of a core\n",
+              options.idle_robots, wake.count() * static_cast<double>(options.idle_robots));
+  result("idle_core_share", cpu / took);
+  result("idle_kib_per_robot", static_cast<double>(watched.peak_kib() - empty_kib) /
+                                   static_cast<double>(options.idle_robots));
+  fleet.end();
+  server.end();
+}
+
+void run(const Options& options) {
+  std::printf("load: seed %lu; %zu robots, %g fps, %zu bytes, %g s\n", options.seed, options.robots,
+              options.fps, options.bytes, options.seconds);
+  std::fflush(stdout);
+  stream(options);
+  std::printf("load: %zu robots that only send their account, %g s\n", options.idle_robots,
+              options.idle_seconds);
+  std::fflush(stdout);
+  idle(options);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    run(parse(argc, argv));
+    return EXIT_SUCCESS;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "load: %s\n", error.what());
+    return EXIT_FAILURE;
+  }
+}
