@@ -117,14 +117,13 @@ void Connection::reading_failed(const error_code& failed) {
     if (!is_writing_) close();
     return;
   }
-  const std::string why = stream_.explain(failed);
-  if (!reader_.is_between_messages()) {
-    spdlog::warn("{}: connection lost within a message: {}", name(), why);
-  } else if (state_ == State::kHello) {
-    spdlog::info("{}: connection lost before hello: {}", name(), why);
-  } else {
-    spdlog::info("{}: connection lost: {}", name(), why);
-  }
+  const bool is_between = reader_.is_between_messages();
+  spdlog::log(is_between ? spdlog::level::info : spdlog::level::warn, "{}: connection lost{}: {}",
+              name(),
+              !is_between       ? " within a message"
+              : is_introduced() ? ""
+                                : " before hello",
+              stream_.explain(failed));
   close();
 }
 
@@ -289,21 +288,14 @@ void Connection::await_deadline() {
 }
 
 void Connection::time_is_up() {
-  using Seconds = std::chrono::duration<double>;
-  switch (state_) {
-    case State::kHandshake:
-    case State::kHello:
-      return fail({ErrorCode::kTimeout,
-                   fmt::format("no hello within {} s", Seconds(settings_.hello_timeout).count())});
-    case State::kServing:
-      return fail({ErrorCode::kTimeout,
-                   fmt::format("nothing came for {} s", Seconds(settings_.idle_timeout).count())});
-    case State::kParting:
-      return close();
-    case State::kJoining:
-    case State::kClosed:
-      return;
-  }
+  if (state_ == State::kParting) return close();
+  const bool is_serving = state_ == State::kServing;
+  if (is_introduced() && !is_serving) return;
+  const std::chrono::duration<double> limit =
+      is_serving ? settings_.idle_timeout : settings_.hello_timeout;
+  fail(
+      {ErrorCode::kTimeout,
+       fmt::format("{} {} s", is_serving ? "nothing came for" : "no hello within", limit.count())});
 }
 
 std::string Connection::name() const { return robot_id_ + " " + to_text(peer_); }

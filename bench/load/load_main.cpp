@@ -77,6 +77,8 @@ class Server {
       : files_(options.work / folder),
         process_({options.server, "--set", "listen.address=127.0.0.1:0", "--set",
                   "listen.max_connections=" + std::to_string(robots), "--set",
+                  "listen.max_connections_per_address=" + std::to_string(robots), "--set",
+                  "listen.max_robots=" + std::to_string(robots), "--set",
                   "files.path=" + files_.string()}) {
     const std::string words = "listening on ";
     const auto line = process_.wait_for_line(words);

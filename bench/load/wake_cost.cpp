@@ -8,7 +8,7 @@
 #include <stdexcept>
 #include <thread>
 
-#include "server/sink/unique_fd.hpp"
+#include "common/unique_fd.hpp"
 
 namespace orbbuf::load {
 namespace {
