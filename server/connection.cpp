@@ -4,7 +4,6 @@
 #include <spdlog/spdlog.h>
 
 #include <boost/asio/buffer.hpp>
-#include <boost/asio/error.hpp>
 #include <boost/asio/write.hpp>
 #include <utility>
 
@@ -55,8 +54,7 @@ void Connection::shake_hands() {
   state_ = State::kHandshake;
   stream_.async_handshake_as_server([self = shared_from_this()](const error_code& failed) {
     if (self->state_ != State::kHandshake) return;
-    if (failed)
-      return self->fail({ErrorCode::kRefused, "no TLS: " + self->stream_.explain(failed)});
+    if (failed) return self->fail({ErrorCode::kRefused, self->stream_.explain(failed)});
     self->state_ = State::kHello;
     self->read();
   });
@@ -118,12 +116,9 @@ void Connection::reading_failed(const error_code& failed) {
     return;
   }
   const bool is_between = reader_.is_between_messages();
+  const char* const when = is_introduced() ? "" : " before hello";
   spdlog::log(is_between ? spdlog::level::info : spdlog::level::warn, "{}: connection lost{}: {}",
-              name(),
-              !is_between       ? " within a message"
-              : is_introduced() ? ""
-                                : " before hello",
-              stream_.explain(failed));
+              name(), is_between ? when : " within a message", stream_.explain(failed));
   close();
 }
 
