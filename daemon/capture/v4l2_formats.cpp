@@ -42,7 +42,7 @@ std::optional<double> rate_of(const CameraOffer& offer, const CameraRequest& req
   for (const CameraSize& size : offer.sizes) {
     if (!size.holds(request.width_px, request.height_px)) continue;
     const double rate = size.rates.empty() ? kUnknown : size.rates.front();
-    best = std::max(best.value_or(0), rate);
+    best = best ? std::max(*best, rate) : rate;
   }
   return best;
 }
