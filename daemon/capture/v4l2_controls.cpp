@@ -73,8 +73,8 @@ const CameraControl& find(const V4l2Device& device, const std::vector<CameraCont
                           const std::string& name) {
   const auto found = std::ranges::find(controls, name, &CameraControl::name);
   if (found != controls.end()) return *found;
-  std::vector<std::string_view> names;
-  for (const auto& control : controls) names.push_back(control.name);
+  std::vector<std::string_view> names(controls.size());
+  std::ranges::transform(controls, names.begin(), &CameraControl::name);
   throw std::runtime_error(
       fmt::format("camera {}: it has no control {}; it has {}", device.path(), name,
                   names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));

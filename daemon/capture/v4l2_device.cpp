@@ -31,10 +31,14 @@ std::string_view hint_at(int error) {
   }
 }
 
-/// A string of the driver's, which need not end within its array.
+/// A string of the driver's, which need not end within its array. A USB device chooses its own
+/// name: it must not break the log's lines.
 template <std::size_t Size>
 std::string text_of(const __u8 (&bytes)[Size]) {
-  return {bytes, std::find(bytes, bytes + Size, 0)};
+  std::string text(bytes, std::find(bytes, bytes + Size, 0));
+  std::ranges::replace_if(
+      text, [](char c) { return c < ' ' || c > '~'; }, '?');
+  return text;
 }
 
 std::string fourcc_text(__u32 fourcc) {

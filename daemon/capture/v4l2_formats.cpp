@@ -5,6 +5,7 @@
 #include <spdlog/fmt/ranges.h>
 
 #include <algorithm>
+#include <iterator>
 #include <limits>
 
 namespace orbbuf {
@@ -42,16 +43,22 @@ std::optional<double> rate_of(const CameraOffer& offer, const CameraRequest& req
   for (const CameraSize& size : offer.sizes) {
     if (!size.holds(request.width_px, request.height_px)) continue;
     const double rate = size.rates.empty() ? kUnknown : size.rates.front();
-    best = std::max(best.value_or(0), rate);
+    best = best ? std::max(*best, rate) : rate;
   }
   return best;
 }
 
+/// Names what is read of `offers`; drivers have dozens of formats.
 Error nothing_fits(std::span<const CameraOffer> offers, const CameraRequest& request) {
+  std::vector<CameraOffer> read;
+  std::ranges::copy_if(offers, std::back_inserter(read), [](const CameraOffer& offer) {
+    return format_of(offer.fourcc).has_value();
+  });
   return {fmt::format("no {} of {}x{}{}; it offers {}",
                       request.format == "auto" ? "format that is read" : request.format,
                       request.width_px, request.height_px,
-                      request.color ? " in colour (MJPG, BGR24 or RGB24)" : "", describe(offers))};
+                      request.color ? " in colour (MJPG, BGR24 or RGB24)" : "",
+                      read.empty() ? describe(offers) : describe(read))};
 }
 
 }  // namespace

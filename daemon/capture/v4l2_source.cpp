@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <stdexcept>
+#include <utility>
 
 #include "common/error.hpp"
 #include "daemon/capture/v4l2_stream.hpp"
@@ -32,8 +33,8 @@ double seconds_between(std::chrono::steady_clock::time_point a,
 
 }  // namespace
 
-V4l2Source::V4l2Source(const SourceSettings& settings)
-    : settings_(settings), stop_event_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
+V4l2Source::V4l2Source(SourceSettings settings)
+    : settings_(std::move(settings)), stop_event_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
   if (!stop_event_) throw_system_error("cannot make an event");
   open();
 }
@@ -123,12 +124,15 @@ void V4l2Source::reopen() {
 }
 
 void V4l2Source::give_up(const std::string& why) {
-  stream_.reset();
-  deadline_ = Clock::now() + backoff_;
-  if (is_lost_) return spdlog::debug("camera {}: lost again: {}", settings_.device, why);
+  if (is_lost_) {
+    spdlog::debug("camera {}: lost again: {}", settings_.device, why);
+  } else {
+    spdlog::warn("camera {}: lost: {}; opening it again", settings_.device, why);
+    lost_at_ = Clock::now();
+  }
   is_lost_ = true;
-  lost_at_ = Clock::now();
-  spdlog::warn("camera {}: lost: {}; opening it again", settings_.device, why);
+  stream_.reset();  // may take as long as the driver waits for a camera that does not answer
+  deadline_ = Clock::now() + backoff_;
 }
 
 void V4l2Source::greet() {

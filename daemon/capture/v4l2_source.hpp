@@ -28,7 +28,7 @@ class V4l2Source : public FrameSource {
  public:
   /// Starts filming, with device, format, size, rate and controls of `settings`. Throws
   /// std::runtime_error as V4l2Stream does.
-  explicit V4l2Source(const SourceSettings& settings);
+  explicit V4l2Source(SourceSettings settings);
   ~V4l2Source() override;
 
   std::optional<RawFrame> next(std::stop_token stop) override;

@@ -47,6 +47,19 @@ TEST(Programs, FolderThatCannotBeReadIsNamedWithTheReason) {
   EXPECT_NE(robot.output.find("No such file or directory"), std::string::npos) << robot.output;
 }
 
+TEST(Programs, CameraThatIsNotThereIsNamedWithTheReason) {
+  const std::vector<std::string> camera = {"--set", "source.kind=v4l2", "--set",
+                                           "source.device=/dev/video-none"};
+  for (const char* verb : {"--probe", "--set=log.level=info"}) {
+    std::vector<std::string> command = {ORBBUFD, verb};
+    command.insert(command.end(), camera.begin(), camera.end());
+    const Finished robot = run(command);
+    EXPECT_EQ(robot.status, 1);
+    EXPECT_NE(robot.output.find("/dev/video-none: No such file"), std::string::npos)
+        << robot.output;
+  }
+}
+
 TEST(Programs, PortThatIsTakenIsNamedWithTheReason) {
   const TemporaryFolder out;
   Server server(out.path());

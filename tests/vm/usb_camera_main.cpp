@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A USB camera that is a program: plugged in while it runs, unplugged when it is killed. It films a
 // pattern that moves, no two images alike, and keeps every JPEG that it gave away entirely.
-// Usage: orbbuf-usb-camera FOLDER
+// Usage: orbbuf-usb-camera FOLDER [broken], broken: it gives but the first half of each JPEG
 #include <turbojpeg.h>
 
 #include <algorithm>
@@ -50,7 +50,7 @@ class Probe {
 
 class Camera {
  public:
-  explicit Camera(std::string folder) : folder_(std::move(folder)) {}
+  Camera(std::string folder, bool is_broken) : folder_(std::move(folder)), is_broken_(is_broken) {}
   [[noreturn]] void run();
 
  private:
@@ -62,6 +62,7 @@ class Camera {
   void keep() const;
 
   std::string folder_;
+  bool is_broken_;
   UsbIpPort port_;
   Probe probe_;
   std::unique_ptr<void, decltype(&tjDestroy)> jpeg_{tjInitCompress(), &tjDestroy};
@@ -140,7 +141,7 @@ void Camera::film() {
   unsigned long size = 0;
   tjCompress2(jpeg_.get(), gray.data(), width, 0, height, TJPF_GRAY, &data, &size, TJSAMP_GRAY, 70,
               0);
-  image_.assign(data, data + size);
+  image_.assign(data, data + (is_broken_ ? size / 2 : size));
   tjFree(data);
 }
 
@@ -184,8 +185,8 @@ void Camera::keep() const {
 
 int main(int argc, char** argv) {
   try {
-    if (argc != 2) throw std::runtime_error("usage: orbbuf-usb-camera FOLDER");
-    orbbuf::vm::Camera(argv[1]).run();
+    if (argc < 2) throw std::runtime_error("usage: orbbuf-usb-camera FOLDER [broken]");
+    orbbuf::vm::Camera(argv[1], argc > 2).run();
   } catch (const std::exception& error) {
     std::fprintf(stderr, "%s\n", error.what());
     return EXIT_FAILURE;

@@ -79,6 +79,9 @@ TEST(V4l2Formats, ASizeThatIsNotOfferedFails) {
   EXPECT_THAT(chosen({}, request(640, 480, 30)), HasSubstr("it offers nothing"));
   const std::vector<CameraOffer> raw_bayer = {{"RGGB", {exactly(640, 480, {})}}};
   EXPECT_THAT(chosen(raw_bayer, request(640, 480, 30)), HasSubstr("it offers RGGB 640x480"));
+  const std::vector<CameraOffer> both = {raw_bayer[0], {"GREY", {exactly(320, 240, {})}}};
+  EXPECT_EQ(chosen(both, request(640, 480, 30)),
+            "no format that is read of 640x480; it offers GREY 320x240");
 }
 
 TEST(V4l2Formats, WhatADriverDoesNotSayIsNotHeldAgainstIt) {

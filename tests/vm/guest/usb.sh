@@ -8,7 +8,7 @@ given=/tmp/given # every JPEG that the camera gave away
 mkdir $given
 
 plug_in() {
-  orbbuf-usb-camera $given >usb.log 2>&1 &
+  orbbuf-usb-camera "${1-$given}" "${@:2}" >usb.log 2>&1 &
   usb=$!
 }
 
@@ -68,3 +68,21 @@ expect 'times increase' times_increase plugged
 expect 'every frame accounted for' all_accounted
 expect 'two lines for each' [ "$(grep -cE ': (lost: |back after )' "$log")" = 20 ]
 verdict 'USB: ten times unplugged and plugged in again in one run'
+
+film bad "${mode[@]}" format=MJPG
+expect 'frames' wait_for 30 has_frames bad 5
+kill -STOP $usb
+expect 'a camera that stands still is noticed' wait_for 10 logged 1 ': lost: no frame for '
+kill -CONT $usb
+expect 'and back' wait_for 20 logged 1 ': back after '
+unplug
+plug_in /tmp broken
+expect 'broken images are counted' wait_for 30 logged 1 'failed [3-9][0-9] '
+expect 'and not all logged' [ "$(grep -c 'JPEG is cut short' "$log")" -le 2 ]
+unplug
+plug_in
+before=$(frame_count bad)
+expect 'films on' wait_for 20 has_frames bad $((before + 5))
+end_film
+expect 'every frame accounted for' all_accounted
+verdict 'USB: a camera that stands still, and one that gives broken images for ever'
