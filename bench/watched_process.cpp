@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <ctime>
+#include <filesystem>
 #include <fstream>
 #include <stdexcept>
 
@@ -26,6 +27,18 @@ std::chrono::nanoseconds WatchedProcess::cpu_time() const {
     throw std::runtime_error("process " + std::to_string(pid_) + " has gone");
   }
   return std::chrono::seconds(time.tv_sec) + std::chrono::nanoseconds(time.tv_nsec);
+}
+
+std::chrono::nanoseconds WatchedProcess::waiting_time() const {
+  std::chrono::nanoseconds sum{};
+  for (const auto& thread :
+       std::filesystem::directory_iterator("/proc/" + std::to_string(pid_) + "/task")) {
+    std::ifstream in(thread.path() / "schedstat");
+    std::chrono::nanoseconds::rep running = 0;
+    std::chrono::nanoseconds::rep waiting = 0;
+    if (in >> running >> waiting) sum += std::chrono::nanoseconds(waiting);
+  }
+  return sum;
 }
 
 std::uint64_t WatchedProcess::status(const std::string& key) const {

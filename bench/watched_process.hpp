@@ -19,6 +19,8 @@ class WatchedProcess {
   std::uint64_t peak_kib() const { return status("VmHWM"); }
   /// Of all its threads, user and system.
   std::chrono::nanoseconds cpu_time() const;
+  /// How long its threads of the moment, taken together, were ready to run and had no processor.
+  std::chrono::nanoseconds waiting_time() const;
 
  private:
   std::uint64_t status(const std::string& key) const;

@@ -165,11 +165,14 @@ void report_latency(const Fleet& fleet) {
     all.insert(all.end(), robot->latencies().begin(), robot->latencies().end());
   }
   std::ranges::sort(all);
+  nanoseconds late{};
+  for (const auto& robot : fleet.robots()) late = std::max(late, robot->most_late());
   const auto share = [&](double part) {
     return milliseconds_of(all[static_cast<std::size_t>(part * static_cast<double>(all.size()))]);
   };
   std::printf("  capture to ack: median %.1f ms, p99 %.1f ms, p99.9 %.1f ms, worst %.1f ms\n",
               share(0.5), share(0.99), share(0.999), milliseconds_of(all.back()));
+  std::printf("  of which before the frame was made: at most %.1f ms\n", milliseconds_of(late));
   result("p99_ms", share(0.99));
 }
 
@@ -199,11 +202,13 @@ void stream(const Options& options) {
 
   Fleet fleet(content, options.robots, frames, interval);
   fleet.connect(server.endpoint());
+  const nanoseconds waited_before = watched.waiting_time();
   const nanoseconds cpu_before = watched.cpu_time();
   const auto begin = Clock::now();
   fleet.film(length, [&] { tcp_kib = std::max(tcp_kib, orbbuf::bench::tcp_memory_kib()); });
   const Seconds took = Clock::now() - begin;
   const Seconds cpu = watched.cpu_time() - cpu_before;
+  const Seconds waited = watched.waiting_time() - waited_before;
   const auto peak_kib = watched.peak_kib();
   fleet.end();
   server.end();
@@ -213,6 +218,8 @@ void stream(const Options& options) {
   std::printf("  all TCP sockets of this machine, both ends: at most %lu KiB more than before\n",
               tcp_kib - idle_tcp_kib);
   report_latency(fleet);
+  std::printf("  server's threads ready to run, but others had the processors: %.2f s\n",
+              waited.count());
   result("kib_per_robot", static_cast<double>(peak_kib - empty_kib) / robots);
   result("socket_kib_per_robot", static_cast<double>(tcp_kib - idle_tcp_kib) / robots);
   result("server_cores", cpu / took);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/load/robot.hpp"
 
+#include <algorithm>
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/read.hpp>
 #include <boost/asio/write.hpp>
@@ -48,6 +49,7 @@ void Robot::film_at(Clock::time_point due) {
   film_timer_.expires_at(due);
   film_timer_.async_wait([this, due](const error_code& failed) {
     check(failed, "wait");
+    most_late_ = std::max<std::chrono::nanoseconds>(most_late_, Clock::now() - due);
     kept_.push_back({content_.frame(plan_.number, captured_++), due});
     write_next();
     if (captured_ < plan_.frames) film_at(due + plan_.interval);

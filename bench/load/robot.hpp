@@ -47,6 +47,8 @@ class Robot {
   std::string id() const;
   static constexpr const char* kSession = "load";
   std::uint64_t captured() const { return captured_; }
+  /// The most that this process was late to make a frame.
+  std::chrono::nanoseconds most_late() const { return most_late_; }
   /// From each frame's capture to its ack, in the order of the acks.
   const std::vector<std::chrono::nanoseconds>& latencies() const { return latencies_; }
 
@@ -80,6 +82,7 @@ class Robot {
   std::deque<Kept> kept_;  // captured, not acknowledged
   std::size_t sent_ = 0;   // how many of kept_ are written
   std::vector<std::chrono::nanoseconds> latencies_;
+  std::chrono::nanoseconds most_late_{};
 
   bool is_writing_ = false;
   std::vector<std::uint8_t> waiting_;  // messages before the next frame

@@ -170,7 +170,8 @@ void end(Process& process) {
 Outcome soak(const Options& options, const Namespaces& hosts) {
   Words server_command = hosts.on_server();
   server_command.push_back(options.server);
-  Process server(set(server_command, {"listen.address=" + std::string(Namespaces::kServerListen),
+  Process server(set(server_command, {"listen.insecure=true",
+                                      "listen.address=" + std::string(Namespaces::kServerListen),
                                       "files.path=" + (options.work / "out").string()}));
   const std::string address = word_after(line_of(server, "listening on "), "listening on ");
   orbbuf::chaos::Session session;
