@@ -11,6 +11,7 @@
 #include <cerrno>
 #include <filesystem>
 #include <system_error>
+#include <utility>
 
 #include "common/error.hpp"
 
@@ -86,8 +87,6 @@ std::vector<CameraSize> sizes_of(const V4l2Device& device, __u32 fourcc) {
   return sizes;
 }
 
-int number_of(const std::string& node) { return std::stoi("0" + node.substr(node.find('o') + 1)); }
-
 }  // namespace
 
 V4l2Device::V4l2Device(std::string path) : path_(std::move(path)) {
@@ -154,7 +153,8 @@ std::vector<std::string> video_nodes() {
       nodes.push_back(entry.path().string());
     }
   }
-  std::ranges::sort(nodes, {}, number_of);
+  std::ranges::sort(nodes, {},
+                    [](const std::string& node) { return std::pair(node.size(), node); });
   return nodes;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/vm/uvc_descriptors.hpp"
 
+#include <algorithm>
 #include <string_view>
 
 namespace orbbuf::vm {
@@ -24,8 +25,9 @@ class Writer {
 
   /// The bytes so far, with the length in front that they have with it.
   Bytes with_length() const {
-    Bytes all = {static_cast<std::uint8_t>(bytes_.size() + 1)};
-    all.insert(all.end(), bytes_.begin(), bytes_.end());
+    Bytes all(bytes_.size() + 1);
+    all[0] = static_cast<std::uint8_t>(all.size());
+    std::ranges::copy(bytes_, all.begin() + 1);
     return all;
   }
   const Bytes& bytes() const { return bytes_; }
