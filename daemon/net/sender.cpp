@@ -18,6 +18,7 @@ constexpr milliseconds kShortestRetryDelay{125};
 constexpr milliseconds kLongestRetryDelay{375};
 constexpr milliseconds kTick{100};
 constexpr std::chrono::seconds kStatsInterval{1};
+constexpr std::chrono::seconds kQuietStatsInterval{4};
 constexpr std::chrono::seconds kByeTimeout{2};
 constexpr unsigned kAttemptsBeforeResolvingAgain = 20;
 
@@ -39,7 +40,8 @@ Sender::Sender(asio::io_context& io, LinkSettings settings, wire::Hello hello, F
       attempt_timer_(io),
       random_(std::random_device{}()),
       tick_timer_(io),
-      drain_timer_(io) {}
+      drain_timer_(io),
+      stall_watch_(settings_.stall_timeout) {}
 
 Sender::~Sender() {
   for (const auto& open : {attempt_, connection_}) {
@@ -152,8 +154,7 @@ void Sender::on_welcome(const wire::Position& position) {
   attempts_ = 0;
   last_error_.clear();
   is_stalled_ = false;
-  acked_bytes_ = 0;
-  moved_time_ = Clock::now();
+  stall_watch_.restart(Clock::now());
   buffer_.resume(position.next_sequence);
   drops_.rewind(position.next_drop);
   spdlog::info("link: connected to {}{}; its record of this session reaches frame {}",
@@ -180,7 +181,9 @@ void Sender::wake() {
 void Sender::write_next() {
   collect_drops();
   if (std::exchange(is_stats_due_, false)) {
-    return connection_->write(wire::encode(buffer_.stats()));
+    told_ = buffer_.stats();
+    told_time_ = Clock::now();
+    return connection_->write(wire::encode(told_));
   }
   // After an outage the drop records are many: frames first, then turn by turn.
   const bool is_drops_turn = std::exchange(is_drops_turn_, false) && drops_.has_unsent();
@@ -218,8 +221,8 @@ void Sender::tick() {
   if (connection_) check_stall();
   if (Clock::now() < stats_time_) return;
   stats_time_ += kStatsInterval;
-  is_stats_due_ = true;
   const wire::Stats stats = buffer_.stats();
+  is_stats_due_ = stats != told_ || Clock::now() >= told_time_ + kQuietStatsInterval;
   spdlog::info(
       "captured {} skipped {} failed {} dropped {} acknowledged {} waiting {} in flight {}{}",
       stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged, stats.waiting,
@@ -231,19 +234,12 @@ void Sender::tick() {
 }
 
 void Sender::check_stall() {
-  const auto progress = connection_->progress();
-  const auto now = Clock::now();
-  if (!progress || !progress->is_waiting() || progress->acked_bytes != acked_bytes_) {
-    acked_bytes_ = progress ? progress->acked_bytes : 0;
-    moved_time_ = now;
-    return moved();
-  }
-  const std::chrono::nanoseconds limit =
-      std::max<std::chrono::nanoseconds>(settings_.stall_timeout, 4 * progress->round_trip);
-  if (is_stalled_ || now - moved_time_ < limit) return;
+  stall_watch_.look(connection_->progress(), Clock::now());
+  if (stall_watch_.is_moving()) return moved();
+  if (is_stalled_ || !stall_watch_.is_stalled()) return;
   is_stalled_ = true;
   spdlog::warn("link: connection to {} stalled, nothing acknowledged for {:.1f} s; trying another",
-               to_string(settings_.server), seconds(now - moved_time_));
+               to_string(settings_.server), seconds(stall_watch_.still_for()));
   if (endpoints_.empty()) return resolve();
   connect();
 }

@@ -19,6 +19,7 @@
 #include "daemon/buffer/frame_buffer.hpp"
 #include "daemon/net/drop_log.hpp"
 #include "daemon/net/server_connection.hpp"
+#include "daemon/net/stall_watch.hpp"
 
 namespace orbbuf {
 
@@ -106,11 +107,12 @@ class Sender final : private ServerConnection::Owner {
   boost::asio::steady_timer tick_timer_;
   boost::asio::steady_timer drain_timer_;
 
-  bool is_stalled_ = false;        // another connection is being tried
-  std::uint64_t acked_bytes_ = 0;  // by the peer's kernel, when last seen to grow
-  std::chrono::steady_clock::time_point moved_time_;  // when that was
+  StallWatch stall_watch_;   // of connection_
+  bool is_stalled_ = false;  // another connection is being tried
   std::chrono::steady_clock::time_point stats_time_;  // next stats message and log line
   bool is_stats_due_ = false;
+  wire::Stats told_;  // the last stats message, which is repeated less often while it holds
+  std::chrono::steady_clock::time_point told_time_;
   bool is_drops_turn_ = false;
   bool is_bye_sent_ = false;
   std::function<void(bool)> done_;  // set: finishing

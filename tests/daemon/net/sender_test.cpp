@@ -189,6 +189,15 @@ TEST_F(SenderTest, RefusalIsSurvived) {
   EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 0U);
 }
 
+TEST_F(SenderTest, AnAccountThatDoesNotChangeIsToldLessOften) {
+  start();
+  server_.welcome({});
+  server_.read(Type::kStats);
+  const auto told = std::chrono::steady_clock::now();
+  server_.read(Type::kStats);
+  EXPECT_GT(std::chrono::steady_clock::now() - told, std::chrono::seconds(3));
+}
+
 TEST_F(SenderTest, StatsAddUp) {
   start();
   push(0, 9);

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+
+#include "daemon/net/tcp_progress.hpp"
+
+namespace orbbuf {
+
+/// Tells a stalled connection from a slow one by what its kernel says: something is outstanding, be
+/// it but a probe of a full window, and the peer's kernel acknowledges nothing for `timeout`, or for
+/// four round trips where that is longer. Knows no clock and no socket. Reentrant.
+class StallWatch {
+ public:
+  using Time = std::chrono::steady_clock::time_point;
+
+  explicit StallWatch(std::chrono::nanoseconds timeout) : timeout_(timeout) {}
+
+  /// A new connection begins.
+  void restart(Time now);
+  /// What the kernel says of it `now`; nothing if it cannot tell, which counts as moving.
+  void look(const std::optional<TcpProgress>& progress, Time now);
+
+  /// How long, at the last look, nothing had moved that should have.
+  std::chrono::nanoseconds still_for() const { return still_for_; }
+  bool is_moving() const { return still_for_.count() == 0; }
+  bool is_stalled() const { return still_for_ >= limit_; }
+
+ private:
+  const std::chrono::nanoseconds timeout_;
+  std::chrono::nanoseconds limit_ = timeout_;
+  std::chrono::nanoseconds still_for_{0};
+  std::uint64_t acked_bytes_ = 0;  // when last seen to grow
+  Time moved_time_;                // when that was
+};
+
+}  // namespace orbbuf
