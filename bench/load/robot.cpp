@@ -14,7 +14,9 @@ namespace {
 namespace asio = boost::asio;
 using boost::system::error_code;
 
-constexpr std::chrono::seconds kAccountInterval{1};  // as orbbufd has it
+// As orbbufd has them.
+constexpr std::chrono::seconds kAccountInterval{1};
+constexpr std::chrono::seconds kQuietAccountInterval{4};
 
 }  // namespace
 
@@ -42,7 +44,7 @@ void Robot::connect(const asio::ip::tcp::endpoint& server, std::function<void()>
 void Robot::start(Clock::time_point first, std::function<void()> settled) {
   settled_ = std::move(settled);
   if (plan_.frames > 0) film_at(first);
-  account_at(first + kAccountInterval);
+  account_at(first + account_interval());
 }
 
 void Robot::film_at(Clock::time_point due) {
@@ -56,12 +58,16 @@ void Robot::film_at(Clock::time_point due) {
   });
 }
 
+std::chrono::seconds Robot::account_interval() const {
+  return plan_.frames > 0 ? kAccountInterval : kQuietAccountInterval;
+}
+
 void Robot::account_at(Clock::time_point due) {
   account_timer_.expires_at(due);
   account_timer_.async_wait([this, due](const error_code& failed) {
     if (failed) return;  // at the end
     say(wire::encode(account()));
-    account_at(due + kAccountInterval);
+    account_at(due + account_interval());
   });
 }
 

@@ -59,6 +59,7 @@ class Robot {
   };
 
   void film_at(Clock::time_point due);
+  std::chrono::seconds account_interval() const;
   void account_at(Clock::time_point due);
   wire::Stats account() const;
   void say(std::vector<std::uint8_t> message);
