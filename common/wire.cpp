@@ -164,7 +164,9 @@ std::array<std::uint8_t, kHeaderBytes + kFrameMetaBytes> encode_frame_head(
   at = store(at, frame.exposure_ns);
   at = store(at, frame.width_px);
   at = store(at, frame.height_px);
-  store(at, kJpegEncoding);  // three reserved bytes follow
+  at = store(at, kJpegEncoding);
+  at += 3;  // reserved
+  store(at, static_cast<std::uint32_t>(frame.left().size()));
 
   const std::uint32_t meta_crc = crc32(std::span(head).subspan(kHeaderBytes));
   const auto body_crc = static_cast<std::uint32_t>(

@@ -284,7 +284,10 @@ Parsed<EncodedFrame> parse_frame(const Header& header,
   frame.height_px = in.take<std::uint16_t>();
   const auto encoding = in.take<std::uint8_t>();
   in.take_zeros(3);
+  frame.left_bytes = in.take<std::uint32_t>();
   in.require(!jpeg.empty(), "no JPEG");
+  in.require(frame.left_bytes >= 1 && frame.left_bytes <= jpeg.size(),
+             fmt::format("left image of {} bytes, of {}", frame.left_bytes, jpeg.size()));
   in.require(encoding == kJpegEncoding, fmt::format("unknown image encoding {}", encoding));
   in.require(frame.sequence < kEndOfNumbers, "sequence number out of range");
   frame.jpeg = std::move(jpeg);

@@ -8,6 +8,9 @@
 #include <boost/asio/write.hpp>
 #include <cassert>
 #include <chrono>
+#include <optional>
+#include <span>
+#include <string_view>
 #include <utility>
 
 namespace orbbuf {
@@ -132,20 +135,21 @@ void PipeSink::write_block() {
 
 void PipeSink::decode() {
   asio::post(pool_, [self = shared_from_this(), guard = asio::make_work_guard(main_)]() mutable {
-    auto image = self->codec_.decode_gray(self->frame_->jpeg, 1);
+    auto pgm = to_pgm(*self->frame_, self->codec_);
     // The sink must not end on this thread: `self` goes back to `main`.
-    asio::post(guard.get_executor(),
-               [self = std::move(self), image = std::move(image)] { self->decoded(image); });
+    asio::post(guard.get_executor(), [self = std::move(self), pgm = std::move(pgm)]() mutable {
+      self->decoded(std::move(pgm));
+    });
   });
 }
 
-void PipeSink::decoded(const Result<GrayImage>& image) {
-  if (!image) {
+void PipeSink::decoded(Result<std::vector<std::uint8_t>> pgm) {
+  if (!pgm) {
     spdlog::warn("{}: {}: skipped frame {}: {}", label_, reader_->name(), frame_->sequence,
-                 image.error().text);
+                 pgm.error().text);
     return finish(std::nullopt);
   }
-  pgm_ = to_pgm(*frame_, image.value());
+  pgm_ = std::move(pgm).value();
   write_block();
 }
 
@@ -157,14 +161,24 @@ void PipeSink::finish(std::optional<Error> error) {
              [done = std::exchange(done_, nullptr), error = std::move(error)] { done(error); });
 }
 
-std::vector<std::uint8_t> to_pgm(const EncodedFrame& frame, const GrayImage& image) {
-  const std::string head =
-      fmt::format("P5\n# seq={}\n# t={}\n{} {}\n255\n", frame.sequence,
-                  format_seconds(frame.capture_time_ns), image.width_px, image.height_px);
+Result<std::vector<std::uint8_t>> to_pgm(const EncodedFrame& frame, JpegCodec& codec) {
   std::vector<std::uint8_t> pgm;
-  pgm.reserve(head.size() + image.pixels.size());
-  pgm.insert(pgm.end(), head.begin(), head.end());
-  pgm.insert(pgm.end(), image.pixels.begin(), image.pixels.end());
+  const auto add = [&](std::span<const std::uint8_t> jpeg,
+                       std::string_view camera) -> std::optional<Error> {
+    auto image = codec.decode_gray(jpeg, 1);
+    if (!image) return std::move(image).error();
+    const auto& [width_px, height_px, pixels] = image.value();
+    const std::string head =
+        fmt::format("P5\n# seq={}\n# t={}\n{}{} {}\n255\n", frame.sequence,
+                    format_seconds(frame.capture_time_ns), camera, width_px, height_px);
+    pgm.reserve(pgm.size() + head.size() + pixels.size());
+    pgm.insert(pgm.end(), head.begin(), head.end());
+    pgm.insert(pgm.end(), pixels.begin(), pixels.end());
+    return std::nullopt;
+  };
+  auto error = add(frame.left(), frame.is_stereo() ? "# camera=left\n" : "");
+  if (!error && frame.is_stereo()) error = add(frame.right(), "# camera=right\n");
+  if (error) return *std::move(error);
   return pgm;
 }
 

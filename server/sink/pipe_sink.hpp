@@ -19,8 +19,10 @@
 namespace orbbuf {
 
 enum class PipeFormat : std::uint8_t {
-  kPgm,    ///< binary P5 after binary P5, each with comment lines `# seq=N` and `# t=SECONDS`
-  kMjpeg,  ///< JPEG after JPEG
+  /// Binary P5 after binary P5, each with comment lines `# seq=N` and `# t=SECONDS`; of a stereo
+  /// frame the left image, then the right one, with a third line `# camera=left` or `right`.
+  kPgm,
+  kMjpeg,  ///< JPEG after JPEG; of a stereo frame the left one, then the right one
 };
 
 /// What becomes of frames while nobody reads the pipe.
@@ -34,7 +36,8 @@ enum class WithoutReader : std::uint8_t {
 /// Every reader begins at the beginning of a frame: if one leaves in the middle of a frame, the
 /// pipe is closed, a reader is looked for every second, and the next one gets that frame from its
 /// start (kHold). A reader that is slow but there is waited for, either way. Drop records are
-/// not part of the stream. A frame that does not decode is skipped with a warning.
+/// not part of the stream. A frame that does not decode is skipped with a warning, both
+/// images of it.
 ///
 /// Lives in a shared_ptr, which its outstanding operations hold; close() ends them. Decoding runs
 /// on the `files` thread, all else on `main`. The process must ignore SIGPIPE.
@@ -59,7 +62,7 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   void watch_reader();
   void reader_left();
   void decode();
-  void decoded(const Result<GrayImage>& image);
+  void decoded(Result<std::vector<std::uint8_t>> pgm);
   void write_block();
   void finish(std::optional<Error> error);
   void log_state(spdlog::level::level_enum level, std::string state);
@@ -86,7 +89,7 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   std::string last_state_;         // as logged, so that each change is logged once
 };
 
-/// `P5`, the comment lines, the geometry, and the pixels.
-std::vector<std::uint8_t> to_pgm(const EncodedFrame& frame, const GrayImage& image);
+/// `P5`, the comment lines, the geometry, and the pixels; of a stereo frame all of it twice.
+Result<std::vector<std::uint8_t>> to_pgm(const EncodedFrame& frame, JpegCodec& codec);
 
 }  // namespace orbbuf

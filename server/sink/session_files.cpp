@@ -36,11 +36,32 @@ std::string times_line(const EncodedFrame& frame) {
                      frame.exposure_ns / kNsPerMs, frame.exposure_ns % kNsPerMs);
 }
 
+/// Only what is named as a frame of ours; anything else in the folder is somebody's.
+std::optional<Error> remove_images_from(const fs::path& folder, Sequence first) {
+  std::error_code failed;
+  std::size_t removed = 0;
+  fs::directory_iterator entry(folder, failed);
+  for (; !failed && entry != fs::directory_iterator(); entry.increment(failed)) {
+    const auto sequence = leading_number(entry->path().filename().string(), ".jpg");
+    if (!sequence || *sequence < first) continue;
+    if (::unlink(entry->path().c_str()) != 0) {
+      return system_error("remove " + entry->path().string(), errno);
+    }
+    ++removed;
+  }
+  if (removed > 0) {
+    spdlog::warn("{}: removed {} without a line in times.txt", folder.string(), removed);
+  }
+  if (!failed || failed == std::errc::no_such_file_or_directory) return std::nullopt;
+  return system_error("read " + folder.string(), failed.value());
+}
+
 }  // namespace
 
 SessionFiles::SessionFiles(fs::path folder, std::string calibration)
     : folder_(std::move(folder)),
       images_(folder_ / "images"),
+      images_right_(folder_ / "images_right"),
       temporary_(folder_ / "incoming.tmp"),
       calibration_(std::move(calibration)),
       times_(folder_ / "times.txt"),
@@ -64,20 +85,32 @@ Result<wire::Position> SessionFiles::recover() {
   }
   if (drops.value().lines > 0) position.next_drop = drops.value().lines - 1;
   ::unlink(temporary_.c_str());
-  if (auto error = remove_images_from(position.next_sequence)) return std::move(*error);
+  for (const fs::path& images : {images_, images_right_}) {
+    if (auto error = remove_images_from(images, position.next_sequence)) return std::move(*error);
+  }
   return position;
 }
 
 std::optional<Error> SessionFiles::write(const EncodedFrame& frame) {
   if (auto error = prepare()) return error;
-  const fs::path image = images_ / image_name(frame.sequence);
-  auto error = write_file(image, temporary_, frame.jpeg);
-  if (!error) {
-    error = times_.append(times_line(frame));
-    if (error) ::unlink(image.c_str());
+  const std::string name = image_name(frame.sequence);
+  auto error = write_file(images_ / name, temporary_, frame.left());
+  if (!error && frame.is_stereo()) error = write_right(frame);
+  if (!error) error = times_.append(times_line(frame));
+  if (error) {
+    ::unlink((images_ / name).c_str());
+    ::unlink((images_right_ / name).c_str());
+    is_prepared_ = false;
   }
-  if (error) is_prepared_ = false;
   return error;
+}
+
+/// The folder is made anew if need be, since it is not known beforehand that frames are stereo.
+std::optional<Error> SessionFiles::write_right(const EncodedFrame& frame) {
+  std::error_code failed;
+  fs::create_directory(images_right_, failed);
+  if (failed) return system_error("create " + images_right_.string(), failed.value());
+  return write_file(images_right_ / image_name(frame.sequence), temporary_, frame.right());
 }
 
 std::optional<Error> SessionFiles::write_drops(std::span<const DropRecord> records) {
@@ -102,26 +135,6 @@ std::optional<Error> SessionFiles::prepare() {
   }
   is_prepared_ = true;
   return std::nullopt;
-}
-
-/// Only what is named as a frame of ours; anything else in the folder is somebody's.
-std::optional<Error> SessionFiles::remove_images_from(Sequence first) {
-  std::error_code failed;
-  std::size_t removed = 0;
-  fs::directory_iterator entry(images_, failed);
-  for (; !failed && entry != fs::directory_iterator(); entry.increment(failed)) {
-    const auto sequence = leading_number(entry->path().filename().string(), ".jpg");
-    if (!sequence || *sequence < first) continue;
-    if (::unlink(entry->path().c_str()) != 0) {
-      return system_error("remove " + entry->path().string(), errno);
-    }
-    ++removed;
-  }
-  if (removed > 0) {
-    spdlog::warn("{}: removed {} without a line in times.txt", images_.string(), removed);
-  }
-  if (!failed || failed == std::errc::no_such_file_or_directory) return std::nullopt;
-  return system_error("read " + images_.string(), failed.value());
 }
 
 }  // namespace orbbuf

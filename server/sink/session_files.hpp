@@ -17,6 +17,7 @@ namespace orbbuf {
 /// One session as a folder that DSO's dso_dataset opens as it is:
 ///
 ///   images/000123.jpg   the frames, byte for byte, named by sequence
+///   images_right/000123.jpg   of stereo frames the right image; `images` has the left one
 ///   times.txt           `123 1.633012000 0.000000`: sequence, seconds, exposure in ms (0: unknown)
 ///   camera.txt          the robot's calibration, if it sent one
 ///   drops.csv           the frames that will not come, kDropCsvHeader first
@@ -31,7 +32,8 @@ class SessionFiles {
   SessionFiles(std::filesystem::path folder, std::string calibration);
 
   /// How far the record in the folder reaches. Removes what lies beyond: a torn last line, images
-  /// at or past the position, a temporary file. No folder is an empty record. Reads both lists.
+  /// of either side at or past the position, a temporary file. No folder is an empty record. Reads
+  /// both lists.
   Result<wire::Position> recover();
 
   /// On error nothing of the frame remains.
@@ -40,10 +42,11 @@ class SessionFiles {
 
  private:
   std::optional<Error> prepare();
-  std::optional<Error> remove_images_from(Sequence first);
+  std::optional<Error> write_right(const EncodedFrame& frame);
 
   std::filesystem::path folder_;
   std::filesystem::path images_;
+  std::filesystem::path images_right_;
   std::filesystem::path temporary_;  // not in images_, of which dso_dataset opens every file
   std::string calibration_;
   LineFile times_;

@@ -77,7 +77,7 @@ TEST(WireParse, HeaderThatClaimsFourGigabytesIsRefusedBeforeAnythingIsRead) {
     return header_fault(with_header(type, 8, std::uint32_t{0xFFFFFFFF}));
   };
   EXPECT_EQ(claim(Type::kFrame).text,
-            "frame body of 4294967295 bytes is over the limit of 1048604");
+            "frame body of 4294967295 bytes is over the limit of 1048608");
   EXPECT_EQ(claim(Type::kFrame).code, ErrorCode::kTooLarge);
   EXPECT_EQ(claim(Type::kHello).text, "hello body of 4294967295 bytes is over the limit of 65536");
   EXPECT_EQ(claim(Type::kHello).code, ErrorCode::kTooLarge);
@@ -100,8 +100,8 @@ TEST(WireParse, LimitOfAllJpegsDoesNotWrapAround) {
 }
 
 TEST(WireParse, FrameWithoutJpegIsRefused) {
-  EXPECT_EQ(fault_of(with_header(Type::kFrame, 8, std::uint32_t{28})),
-            "frame body of 28 bytes holds no JPEG");
+  EXPECT_EQ(fault_of(with_header(Type::kFrame, 8, std::uint32_t{32})),
+            "frame body of 32 bytes holds no JPEG");
   const std::array<std::uint8_t, kFrameMetaBytes> meta{};
   const Header header{Type::kFrame, kFrameMetaBytes, crc32(meta)};
   EXPECT_EQ(parse_frame(header, meta, {}).error().text, "frame: no JPEG");
@@ -208,6 +208,17 @@ TEST(WireParse, FrameFieldsAreChecked) {
             "frame: reserved bytes are not zero");
   EXPECT_EQ(fault_of(altered(Type::kFrame, 0, ~std::uint64_t{0})),
             "frame: sequence number out of range");
+}
+
+TEST(WireParse, TheLeftImageIsAtLeastAByteAndAtMostAll) {
+  const auto with_left_bytes = [](std::uint32_t bytes) {
+    return fault_of(altered(Type::kFrame, 28, bytes));
+  };
+  EXPECT_EQ(with_left_bytes(0), "frame: left image of 0 bytes, of 11");
+  EXPECT_EQ(with_left_bytes(1), "accepted");
+  EXPECT_EQ(with_left_bytes(11), "accepted");
+  EXPECT_EQ(with_left_bytes(12), "frame: left image of 12 bytes, of 11");
+  EXPECT_EQ(with_left_bytes(0xFFFFFFFF), "frame: left image of 4294967295 bytes, of 11");
 }
 
 TEST(WireParse, WelcomeReservedBytesAreChecked) {

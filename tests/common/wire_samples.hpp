@@ -26,9 +26,18 @@ inline std::string hex(std::span<const std::uint8_t> bytes) {
   return result;
 }
 
-inline EncodedFrame sample_frame() {
+inline EncodedFrame mono_frame() {
   EncodedFrame frame{0x0102030405060708, -2, 0x11121314, 1226, 370, 0, {0xFF, 0xD8, 0, 0xFF, 0xD9}};
   frame.jpeg_crc = crc32(frame.jpeg);
+  return frame;
+}
+
+/// A stereo one, since that has more to go wrong.
+inline EncodedFrame sample_frame() {
+  EncodedFrame frame = mono_frame();
+  frame.jpeg = {0xFF, 0xD8, 1, 0xFF, 0xD9, 0xFF, 0xD8, 2, 2, 0xFF, 0xD9};
+  frame.jpeg_crc = crc32(frame.jpeg);
+  frame.left_bytes = 5;
   return frame;
 }
 

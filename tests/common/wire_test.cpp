@@ -31,8 +31,9 @@ TEST(Wire, EachMessageHasItsGoldenBytes) {
        "4f524242010200000000001888315df2d58d103d"
        "010000000000000001020304050607081112131415161718"},
       {Type::kFrame,
-       "4f5242420103000000000021a7edbbe7a109d6b7"
-       "0102030405060708fffffffffffffffe1112131404ca017201000000ffd800ffd9"},
+       "4f524242010300000000002bf6f7e271fbac501b"
+       "0102030405060708fffffffffffffffe1112131404ca01720100000000000005"
+       "ffd801ffd9ffd80202ffd9"},
       {Type::kAck,
        "4f524242010400000000001011d3772689b3e1ba"
        "00000000000000070000000000000003"},
@@ -55,6 +56,15 @@ TEST(Wire, EachMessageHasItsGoldenBytes) {
   for (const auto& [type, message] : sample_messages()) {
     EXPECT_EQ(hex(message), golden.at(type)) << to_string(type);
   }
+}
+
+TEST(Wire, AMonoFrameIsALeftImageAlone) {
+  const Bytes message = encode_whole(mono_frame());
+  EXPECT_EQ(hex(message),
+            "4f5242420103000000000025e9718bcb36d544fd"
+            "0102030405060708fffffffffffffffe1112131404ca01720100000000000005"
+            "ffd800ffd9");
+  EXPECT_EQ(there_and_back(message).value(), message);
 }
 
 TEST(Wire, EachMessageSurvivesThereAndBack) {
@@ -81,6 +91,8 @@ TEST(Wire, FieldsComeBackAsTheyWere) {
   EXPECT_EQ(got.value().height_px, sent.height_px);
   EXPECT_EQ(got.value().jpeg_crc, sent.jpeg_crc);
   EXPECT_EQ(got.value().jpeg, sent.jpeg);
+  EXPECT_EQ(hex(got.value().left()), "ffd801ffd9");
+  EXPECT_EQ(hex(got.value().right()), "ffd80202ffd9");
 }
 
 TEST(Wire, FrameHeadHoldsTheChecksumOfTheWholeBody) {

@@ -19,10 +19,16 @@ Bytes joined(const std::vector<Bytes>& messages) {
   return all;
 }
 
+EncodedFrame stereo_frame(Sequence sequence) {
+  EncodedFrame frame = test::plain_frame(sequence);
+  frame.left_bytes = 60;
+  return frame;
+}
+
 /// A short life: hello, frames with a repeat, drop records, an account, bye.
 Bytes life(const std::string& session) {
   return joined({wire::encode(wire::Hello{1, 1, "r", session, "orbbufd", ""}),
-                 wire::encode_whole(test::plain_frame(0)), wire::encode_whole(test::plain_frame(2)),
+                 wire::encode_whole(test::plain_frame(0)), wire::encode_whole(stereo_frame(2)),
                  wire::encode_whole(test::plain_frame(0)),
                  wire::encode(wire::Dropped{0, {{1, 0, DropReason::kPolicy}}}),
                  wire::encode(wire::Stats{3, 0, 0, 1, 2, 0, 0}), wire::encode(wire::Bye{{3, 1}})});

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -36,6 +37,13 @@ inline FramePtr plain_frame_ptr(Sequence sequence, std::size_t bytes = 100) {
   return std::make_shared<const EncodedFrame>(plain_frame(sequence, bytes));
 }
 
+/// A stereo frame of two such images.
+inline EncodedFrame plain_pair(Sequence sequence, std::size_t left_bytes, std::size_t right_bytes) {
+  EncodedFrame frame = plain_frame(sequence, left_bytes + right_bytes);
+  frame.left_bytes = static_cast<std::uint32_t>(left_bytes);
+  return frame;
+}
+
 /// A frame that is a real JPEG, of noise, so that it is about as large as its pixels.
 inline FramePtr jpeg_frame_ptr(Sequence sequence, int width_px, int height_px) {
   std::vector<std::uint8_t> pixels(static_cast<std::size_t>(width_px * height_px));
@@ -50,7 +58,16 @@ inline FramePtr jpeg_frame_ptr(Sequence sequence, int width_px, int height_px) {
   return std::make_shared<const EncodedFrame>(frame_of(sequence, std::move(jpeg).value()));
 }
 
-inline std::string as_text(const std::vector<std::uint8_t>& bytes) {
+/// The images of two frames as one, with the number and time of the left one.
+inline FramePtr stereo_frame_ptr(const FramePtr& left, const FramePtr& right) {
+  EncodedFrame frame = *left;
+  frame.left_bytes = static_cast<std::uint32_t>(left->jpeg.size());
+  frame.jpeg.insert(frame.jpeg.end(), right->jpeg.begin(), right->jpeg.end());
+  frame.jpeg_crc = wire::crc32(frame.jpeg);
+  return std::make_shared<const EncodedFrame>(std::move(frame));
+}
+
+inline std::string as_text(std::span<const std::uint8_t> bytes) {
   return {bytes.begin(), bytes.end()};
 }
 

@@ -20,6 +20,7 @@ namespace {
 using test::as_text;
 using test::jpeg_frame_ptr;
 using test::plain_frame_ptr;
+using test::stereo_frame_ptr;
 
 constexpr std::size_t kBig = 300'000;  // several times what a pipe holds
 
@@ -93,6 +94,27 @@ TEST_F(PipeSinkTest, PgmTellsSequenceAndTimeAndHoldsThePixels) {
   JpegCodec codec;
   EXPECT_EQ(read(end, head.size() + 240),
             head + as_text(codec.decode_gray(frame->jpeg, 1).value().pixels));
+}
+
+TEST_F(PipeSinkTest, PgmOfAStereoFrameIsTheLeftImageThenTheRightOne) {
+  const UniqueFd end = reader();
+  auto& out = fifo_sink(PipeFormat::kPgm);
+  const auto frame = stereo_frame_ptr(jpeg_frame_ptr(41, 24, 10), jpeg_frame_ptr(42, 24, 10));
+  EXPECT_FALSE(write(out, frame));
+  const std::string head = "P5\n# seq=41\n# t=1.640000000\n# camera=";
+  JpegCodec codec;
+  const std::string expected =
+      head + "left\n24 10\n255\n" + as_text(codec.decode_gray(frame->left(), 1).value().pixels) +
+      head + "right\n24 10\n255\n" + as_text(codec.decode_gray(frame->right(), 1).value().pixels);
+  EXPECT_EQ(read(end, expected.size()), expected);
+}
+
+TEST_F(PipeSinkTest, AStereoFrameWithOneImageThatDoesNotDecodeIsSkippedWhole) {
+  const UniqueFd end = reader();
+  auto& out = fifo_sink(PipeFormat::kPgm);
+  EXPECT_FALSE(write(out, stereo_frame_ptr(jpeg_frame_ptr(1, 16, 16), plain_frame_ptr(1))));
+  EXPECT_FALSE(write(out, jpeg_frame_ptr(2, 16, 16)));
+  EXPECT_EQ(read(end, 11), "P5\n# seq=2\n");
 }
 
 TEST_F(PipeSinkTest, AFrameThatDoesNotDecodeIsSkippedWithAWarning) {

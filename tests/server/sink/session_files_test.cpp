@@ -17,6 +17,7 @@ namespace {
 
 using test::as_text;
 using test::plain_frame;
+using test::plain_pair;
 using test::read_file;
 
 class SessionFilesTest : public testing::Test {
@@ -54,6 +55,18 @@ TEST_F(SessionFilesTest, LaysFramesOutAsDsoReadsThem) {
   EXPECT_EQ(read_file(folder_ / "times.txt"),
             "0 0.000000000 8.500000\n7 0.280000000 8.500000\n1234567 49382.680000000 8.500000\n");
   EXPECT_EQ(read_file(folder_ / "camera.txt"), "Pinhole 1 2 3\n");
+}
+
+TEST_F(SessionFilesTest, RightImagesOfStereoFramesHaveTheirOwnFolder) {
+  auto out = files();
+  EXPECT_FALSE(out.write(plain_pair(0, 10, 20)));
+  EXPECT_FALSE(out.write(plain_pair(7, 30, 40)));
+  using Names = std::vector<std::string>;
+  EXPECT_EQ(names(folder_), (Names{"camera.txt", "images", "images_right", "times.txt"}));
+  EXPECT_EQ(names(folder_ / "images"), (Names{"000000.jpg", "000007.jpg"}));
+  EXPECT_EQ(names(folder_ / "images_right"), names(folder_ / "images"));
+  EXPECT_EQ(read_file(folder_ / "images/000007.jpg"), as_text(plain_pair(7, 30, 40).left()));
+  EXPECT_EQ(read_file(folder_ / "images_right/000007.jpg"), as_text(plain_pair(7, 30, 40).right()));
 }
 
 TEST_F(SessionFilesTest, NothingIsMadeBeforeTheFirstWrite) {
@@ -102,6 +115,17 @@ TEST_F(SessionFilesTest, ResumeRemovesWhatWasInTheMiddleOfBeingWritten) {
   EXPECT_EQ(log.lines("removed 1 without a line").size(), 1U);
 }
 
+TEST_F(SessionFilesTest, ResumeRemovesBothImagesOfAPairWithoutALine) {
+  auto out = files();
+  EXPECT_FALSE(out.write(plain_pair(0, 10, 10)));
+  for (const char* image : {"images/000001.jpg", "images_right/000001.jpg"}) {
+    test::write_file(folder_ / image, "whole, but not accepted");
+  }
+  EXPECT_EQ(recovered(), (wire::Position{1, 0}));
+  EXPECT_EQ(names(folder_ / "images"), std::vector<std::string>{"000000.jpg"});
+  EXPECT_EQ(names(folder_ / "images_right"), std::vector<std::string>{"000000.jpg"});
+}
+
 TEST_F(SessionFilesTest, ATornHeaderOfDropsIsNoRecord) {
   std::filesystem::create_directories(folder_);
   test::write_file(folder_ / "drops.csv", "sequence,rea");
@@ -135,19 +159,35 @@ TEST_F(SessionFilesTest, OnAFullDiskNothingOfTheFrameRemains) {
   EXPECT_EQ(recovered(), (wire::Position{2, 0}));
 }
 
-TEST_F(SessionFilesTest, WhenTheLineDoesNotFitTheImageGoesToo) {
+TEST_F(SessionFilesTest, WhenTheRightImageDoesNotFitTheLeftOneGoesToo) {
   auto out = files();
-  EXPECT_FALSE(out.write(plain_frame(0, 10)));
+  EXPECT_FALSE(out.write(plain_pair(0, 10, 10)));
+  const std::string times = read_file(folder_ / "times.txt");
+  {
+    const test::ResourceLimit full(RLIMIT_FSIZE, 1000);
+    EXPECT_TRUE(out.write(plain_pair(1, 900, 5000)));
+  }
+  EXPECT_EQ(names(folder_ / "images").size(), 1U);
+  EXPECT_EQ(names(folder_ / "images_right").size(), 1U);
+  EXPECT_EQ(read_file(folder_ / "times.txt"), times);
+  EXPECT_FALSE(out.write(plain_pair(1, 900, 5000)));
+  EXPECT_EQ(recovered(), (wire::Position{2, 0}));
+}
+
+TEST_F(SessionFilesTest, WhenTheLineDoesNotFitTheImagesGoToo) {
+  auto out = files();
+  EXPECT_FALSE(out.write(plain_pair(0, 10, 10)));
   const std::string times = read_file(folder_ / "times.txt");
   {
     const test::ResourceLimit full(RLIMIT_FSIZE, times.size() + 5);
-    const auto error = out.write(plain_frame(1, 10));
+    const auto error = out.write(plain_pair(1, 10, 10));
     ASSERT_TRUE(error);
     EXPECT_NE(error->text.find("times.txt: File too large"), std::string::npos);
   }
   EXPECT_EQ(names(folder_ / "images").size(), 1U);
+  EXPECT_EQ(names(folder_ / "images_right").size(), 1U);
   EXPECT_EQ(read_file(folder_ / "times.txt"), times);
-  EXPECT_FALSE(out.write(plain_frame(1, 10)));
+  EXPECT_FALSE(out.write(plain_pair(1, 10, 10)));
   EXPECT_EQ(recovered(), (wire::Position{2, 0}));
 }
 
