@@ -14,7 +14,7 @@
 
 #include "common/config.hpp"
 #include "common/wire.hpp"
-#include "daemon/capture/v4l2_formats.hpp"
+#include "daemon/capture/camera_formats.hpp"
 
 namespace orbbuf {
 namespace {

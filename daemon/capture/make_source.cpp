@@ -7,13 +7,14 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "daemon/capture/camera_source.hpp"
 #include "daemon/capture/folder_replay_source.hpp"
 #include "daemon/capture/nominal_time.hpp"
 #include "daemon/capture/replay_source.hpp"
 #include "daemon/capture/scene_source.hpp"
 #include "daemon/capture/video_replay_source.hpp"
 #ifdef ORBBUF_V4L2
-#include "daemon/capture/v4l2_source.hpp"
+#include "daemon/capture/v4l2_stream.hpp"
 #endif
 
 namespace orbbuf {
@@ -30,7 +31,8 @@ struct Kind {
 
 Source open_v4l2([[maybe_unused]] const Settings& settings) {
 #ifdef ORBBUF_V4L2
-  return std::make_unique<V4l2Source>(settings);
+  return std::make_unique<CameraSource>(
+      [settings] { return std::make_unique<V4l2Stream>(settings); }, settings.device, settings.fps);
 #else
   throw std::runtime_error("cannot film: this program was built without V4L2's header");
 #endif

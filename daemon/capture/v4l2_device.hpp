@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "common/unique_fd.hpp"
-#include "daemon/capture/v4l2_formats.hpp"
+#include "daemon/capture/camera_formats.hpp"
 
 namespace orbbuf {
 

@@ -82,6 +82,10 @@ V4l2Stream::~V4l2Stream() {
   device_.call(VIDIOC_STREAMOFF, &type);  // fails only where the camera is gone
 }
 
+std::string V4l2Stream::description() const {
+  return fmt::format("{} ({}, {})", device_.path(), device_.name(), device_.bus());
+}
+
 void V4l2Stream::set_format(const SourceSettings& settings) {
   const auto offers = device_.offers();
   const auto format = choose_format(offers, {settings.format, settings.width_px, settings.height_px,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/capture/v4l2_clock.hpp"
+#include "daemon/capture/camera_clock.hpp"
 
 #include <algorithm>
 #include <limits>

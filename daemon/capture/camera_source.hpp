@@ -8,28 +8,25 @@
 
 #include "common/log_limit.hpp"
 #include "common/unique_fd.hpp"
+#include "daemon/capture/camera_clock.hpp"
+#include "daemon/capture/camera_stream.hpp"
 #include "daemon/capture/frame_source.hpp"
-#include "daemon/capture/make_source.hpp"
-#include "daemon/capture/v4l2_clock.hpp"
 
 namespace orbbuf {
 
-struct CameraBuffer;
-class V4l2Stream;
-
-/// A camera of the kernel's (V4L2): USB, CSI with a plain driver, or simulated.
+/// A camera, of whatever kind, that is kept alive.
 ///
 /// Once it has delivered, it does not give up. When it is unplugged, its driver fails, or no frame
 /// comes for 1 s and three frames' time (5 s for a first one), it is closed and opened again, after
 /// a while that grows to 2 s, until it is back: one line in the log each way, and the session goes
 /// on. Frames that the driver numbered but did not give are counted; a buffer that the driver calls
 /// corrupt is a frame with a defect. At the end the log has the account.
-class V4l2Source : public FrameSource {
+class CameraSource : public FrameSource {
  public:
-  /// Starts filming, with device, format, size, rate and controls of `settings`. Throws
-  /// std::runtime_error as V4l2Stream does.
-  explicit V4l2Source(SourceSettings settings);
-  ~V4l2Source() override;
+  /// Opens the camera, and throws as `open_camera` does, which is kept to open it again. name:
+  /// which camera, in the log. fps: assumed of a camera that does not say its rate.
+  CameraSource(OpenCamera open_camera, std::string name, double fps);
+  ~CameraSource() override;
 
   std::optional<RawFrame> next(std::stop_token stop) override;
   bool is_live() const override { return true; }
@@ -49,9 +46,11 @@ class V4l2Source : public FrameSource {
   void wait_until(Clock::time_point deadline, bool for_frame);
   std::chrono::nanoseconds longest_pause() const;
 
-  const SourceSettings settings_;
-  UniqueFd stop_event_;                 // readable once next() has to return
-  std::unique_ptr<V4l2Stream> stream_;  // null: lost, and to be opened again
+  const OpenCamera open_camera_;
+  const std::string name_;
+  const double fps_;
+  UniqueFd stop_event_;                   // readable once next() has to return
+  std::unique_ptr<CameraStream> stream_;  // null: lost, and to be opened again
   CaptureClock clock_;
   GapCounter gaps_;
   LogLimit gap_log_{std::chrono::seconds(10)};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/capture/v4l2_unpack.hpp"
+#include "daemon/capture/camera_unpack.hpp"
 
 #include <gmock/gmock.h>
 
@@ -26,7 +26,7 @@ CameraMode mode(CameraFormat format, std::size_t stride_bytes) {
 
 Bytes pixels_of(const RawFrame& frame) { return {frame.data.begin(), frame.data.end()}; }
 
-TEST(V4l2Unpack, OnlyLumaIsTaken) {
+TEST(CameraUnpack, OnlyLumaIsTaken) {
   for (const auto format : {CameraFormat::kGrey, CameraFormat::kNv12, CameraFormat::kYuv420}) {
     const auto frame = unpack(mode(format, 4), counting(12));
     EXPECT_EQ(frame.defect, "");
@@ -38,7 +38,7 @@ TEST(V4l2Unpack, OnlyLumaIsTaken) {
   }
 }
 
-TEST(V4l2Unpack, LumaIsPickedOutFromBetweenChroma) {
+TEST(CameraUnpack, LumaIsPickedOutFromBetweenChroma) {
   const auto yuyv = unpack(mode(CameraFormat::kYuyv, 8), counting(16));
   EXPECT_EQ(yuyv.format, PixelFormat::kGray8);
   EXPECT_EQ(yuyv.stride_bytes, 4U);
@@ -47,20 +47,20 @@ TEST(V4l2Unpack, LumaIsPickedOutFromBetweenChroma) {
   EXPECT_THAT(pixels_of(uyvy), ElementsAre(1, 3, 5, 7, 9, 11, 13, 15));
 }
 
-TEST(V4l2Unpack, PaddingOfRowsIsLeftOut) {
+TEST(CameraUnpack, PaddingOfRowsIsLeftOut) {
   EXPECT_THAT(pixels_of(unpack(mode(CameraFormat::kGrey, 6), counting(12))),
               ElementsAre(0, 1, 2, 3, 6, 7, 8, 9));
   EXPECT_THAT(pixels_of(unpack(mode(CameraFormat::kYuyv, 10), counting(20))),
               ElementsAre(0, 2, 4, 6, 10, 12, 14, 16));
 }
 
-TEST(V4l2Unpack, TheLastRowNeedsNoPadding) {
+TEST(CameraUnpack, TheLastRowNeedsNoPadding) {
   EXPECT_EQ(unpack(mode(CameraFormat::kGrey, 6), counting(10)).defect, "");
   EXPECT_THAT(unpack(mode(CameraFormat::kGrey, 6), counting(9)).defect,
               HasSubstr("cut short: 9 bytes of 10"));
 }
 
-TEST(V4l2Unpack, ColourIsBlueGreenRed) {
+TEST(CameraUnpack, ColourIsBlueGreenRed) {
   const auto bgr = unpack(mode(CameraFormat::kBgr24, 12), counting(24));
   EXPECT_EQ(bgr.format, PixelFormat::kBgr24);
   EXPECT_EQ(bgr.stride_bytes, 12U);
@@ -71,20 +71,20 @@ TEST(V4l2Unpack, ColourIsBlueGreenRed) {
   EXPECT_EQ(rgb.data.back(), 21);
 }
 
-TEST(V4l2Unpack, AJpegIsTakenAsItIs) {
+TEST(CameraUnpack, AJpegIsTakenAsItIs) {
   const auto frame = unpack(mode(CameraFormat::kMjpg, 0), counting(5));
   EXPECT_EQ(frame.format, PixelFormat::kJpeg);
   EXPECT_EQ(pixels_of(frame), counting(5));
 }
 
-TEST(V4l2Unpack, TheFrameOutlivesTheBuffer) {
+TEST(CameraUnpack, TheFrameOutlivesTheBuffer) {
   auto buffer = counting(8);
   const auto frame = unpack(mode(CameraFormat::kGrey, 4), buffer);
   buffer.assign(8, 0);
   EXPECT_EQ(pixels_of(frame), counting(8));
 }
 
-TEST(V4l2Unpack, AnImageThatIsNotThereIsADefect) {
+TEST(CameraUnpack, AnImageThatIsNotThereIsADefect) {
   for (std::size_t i = 0; i < kCameraFormats.size(); ++i) {
     const auto frame = unpack(mode(static_cast<CameraFormat>(i), 12), {});
     EXPECT_EQ(frame.defect, "the camera gave an empty buffer");

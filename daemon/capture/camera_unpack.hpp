@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <span>
 
+#include "daemon/capture/camera_formats.hpp"
 #include "daemon/capture/frame_source.hpp"
-#include "daemon/capture/v4l2_formats.hpp"
 
 namespace orbbuf {
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What needs no camera; ./dev test-vm films with those of a virtual machine.
-#include "daemon/capture/v4l2_source.hpp"
+#include "daemon/capture/v4l2_stream.hpp"
 
 #include <gmock/gmock.h>
 
@@ -15,15 +15,15 @@ using testing::HasSubstr;
 std::string error(const std::filesystem::path& device) {
   SourceSettings settings;
   settings.device = device;
-  return test::error_of([&] { V4l2Source source(settings); });
+  return test::error_of([&] { V4l2Stream stream(settings); });
 }
 
-TEST(V4l2Source, ACameraThatIsNotThereIsNamed) {
+TEST(V4l2Stream, ACameraThatIsNotThereIsNamed) {
   EXPECT_THAT(error("/dev/video-none"),
               HasSubstr("cannot open camera /dev/video-none: No such file or directory; there is"));
 }
 
-TEST(V4l2Source, WhatIsNoCameraIsRefused) {
+TEST(V4l2Stream, WhatIsNoCameraIsRefused) {
   const test::TemporaryFolder folder;
   test::write_file(folder / "file", "x");
   EXPECT_THAT(error(folder / "file"), HasSubstr("file: it is not a V4L2 device"));

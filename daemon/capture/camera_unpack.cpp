@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/capture/v4l2_unpack.hpp"
+#include "daemon/capture/camera_unpack.hpp"
 
 #include <spdlog/fmt/fmt.h>
 

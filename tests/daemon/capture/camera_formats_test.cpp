@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/capture/v4l2_formats.hpp"
+#include "daemon/capture/camera_formats.hpp"
 
 #include <gmock/gmock.h>
 
@@ -31,19 +31,19 @@ std::string chosen(const std::vector<CameraOffer>& offers, const CameraRequest& 
   return format ? std::string(to_string(format.value())) : format.error().text;
 }
 
-TEST(V4l2Formats, UncompressedIsPreferredWhereItReachesTheRate) {
+TEST(CameraFormats, UncompressedIsPreferredWhereItReachesTheRate) {
   EXPECT_EQ(chosen(kWebcam, request(640, 480, 30)), "YUYV");
   EXPECT_EQ(chosen(kWebcam, request(1280, 720, 10)), "YUYV");
   EXPECT_EQ(chosen(kWebcam, request(1280, 720, 10.05)), "YUYV");
   EXPECT_EQ(chosen(kWebcam, request(1280, 720, 11)), "MJPG");
 }
 
-TEST(V4l2Formats, WhereNoneReachesTheRateTheFastestIsTaken) {
+TEST(CameraFormats, WhereNoneReachesTheRateTheFastestIsTaken) {
   EXPECT_EQ(chosen(kWebcam, request(1280, 720, 60)), "MJPG");
   EXPECT_EQ(chosen(kWebcam, request(640, 480, 60)), "YUYV");
 }
 
-TEST(V4l2Formats, LumaInOnePieceIsPreferredToLumaInPieces) {
+TEST(CameraFormats, LumaInOnePieceIsPreferredToLumaInPieces) {
   std::vector<CameraOffer> offers;
   for (const char* fourcc : {"MJPG", "RGB3", "BGR3", "UYVY", "YUYV", "YU12", "NV12", "GREY"}) {
     offers.push_back({fourcc, {exactly(640, 480, {25})}});
@@ -54,7 +54,7 @@ TEST(V4l2Formats, LumaInOnePieceIsPreferredToLumaInPieces) {
   }
 }
 
-TEST(V4l2Formats, ColourComesFromFormatsThatAreReadInColour) {
+TEST(CameraFormats, ColourComesFromFormatsThatAreReadInColour) {
   auto in_color = request(640, 480, 30);
   in_color.color = true;
   EXPECT_EQ(chosen(kWebcam, in_color), "MJPG");
@@ -64,7 +64,7 @@ TEST(V4l2Formats, ColourComesFromFormatsThatAreReadInColour) {
             "fps), 1280x720 (30 fps); YUYV 640x480 (30, 15 fps), 1280x720 (10 fps)");
 }
 
-TEST(V4l2Formats, AFormatThatIsNamedIsTakenAtAnyRate) {
+TEST(CameraFormats, AFormatThatIsNamedIsTakenAtAnyRate) {
   auto named = request(1280, 720, 30);
   named.format = "YUYV";
   EXPECT_EQ(chosen(kWebcam, named), "YUYV");
@@ -72,7 +72,7 @@ TEST(V4l2Formats, AFormatThatIsNamedIsTakenAtAnyRate) {
   EXPECT_THAT(chosen(kWebcam, named), HasSubstr("no NV12 of 1280x720; it offers MJPG 640x480"));
 }
 
-TEST(V4l2Formats, ASizeThatIsNotOfferedFails) {
+TEST(CameraFormats, ASizeThatIsNotOfferedFails) {
   EXPECT_THAT(
       chosen(kWebcam, request(800, 600, 30)),
       HasSubstr("no format that is read of 800x600; it offers MJPG 640x480 (30, 15 fps), "));
@@ -84,19 +84,19 @@ TEST(V4l2Formats, ASizeThatIsNotOfferedFails) {
             "no format that is read of 640x480; it offers GREY 320x240");
 }
 
-TEST(V4l2Formats, WhatADriverDoesNotSayIsNotHeldAgainstIt) {
+TEST(CameraFormats, WhatADriverDoesNotSayIsNotHeldAgainstIt) {
   EXPECT_EQ(chosen({{"YUYV", {}}}, request(800, 600, 100)), "YUYV");
   EXPECT_EQ(chosen({{"YUYV", {exactly(640, 480, {})}}}, request(640, 480, 100)), "YUYV");
 }
 
-TEST(V4l2Formats, ASizeMayBeARange) {
+TEST(CameraFormats, ASizeMayBeARange) {
   const std::vector<CameraOffer> sensor = {{"GREY", {{16, 16, 1280, 800, {60}}}}};
   EXPECT_EQ(chosen(sensor, request(16, 16, 30)), "GREY");
   EXPECT_EQ(chosen(sensor, request(1280, 800, 30)), "GREY");
   EXPECT_THAT(chosen(sensor, request(1281, 800, 30)), HasSubstr("GREY 16x16 to 1280x800 (60 fps)"));
 }
 
-TEST(V4l2Formats, ALongListOfRatesIsCutShort) {
+TEST(CameraFormats, ALongListOfRatesIsCutShort) {
   const std::vector<CameraOffer> offers = {{"GREY", {exactly(64, 48, {60, 50, 30, 29.97, 15})}}};
   EXPECT_EQ(describe(offers), "GREY 64x48 (60, 50, 30, 29.97, ... fps)");
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/capture/v4l2_source.hpp"
+#include "daemon/capture/camera_source.hpp"
 
 #include <poll.h>
 #include <spdlog/spdlog.h>
@@ -11,7 +11,6 @@
 #include <utility>
 
 #include "common/error.hpp"
-#include "daemon/capture/v4l2_stream.hpp"
 
 namespace orbbuf {
 namespace {
@@ -33,18 +32,21 @@ double seconds_between(std::chrono::steady_clock::time_point a,
 
 }  // namespace
 
-V4l2Source::V4l2Source(SourceSettings settings)
-    : settings_(std::move(settings)), stop_event_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
+CameraSource::CameraSource(OpenCamera open_camera, std::string name, double fps)
+    : open_camera_(std::move(open_camera)),
+      name_(std::move(name)),
+      fps_(fps),
+      stop_event_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
   if (!stop_event_) throw_system_error("cannot make an event");
   open();
 }
 
-V4l2Source::~V4l2Source() {
+CameraSource::~CameraSource() {
   spdlog::info("camera {}: {} frames, {} missed by the camera, {} corrupt, reopened {} times",
-               settings_.device, frames_, missed_, corrupt_, reopened_);
+               name_, frames_, missed_, corrupt_, reopened_);
 }
 
-std::optional<RawFrame> V4l2Source::next(std::stop_token stop) {
+std::optional<RawFrame> CameraSource::next(std::stop_token stop) {
   const std::stop_callback wake(stop, [this] { ::eventfd_write(stop_event_.get(), 1); });
   while (!stop.stop_requested()) {
     if (!stream_) {
@@ -60,7 +62,7 @@ std::optional<RawFrame> V4l2Source::next(std::stop_token stop) {
 }
 
 /// The frame that the driver has ready, if any. May give up the stream.
-std::optional<RawFrame> V4l2Source::take() {
+std::optional<RawFrame> CameraSource::take() {
   const auto buffer = stream_->borrow();
   if (!buffer) {
     give_up(buffer.error().text);
@@ -80,7 +82,7 @@ std::optional<RawFrame> V4l2Source::take() {
   return frame;
 }
 
-RawFrame V4l2Source::frame_of(const CameraBuffer& buffer) {
+RawFrame CameraSource::frame_of(const CameraBuffer& buffer) {
   count_missed(buffer.sequence);
   RawFrame frame;
   if (buffer.is_corrupt) {
@@ -91,29 +93,30 @@ RawFrame V4l2Source::frame_of(const CameraBuffer& buffer) {
     if (!frame.defect.empty()) ++corrupt_;
   }
   const nanoseconds now = Clock::now().time_since_epoch();
+  frame.exposure_ns = buffer.exposure_ns;
   frame.capture_time_ns = clock_.utc_ns(buffer.stamp_ns, now.count());
   return frame;
 }
 
-void V4l2Source::count_missed(std::uint32_t sequence) {
+void CameraSource::count_missed(std::uint32_t sequence) {
   const auto missed = gaps_.missed_before(sequence);
   missed_ += missed;
   if (missed == 0 || !gap_log_.lets_through()) return;
   spdlog::warn("camera {}: {} frames missed by the camera, {} in all (not logged again for 10 s)",
-               settings_.device, missed, missed_);
+               name_, missed, missed_);
 }
 
-void V4l2Source::open() {
-  stream_ = std::make_unique<V4l2Stream>(settings_);
+void CameraSource::open() {
+  stream_ = open_camera_();
   await_frame_for(kFirstFrame);
   gaps_.start();
   if (clock_.start(read_clocks())) {
-    spdlog::info("camera {}: capture times are the monotonic clock's plus {} ns", settings_.device,
+    spdlog::info("camera {}: capture times are the monotonic clock's plus {} ns", name_,
                  clock_.offset_ns());
   }
 }
 
-void V4l2Source::reopen() {
+void CameraSource::reopen() {
   backoff_ = std::clamp(2 * backoff_, kFirstBackoff, kLongestBackoff);
   try {
     open();
@@ -123,11 +126,11 @@ void V4l2Source::reopen() {
   }
 }
 
-void V4l2Source::give_up(const std::string& why) {
+void CameraSource::give_up(const std::string& why) {
   if (is_lost_) {
-    spdlog::debug("camera {}: lost again: {}", settings_.device, why);
+    spdlog::debug("camera {}: lost again: {}", name_, why);
   } else {
-    spdlog::warn("camera {}: lost: {}; opening it again", settings_.device, why);
+    spdlog::warn("camera {}: lost: {}; opening it again", name_, why);
     lost_at_ = Clock::now();
   }
   is_lost_ = true;
@@ -135,36 +138,35 @@ void V4l2Source::give_up(const std::string& why) {
   deadline_ = Clock::now() + backoff_;
 }
 
-void V4l2Source::greet() {
+void CameraSource::greet() {
   is_lost_ = false;
   backoff_ = 0ms;
   ++reopened_;
   spdlog::info("{}: back after {:.1f} s", description(), seconds_between(lost_at_, Clock::now()));
 }
 
-void V4l2Source::await_frame_for(nanoseconds limit) {
+void CameraSource::await_frame_for(nanoseconds limit) {
   waiting_since_ = Clock::now();
   deadline_ = waiting_since_ + limit;
 }
 
 /// Ends early for a stop and, if `for_frame`, for a frame or the driver's failure.
-void V4l2Source::wait_until(Clock::time_point deadline, bool for_frame) {
+void CameraSource::wait_until(Clock::time_point deadline, bool for_frame) {
   const auto left = duration_cast<milliseconds>(deadline - Clock::now()) + 1ms;
   std::array<pollfd, 2> events = {
-      {{stop_event_.get(), POLLIN, 0}, {for_frame ? stream_->device().fd() : -1, POLLIN, 0}}};
+      {{stop_event_.get(), POLLIN, 0}, {for_frame ? stream_->fd() : -1, POLLIN, 0}}};
   ::poll(events.data(), events.size(), static_cast<int>(std::max(left, 0ms).count()));
 }
 
-nanoseconds V4l2Source::longest_pause() const {
-  const double fps = stream_->mode().fps > 0 ? stream_->mode().fps : settings_.fps;
+nanoseconds CameraSource::longest_pause() const {
+  const double fps = stream_->mode().fps > 0 ? stream_->mode().fps : fps_;
   return 1s + duration_cast<nanoseconds>(duration<double>(3 / fps));
 }
 
-std::string V4l2Source::description() const {
-  if (!stream_) return fmt::format("camera {}", settings_.device);
+std::string CameraSource::description() const {
+  if (!stream_) return fmt::format("camera {}", name_);
   const CameraMode& mode = stream_->mode();
-  return fmt::format("camera {} ({}, {}): {} {}x{} px, {}", settings_.device,
-                     stream_->device().name(), stream_->device().bus(), to_string(mode.format),
+  return fmt::format("camera {}: {} {}x{} px, {}", stream_->description(), to_string(mode.format),
                      mode.width_px, mode.height_px,
                      mode.fps > 0 ? fmt::format("{:.4g} fps", mode.fps) : "rate unknown");
 }
