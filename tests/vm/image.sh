@@ -3,11 +3,12 @@
 # Makes the virtual machine's parts in FOLDER: kernel, initrd.gz and root.ext4, a Debian just large
 # enough, with the libraries that PROGRAMs need. The packages come from this machine's own sources.
 # What is there already, and still right, is kept. Usage: tests/vm/image.sh FOLDER PROGRAM...
+# $VM_PACKAGES: further packages, separated by commas.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 folder=$1
 shift
-PACKAGES=busybox-static,bash,kmod,v4l-utils,linux-image-amd64
+PACKAGES=busybox-static,bash,kmod,v4l-utils,linux-image-amd64${VM_PACKAGES:+,$VM_PACKAGES}
 BOOT_MODULES=(virtio_pci virtio_blk ext4 9p 9pnet_virtio)
 CAMERA_MODULES=(vivid uvcvideo vhci-hcd)
 mkdir -p "$folder"

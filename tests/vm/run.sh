@@ -13,13 +13,8 @@ programs=("$build"/daemon/orbbufd "$build"/server/orbbuf-server "$build"/tests/v
 rm -rf "$vm/share"
 mkdir "$vm/share"
 cp "${programs[@]}" "$here"/guest/*.sh "$vm/share/"
-# Not KVM, which not every machine has; a CPU for which OpenCV picks no code that is slow to emulate.
-timeout --foreground 600 qemu-system-x86_64 -accel tcg,thread=multi -cpu Nehalem -smp 2 -m 1536 \
-  -nodefaults -no-reboot -nographic -serial stdio -nic none \
-  -kernel "$vm/kernel" -initrd "$vm/initrd.gz" -append 'console=ttyS0 quiet panic=-1 mitigations=off' \
-  -drive "file=$vm/root.ext4,if=virtio,format=raw,snapshot=on" \
-  -virtfs "local,path=$vm/share,mount_tag=share,security_model=none,readonly=on" \
-  </dev/null 2>&1 | tr -d '\r' | tee "$vm/console.log" | grep --line-buffered -E '^(PASS|FAIL|DONE) ' || true
+"$here/boot.sh" "$vm" "$vm/share" | tee "$vm/console.log" |
+  grep --line-buffered -E '^(PASS|FAIL|DONE) ' || true
 
 if grep -q '^DONE ' "$vm/console.log" && ! grep -q '^FAIL ' "$vm/console.log"; then exit 0; fi
 echo "test-vm: failed; see $vm/console.log" >&2

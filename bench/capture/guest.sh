@@ -1,0 +1,79 @@
+#!/bin/bash
+# SPDX-License-Identifier: Apache-2.0
+# The first process of the virtual machine: films with each program in turn, for two lengths of time,
+# and takes the difference, so that what starting costs is not counted.
+exec </dev/null >/dev/console 2>&1
+export PATH=/bin:/sbin:/usr/bin:/usr/sbin:/tmp/bin HOME=/tmp
+busybox mount -t tmpfs tmpfs /tmp
+busybox mount -t tmpfs tmpfs /run
+mkdir /tmp/bin
+busybox --install -s /tmp/bin
+cp /share/orb* /tmp/bin/
+ip link set lo up
+cd /tmp || exit
+echo
+modprobe vivid n_devs=1 node_types=0x1 num_inputs=1 input_types=0x00
+until [ -e /dev/video0 ]; do sleep 0.2; done
+
+short=10 long=40 # seconds
+
+# cpu COMMAND...: user and system seconds of it and its children, to the file `cpu`.
+cpu() { TIMEFORMAT='%U %S' && { time "$@" >out 2>&1; } 2>cpu; }
+
+# Each films SECONDS at WIDTH HEIGHT FPS and leaves the number of frames in `count`.
+orbbufd_films() {
+  rm -rf frames
+  orbbuf-server --set listen.address=127.0.0.1:7722 --set files.path=frames 2>server.log &
+  local server=$!
+  until grep -q listening server.log; do sleep 0.1; done
+  cpu timeout -s TERM "$1" orbbufd --set robot.id=r --set source.kind=v4l2 --set source.format=YUYV \
+    --set "source.width=$2" --set "source.height=$3" --set "source.fps=$4" --set jpeg.quality=80
+  kill "$server"
+  wait "$server"
+  cat frames/r/*/times.txt | wc -l >count
+}
+ustreamer_films() {
+  cpu timeout -s TERM "$1" ustreamer --device=/dev/video0 --format=YUYV "--resolution=$2x$3" \
+    "--desired-fps=${4/12.5/13}" --encoder=CPU --workers=1 --quality=80 --port=8080 --log-level=2
+  grep -ci 'compressed' out >count
+}
+gstreamer_films() {
+  local rate=$4/1
+  [ "$4" = 12.5 ] && rate=25/2
+  cpu timeout -s INT "$1" gst-launch-1.0 -e v4l2src device=/dev/video0 ! \
+    "video/x-raw,format=YUY2,width=$2,height=$3,framerate=$rate" ! jpegenc quality=80 ! \
+    multifilesink location=/tmp/gst-%d.jpg
+  find /tmp -name 'gst-*.jpg' | wc -l >count
+  rm -f /tmp/gst-*.jpg
+}
+
+# per_frame PROGRAM SIZE FPS: milliseconds of CPU a frame.
+per_frame() {
+  local program=$1 size=$2 fps=$3 seconds
+  : >runs
+  for seconds in $short $long; do
+    "${program}_films" "$seconds" "${size%x*}" "${size#*x}" "$fps"
+    echo "$(cat cpu) $(cat count)" >>runs
+  done
+  awk 'NR == 1 { c = $1 + $2; n = $3 } NR == 2 { print (NR && $3 > n) ? 1000 * ($1 + $2 - c) / ($3 - n) : "nan" }' runs
+}
+
+# Once for nothing: programs come from the disk, and GStreamer fills its registry.
+gst-inspect-1.0 v4l2src >out 2>&1 || { gst-inspect-1.0 -b && cat out; }
+orbbufd_films $short 640 480 25
+declare -A cost
+for mode in 640x480@25 1280x720@12.5; do
+  size=${mode%@*} fps=${mode#*@}
+  for program in orbbufd ustreamer gstreamer; do
+    cost[$program]=$(per_frame $program "$size" "$fps")
+    echo "capture: $size $program ${cost[$program]} ms of CPU a frame;" \
+      "$(tail -n 1 runs | cut -d' ' -f3) frames in $long s"
+    [ "${cost[$program]}" != nan ] || tail -n 20 out
+  done
+  for rival in ustreamer gstreamer; do
+    awk -v name="capture.cpu_vs_$rival.$size" -v a="${cost[orbbufd]}" -v b="${cost[$rival]}" \
+      'BEGIN { printf "RESULT %s %.3f\n", name, a / b }'
+  done
+done
+sync
+poweroff -f
