@@ -29,6 +29,8 @@ struct RawFrame {
   std::span<const std::uint8_t> data;
   std::shared_ptr<const void> lease;
   std::string defect;  ///< not empty: the image could not be read, and why; `data` is empty
+  /// Stereo: the right image, of which only what describes the image counts. Null: there is none.
+  std::shared_ptr<const RawFrame> right;
 };
 
 /// Where frames come from. Thread-bound to `capture`, but for construction and destruction.
