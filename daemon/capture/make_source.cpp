@@ -11,6 +11,7 @@
 #include "daemon/capture/nominal_time.hpp"
 #include "daemon/capture/replay_source.hpp"
 #include "daemon/capture/scene_source.hpp"
+#include "daemon/capture/side_by_side_source.hpp"
 #include "daemon/capture/video_replay_source.hpp"
 #ifdef ORBBUF_V4L2
 #include "daemon/capture/v4l2_source.hpp"
@@ -47,6 +48,12 @@ constexpr std::array kKinds = {
 };
 static_assert(std::ranges::equal(kKinds, kSourceKinds, {}, &Kind::name));
 
+Source open(const Kind& kind, const Settings& settings) {
+  auto source = kind.open(settings);
+  if (!settings.is_side_by_side) return source;
+  return std::make_unique<SideBySideSource>(std::move(source));
+}
+
 }  // namespace
 
 std::unique_ptr<FrameSource> make_source(const SourceSettings& settings) {
@@ -59,11 +66,12 @@ std::unique_ptr<FrameSource> make_source(const SourceSettings& settings) {
     throw std::runtime_error(fmt::format("cannot open a source at {} fps: not from {} to {}",
                                          settings.fps, kMinFps, kMaxFps));
   }
-  if (kind->is_camera) return kind->open(settings);
+  if (kind->is_camera) return open(*kind, settings);
   const ReplaySource::Options options{.is_realtime = settings.realtime,
                                       .is_looped = settings.loop,
                                       .nominal_interval_ns = nominal_time_ns(1, settings.fps)};
-  return std::make_unique<ReplaySource>([kind, settings] { return kind->open(settings); }, options);
+  return std::make_unique<ReplaySource>([kind, settings] { return open(*kind, settings); },
+                                        options);
 }
 
 }  // namespace orbbuf
