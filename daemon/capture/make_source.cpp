@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <stdexcept>
+#include <utility>
 
 #include "daemon/capture/folder_replay_source.hpp"
 #include "daemon/capture/nominal_time.hpp"
@@ -14,6 +15,7 @@
 #include "daemon/capture/side_by_side_source.hpp"
 #include "daemon/capture/video_replay_source.hpp"
 #ifdef ORBBUF_V4L2
+#include "daemon/capture/stereo_source.hpp"
 #include "daemon/capture/v4l2_source.hpp"
 #endif
 
@@ -31,7 +33,13 @@ struct Kind {
 
 Source open_v4l2([[maybe_unused]] const Settings& settings) {
 #ifdef ORBBUF_V4L2
-  return std::make_unique<V4l2Source>(settings);
+  auto left = std::make_unique<V4l2Source>(settings);
+  if (settings.device_right.empty()) return left;
+  Settings settings_right = settings;
+  settings_right.device = settings.device_right;
+  auto right = std::make_unique<V4l2Source>(std::move(settings_right));
+  const auto frame_time = std::min(left->frame_time(), right->frame_time());
+  return std::make_unique<StereoSource>(std::move(left), std::move(right), frame_time / 2);
 #else
   throw std::runtime_error("cannot film: this program was built without V4L2's header");
 #endif

@@ -19,6 +19,7 @@ struct SourceSettings {
   std::filesystem::path path;          ///< folder: the images; video: the file
   std::filesystem::path path_right;    ///< folder: the right images; empty: not stereo
   std::string device = "/dev/video0";  ///< v4l2: the camera's node
+  std::string device_right;            ///< v4l2: the right camera's node; empty: not stereo
   bool is_side_by_side = false;        ///< every image is a left and a right one, side by side
   std::string format = "auto";  ///< v4l2: one of kCameraFormats, or "auto" (v4l2_formats.hpp)
   std::map<std::string, std::int64_t> controls;  ///< v4l2: by name (v4l2_controls.hpp)

@@ -92,6 +92,7 @@ RawFrame V4l2Source::frame_of(const CameraBuffer& buffer) {
   }
   const nanoseconds now = Clock::now().time_since_epoch();
   frame.capture_time_ns = clock_.utc_ns(buffer.stamp_ns, now.count());
+  frame.monotonic_ns = frame.capture_time_ns - clock_.offset_ns();
   return frame;
 }
 
@@ -155,10 +156,12 @@ void V4l2Source::wait_until(Clock::time_point deadline, bool for_frame) {
   ::poll(events.data(), events.size(), static_cast<int>(std::max(left, 0ms).count()));
 }
 
-nanoseconds V4l2Source::longest_pause() const {
-  const double fps = stream_->mode().fps > 0 ? stream_->mode().fps : settings_.fps;
-  return 1s + duration_cast<nanoseconds>(duration<double>(3 / fps));
+nanoseconds V4l2Source::frame_time() const {
+  const double fps = stream_ && stream_->mode().fps > 0 ? stream_->mode().fps : settings_.fps;
+  return duration_cast<nanoseconds>(duration<double>(1 / fps));
 }
+
+nanoseconds V4l2Source::longest_pause() const { return 1s + 3 * frame_time(); }
 
 std::string V4l2Source::description() const {
   if (!stream_) return fmt::format("camera {}", settings_.device);
