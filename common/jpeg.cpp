@@ -4,6 +4,8 @@
 #include <spdlog/fmt/fmt.h>
 #include <turbojpeg.h>
 
+#include <algorithm>
+#include <array>
 #include <cassert>
 #include <memory>
 #include <stdexcept>
@@ -14,6 +16,7 @@ namespace {
 struct Header {
   int width_px = 0;
   int height_px = 0;
+  int subsampling = -1;
   int color_space = -1;
 };
 
@@ -23,9 +26,8 @@ Error turbo_error(std::string_view attempt, tjhandle handle) {
 
 Result<Header> read_header(tjhandle handle, std::span<const std::uint8_t> jpeg) {
   Header header;
-  int subsampling = -1;
   if (tjDecompressHeader3(handle, jpeg.data(), jpeg.size(), &header.width_px, &header.height_px,
-                          &subsampling, &header.color_space) != 0) {
+                          &header.subsampling, &header.color_space) != 0) {
     return turbo_error("cannot read the header of a JPEG", handle);
   }
   if (std::int64_t{header.width_px} * header.height_px > kMaxJpegPixels) {
@@ -37,16 +39,20 @@ Result<Header> read_header(tjhandle handle, std::span<const std::uint8_t> jpeg) 
 
 }  // namespace
 
-JpegCodec::JpegCodec() : compressor_(tjInitCompress()), decompressor_(tjInitDecompress()) {
-  if (compressor_ != nullptr && decompressor_ != nullptr) return;
-  if (compressor_ != nullptr) tjDestroy(compressor_);
-  if (decompressor_ != nullptr) tjDestroy(decompressor_);
+JpegCodec::JpegCodec()
+    : compressor_(tjInitCompress()),
+      decompressor_(tjInitDecompress()),
+      transformer_(tjInitTransform()) {
+  const std::array handles = {compressor_, decompressor_, transformer_};
+  if (std::ranges::find(handles, nullptr) == handles.end()) return;
+  for (void* const handle : handles) {
+    if (handle != nullptr) tjDestroy(handle);
+  }
   throw std::runtime_error("cannot set up TurboJPEG: out of memory");
 }
 
 JpegCodec::~JpegCodec() {
-  tjDestroy(compressor_);
-  tjDestroy(decompressor_);
+  for (void* const handle : {compressor_, decompressor_, transformer_}) tjDestroy(handle);
 }
 
 Result<std::vector<std::uint8_t>> JpegCodec::encode(const ImageView& image, int quality,
@@ -96,6 +102,32 @@ Result<JpegInfo> JpegCodec::inspect(std::span<const std::uint8_t> jpeg) {
   }
   return JpegInfo{header.value().width_px, header.value().height_px,
                   header.value().color_space == TJCS_GRAY};
+}
+
+Result<JpegHalves> JpegCodec::halve(std::span<const std::uint8_t> jpeg) {
+  const Result<Header> header = read_header(decompressor_, jpeg);
+  if (!header) return header.error();
+  const auto [width_px, height_px, subsampling, color_space] = header.value();
+  const int block_px = subsampling < 0 ? 0 : tjMCUWidth[subsampling];
+  if (block_px == 0 || width_px % (2 * block_px) != 0) {
+    return Error{fmt::format("a JPEG of {}x{} px has no halves of whole blocks, {} px wide each",
+                             width_px, height_px, block_px)};
+  }
+  std::array<tjtransform, 2> cuts{};
+  for (tjtransform& cut : cuts) {
+    cut.r = {0, 0, width_px / 2, height_px};
+    cut.options = TJXOPT_CROP;
+  }
+  cuts[1].r.x = width_px / 2;
+  std::array<unsigned char*, 2> data{};  // TurboJPEG's, grown as needed
+  std::array<unsigned long, 2> sizes{};
+  const int status =
+      tjTransform(transformer_, jpeg.data(), jpeg.size(), 2, data.data(), sizes.data(), cuts.data(),
+                  TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS);
+  const std::unique_ptr<unsigned char, decltype(&tjFree)> left(data[0], &tjFree);
+  const std::unique_ptr<unsigned char, decltype(&tjFree)> right(data[1], &tjFree);
+  if (status != 0) return turbo_error("cannot split a JPEG", transformer_);
+  return JpegHalves{{left.get(), left.get() + sizes[0]}, {right.get(), right.get() + sizes[1]}};
 }
 
 }  // namespace orbbuf

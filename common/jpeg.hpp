@@ -30,6 +30,12 @@ struct GrayImage {
 /// 4 gigapixels.
 inline constexpr std::int64_t kMaxJpegPixels = 64LL * 1024 * 1024;
 
+/// The two JPEGs that one was split into.
+struct JpegHalves {
+  std::vector<std::uint8_t> left;
+  std::vector<std::uint8_t> right;
+};
+
 struct JpegInfo {
   int width_px = 0;
   int height_px = 0;
@@ -56,9 +62,16 @@ class JpegCodec {
   /// after the end is allowed), which is how a truncated file or camera buffer shows. Cheap.
   Result<JpegInfo> inspect(std::span<const std::uint8_t> jpeg);
 
+  /// `jpeg` cut in the middle, without loss: its blocks are taken over, its pixels not decoded. An
+  /// error if each half is not whole blocks wide (multiples of 8 pixels; with colour as cameras and
+  /// this program encode it, of 16), or if data are missing or corrupt. A third of what decoding
+  /// and encoding again costs.
+  Result<JpegHalves> halve(std::span<const std::uint8_t> jpeg);
+
  private:
   void* compressor_;
   void* decompressor_;
+  void* transformer_;
 };
 
 }  // namespace orbbuf

@@ -118,15 +118,20 @@ std::string suggest(const Settings& settings, const ProbeResult& result) {
   int pixels = std::min(settings.features.pixels, result.width_px * result.height_px);
   pixels = share > 0.5 ? std::max(static_cast<int>(pixels * 0.5 / share), kLeastPixels)
                        : settings.features.pixels;
-  std::string text = fmt::format("[source]\nkind = \"{}\"\n", settings.source.kind);
-  if (settings.source.kind == "v4l2") {
-    text += fmt::format("device = \"{}\"\nformat = \"{}\"\n", settings.source.device,
-                        settings.source.format);
+  const SourceSettings& source = settings.source;
+  std::string text = fmt::format("[source]\nkind = \"{}\"\n", source.kind);
+  if (source.kind == "v4l2") {
+    text += fmt::format("device = \"{}\"\nformat = \"{}\"\n", source.device, source.format);
   }
+  if (!source.device_right.empty()) {
+    text += fmt::format("device_right = \"{}\"\n", source.device_right);
+  }
+  if (source.is_side_by_side) text += "stereo = \"side-by-side\"\n";
   return text + fmt::format(
                     "width = {}\nheight = {}\nfps = {:.4g}\n[features]\npixels = {}\n[buffer]\n"
                     "capacity = {}\n",
-                    result.width_px, result.height_px, result.fps, pixels,
+                    source.is_side_by_side ? 2 * result.width_px : result.width_px,
+                    result.height_px, result.fps, pixels,
                     std::max<std::int64_t>(std::llround(result.fps), kLeastCapacity));
 }
 

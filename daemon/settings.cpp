@@ -28,6 +28,7 @@ constexpr auto kSourceFormats = [] {
   std::copy(kCameraFormats.begin(), kCameraFormats.end(), formats.begin() + 1);
   return formats;
 }();
+constexpr std::array<std::string_view, 2> kStereo = {"none", "side-by-side"};
 constexpr std::int64_t kMaxInteger = std::numeric_limits<std::int64_t>::max();
 
 std::string host_name() {
@@ -76,6 +77,26 @@ void read_source(ConfigReader& config, SourceSettings& source) {
   source.seed = static_cast<std::uint64_t>(config.integer("source.seed", 1, 0, kMaxInteger));
 }
 
+void read_stereo(ConfigReader& config, SourceSettings& source) {
+  source.path_right = config.path("source.path_right", source.path_right);
+  source.device_right = config.text("source.device_right", source.device_right);
+  source.is_side_by_side = config.choice("source.stereo", "none", kStereo) == "side-by-side";
+  const auto require = [&](const char* key, bool is_set, std::string_view kind) {
+    if (!is_set) return;
+    if (source.kind != kind) config.fail(key, fmt::format("only for source.kind = \"{}\"", kind));
+    if (source.is_side_by_side) config.fail(key, "not with source.stereo = \"side-by-side\"");
+  };
+  require("source.path_right", !source.path_right.empty(), "folder");
+  require("source.device_right", !source.device_right.empty(), "v4l2");
+  if (!source.device_right.empty() && source.device_right == source.device) {
+    config.fail("source.device_right", "the same camera as source.device");
+  }
+  const bool has_width = source.kind == "generated" || source.kind == "v4l2";
+  if (source.is_side_by_side && has_width && source.width_px % 2 != 0) {
+    config.fail("source.width", "odd, which leaves no two equal halves side by side");
+  }
+}
+
 void read_images(ConfigReader& config, Settings& settings) {
   JpegSettings& jpeg = settings.jpeg;
   jpeg.quality = static_cast<int>(config.integer("jpeg.quality", jpeg.quality, 1, 100));
@@ -119,6 +140,7 @@ Settings load_settings(const std::filesystem::path& file, std::span<const std::s
   settings.log_level = config.choice("log.level", settings.log_level, kLogLevels);
   read_robot(config, settings);
   read_source(config, settings.source);
+  read_stereo(config, settings.source);
   read_images(config, settings);
   read_buffer(config, settings.buffer);
   read_link(config, settings.link);

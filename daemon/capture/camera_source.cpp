@@ -95,6 +95,7 @@ RawFrame CameraSource::frame_of(const CameraBuffer& buffer) {
   const nanoseconds now = Clock::now().time_since_epoch();
   frame.exposure_ns = buffer.exposure_ns;
   frame.capture_time_ns = clock_.utc_ns(buffer.stamp_ns, now.count());
+  frame.monotonic_ns = frame.capture_time_ns - clock_.offset_ns();
   return frame;
 }
 
@@ -158,10 +159,12 @@ void CameraSource::wait_until(Clock::time_point deadline, bool for_frame) {
   ::poll(events.data(), events.size(), static_cast<int>(std::max(left, 0ms).count()));
 }
 
-nanoseconds CameraSource::longest_pause() const {
-  const double fps = stream_->mode().fps > 0 ? stream_->mode().fps : fps_;
-  return 1s + duration_cast<nanoseconds>(duration<double>(3 / fps));
+nanoseconds CameraSource::frame_time() const {
+  const double fps = stream_ && stream_->mode().fps > 0 ? stream_->mode().fps : fps_;
+  return duration_cast<nanoseconds>(duration<double>(1 / fps));
 }
+
+nanoseconds CameraSource::longest_pause() const { return 1s + 3 * frame_time(); }
 
 std::string CameraSource::description() const {
   if (!stream_) return fmt::format("camera {}", name_);

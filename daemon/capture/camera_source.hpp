@@ -31,6 +31,8 @@ class CameraSource : public FrameSource {
   std::optional<RawFrame> next(std::stop_token stop) override;
   bool is_live() const override { return true; }
   std::string description() const override;
+  /// From frame to frame: as the driver has it, else as settings.fps.
+  std::chrono::nanoseconds frame_time() const;
 
  private:
   using Clock = std::chrono::steady_clock;

@@ -117,34 +117,52 @@ RawFrame read_image(const fs::path& file, bool is_color) {
   }
 }
 
+/// settings.path or path_right. Throws if there are no images.
+ImageFolder find_images(const fs::path& path) {
+  if (path.empty()) throw std::runtime_error("cannot replay images: no path is set");
+  fs::path folder = fs::absolute(path).lexically_normal();
+  if (!folder.has_filename()) folder = folder.parent_path();  // the path ended in a slash
+  const auto attempt = "cannot replay images from " + folder.string();
+  std::error_code error;
+  const auto status = fs::status(folder, error);
+  if (!fs::exists(status)) throw std::runtime_error(attempt + ": " + error.message());
+  if (!fs::is_directory(status)) throw std::runtime_error(attempt + ": it is not a folder");
+  auto names = image_names(folder);
+  if (names.empty()) {
+    folder /= "images";
+    names = image_names(folder);
+  }
+  if (!names.empty()) return {std::move(folder), std::move(names)};
+  throw std::runtime_error(attempt + ": no png, jpg, jpeg or pgm file in it or in its images/");
+}
+
+ImageFolder find_right_images(const fs::path& path, const ImageFolder& left) {
+  auto right = find_images(path);
+  const auto attempt = fmt::format("cannot replay images from {} as the right ones of {}",
+                                   right.path.string(), left.path.string());
+  if (right.path == left.path) throw std::runtime_error(attempt + ": they are the same folder");
+  if (right.names.size() == left.names.size()) return right;
+  throw std::runtime_error(
+      fmt::format("{}: they are {}, those are {}", attempt, right.names.size(), left.names.size()));
+}
+
 }  // namespace
 
 FolderReplaySource::FolderReplaySource(const SourceSettings& settings)
-    : fps_(settings.fps), is_color_(settings.color) {
-  if (settings.path.empty()) throw std::runtime_error("cannot replay images: no path is set");
-  folder_ = fs::absolute(settings.path).lexically_normal();
-  if (!folder_.has_filename()) folder_ = folder_.parent_path();  // the path ended in a slash
-  const auto attempt = "cannot replay images from " + folder_.string();
-  std::error_code error;
-  const auto status = fs::status(folder_, error);
-  if (!fs::exists(status)) throw std::runtime_error(attempt + ": " + error.message());
-  if (!fs::is_directory(status)) throw std::runtime_error(attempt + ": it is not a folder");
-  names_ = image_names(folder_);
-  if (names_.empty()) {
-    folder_ /= "images";
-    names_ = image_names(folder_);
-  }
-  if (names_.empty()) {
-    throw std::runtime_error(attempt + ": no png, jpg, jpeg or pgm file in it or in its images/");
-  }
-  times_file_ = find_times_file(folder_);
-  if (!times_file_.empty()) times_ = read_times_file(times_file_, names_);
+    : fps_(settings.fps), is_color_(settings.color), left_(find_images(settings.path)) {
+  if (!settings.path_right.empty()) right_ = find_right_images(settings.path_right, left_);
+  times_file_ = find_times_file(left_.path);
+  if (!times_file_.empty()) times_ = read_times_file(times_file_, left_.names);
 }
 
 std::optional<RawFrame> FolderReplaySource::next(std::stop_token stop) {
-  if (next_ == names_.size() || stop.stop_requested()) return std::nullopt;
+  if (next_ == left_.names.size() || stop.stop_requested()) return std::nullopt;
   const auto index = next_++;
-  auto frame = read_image(folder_ / names_[index], is_color_);
+  auto frame = read_image(left_.path / left_.names[index], is_color_);
+  if (right_) {
+    frame.right = std::make_shared<const RawFrame>(
+        read_image(right_->path / right_->names[index], is_color_));
+  }
   if (times_.empty()) {
     frame.capture_time_ns = nominal_time_ns(static_cast<std::int64_t>(index), fps_);
   } else {
@@ -157,7 +175,11 @@ std::optional<RawFrame> FolderReplaySource::next(std::stop_token stop) {
 std::string FolderReplaySource::description() const {
   const auto times =
       times_.empty() ? fmt::format("{:.4g} fps", fps_) : "times from " + times_file_.string();
-  return fmt::format("folder {}: {} images, {}", folder_.string(), names_.size(), times);
+  if (!right_) {
+    return fmt::format("folder {}: {} images, {}", left_.path.string(), left_.names.size(), times);
+  }
+  return fmt::format("folders {} and {}: {} pairs of images, {}", left_.path.string(),
+                     right_->path.string(), left_.names.size(), times);
 }
 
 }  // namespace orbbuf

@@ -21,6 +21,7 @@ enum class PixelFormat {
 /// it, on any thread, gives the memory back to the source.
 struct RawFrame {
   std::int64_t capture_time_ns = 0;
+  std::int64_t monotonic_ns = 0;  ///< cameras: the same, by the clock that is never set
   std::uint32_t exposure_ns = 0;  ///< 0: unknown
   int width_px = 0;
   int height_px = 0;
@@ -29,6 +30,8 @@ struct RawFrame {
   std::span<const std::uint8_t> data;
   std::shared_ptr<const void> lease;
   std::string defect;  ///< not empty: the image could not be read, and why; `data` is empty
+  /// Stereo: the right image, of which only what describes the image counts. Null: there is none.
+  std::shared_ptr<const RawFrame> right;
 };
 
 /// Where frames come from. Thread-bound to `capture`, but for construction and destruction.

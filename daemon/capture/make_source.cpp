@@ -6,12 +6,15 @@
 
 #include <algorithm>
 #include <stdexcept>
+#include <utility>
 
 #include "daemon/capture/camera_source.hpp"
 #include "daemon/capture/folder_replay_source.hpp"
 #include "daemon/capture/nominal_time.hpp"
 #include "daemon/capture/replay_source.hpp"
 #include "daemon/capture/scene_source.hpp"
+#include "daemon/capture/side_by_side_source.hpp"
+#include "daemon/capture/stereo_source.hpp"
 #include "daemon/capture/video_replay_source.hpp"
 #ifdef ORBBUF_V4L2
 #include "daemon/capture/v4l2_stream.hpp"
@@ -29,10 +32,22 @@ struct Kind {
   Source (*open)(const Settings&);
 };
 
-Source open_v4l2([[maybe_unused]] const Settings& settings) {
 #ifdef ORBBUF_V4L2
+std::unique_ptr<CameraSource> film_v4l2(const Settings& settings) {
   return std::make_unique<CameraSource>(
       [settings] { return std::make_unique<V4l2Stream>(settings); }, settings.device, settings.fps);
+}
+#endif
+
+Source open_v4l2([[maybe_unused]] const Settings& settings) {
+#ifdef ORBBUF_V4L2
+  auto left = film_v4l2(settings);
+  if (settings.device_right.empty()) return left;
+  Settings settings_right = settings;
+  settings_right.device = settings.device_right;
+  auto right = film_v4l2(settings_right);
+  const auto frame_time = std::min(left->frame_time(), right->frame_time());
+  return std::make_unique<StereoSource>(std::move(left), std::move(right), frame_time / 2);
 #else
   throw std::runtime_error("cannot film: this program was built without V4L2's header");
 #endif
@@ -49,6 +64,12 @@ constexpr std::array kKinds = {
 };
 static_assert(std::ranges::equal(kKinds, kSourceKinds, {}, &Kind::name));
 
+Source open(const Kind& kind, const Settings& settings) {
+  auto source = kind.open(settings);
+  if (!settings.is_side_by_side) return source;
+  return std::make_unique<SideBySideSource>(std::move(source));
+}
+
 }  // namespace
 
 std::unique_ptr<FrameSource> make_source(const SourceSettings& settings) {
@@ -61,11 +82,12 @@ std::unique_ptr<FrameSource> make_source(const SourceSettings& settings) {
     throw std::runtime_error(fmt::format("cannot open a source at {} fps: not from {} to {}",
                                          settings.fps, kMinFps, kMaxFps));
   }
-  if (kind->is_camera) return kind->open(settings);
+  if (kind->is_camera) return open(*kind, settings);
   const ReplaySource::Options options{.is_realtime = settings.realtime,
                                       .is_looped = settings.loop,
                                       .nominal_interval_ns = nominal_time_ns(1, settings.fps)};
-  return std::make_unique<ReplaySource>([kind, settings] { return kind->open(settings); }, options);
+  return std::make_unique<ReplaySource>([kind, settings] { return open(*kind, settings); },
+                                        options);
 }
 
 }  // namespace orbbuf

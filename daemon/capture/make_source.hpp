@@ -17,7 +17,10 @@ namespace orbbuf {
 struct SourceSettings {
   std::string kind = "generated";      ///< one of kSourceKinds
   std::filesystem::path path;          ///< folder: the images; video: the file
+  std::filesystem::path path_right;    ///< folder: the right images; empty: not stereo
   std::string device = "/dev/video0";  ///< v4l2: the camera's node
+  std::string device_right;            ///< v4l2: the right camera's node; empty: not stereo
+  bool is_side_by_side = false;        ///< every image is a left and a right one, side by side
   std::string format = "auto";  ///< v4l2: one of kCameraFormats, or "auto" (camera_formats.hpp)
   std::map<std::string, std::int64_t> controls;  ///< v4l2: by name (v4l2_controls.hpp)
   double fps = 25.0;  ///< frames per second: a camera's, or where files have no times of their own

@@ -43,31 +43,44 @@ Result<ImageView> pixels_of(const RawFrame& raw) {
 JpegEncoder::JpegEncoder(const JpegSettings& settings) : settings_(settings) {}
 
 Result<EncodedFrame> JpegEncoder::encode(const RawFrame& raw, Sequence sequence) {
-  if (!raw.defect.empty()) return Error{raw.defect};
+  auto left = encode_image(raw);
+  if (!left) return std::move(left).error();
+  auto& [width_px, height_px, jpeg] = left.value();
   EncodedFrame frame;
   frame.sequence = sequence;
   frame.capture_time_ns = raw.capture_time_ns;
   frame.exposure_ns = raw.exposure_ns;
-  int width_px = raw.width_px;
-  int height_px = raw.height_px;
+  frame.width_px = static_cast<std::uint16_t>(width_px);
+  frame.height_px = static_cast<std::uint16_t>(height_px);
+  frame.left_bytes = static_cast<std::uint32_t>(jpeg.size());
+  frame.jpeg = std::move(jpeg);
+  if (raw.right) {
+    auto right = encode_image(*raw.right);
+    if (!right) return Error{"right image: " + right.error().text};
+    if (right.value().width_px != width_px || right.value().height_px != height_px) {
+      return Error{fmt::format("left image of {}x{} px, right one of {}x{} px", width_px, height_px,
+                               right.value().width_px, right.value().height_px)};
+    }
+    frame.jpeg.insert(frame.jpeg.end(), right.value().jpeg.begin(), right.value().jpeg.end());
+  }
+  frame.jpeg_crc = wire::crc32(frame.jpeg);
+  return frame;
+}
+
+Result<JpegEncoder::Image> JpegEncoder::encode_image(const RawFrame& raw) {
+  if (!raw.defect.empty()) return Error{raw.defect};
   if (raw.format == PixelFormat::kJpeg) {
     auto info = codec_.inspect(raw.data);
     if (!info) return std::move(info).error();
-    width_px = info.value().width_px;
-    height_px = info.value().height_px;
+    const auto [width_px, height_px, is_gray] = info.value();
     if (auto error = wrong_size(width_px, height_px)) return std::move(*error);
-    frame.jpeg.assign(raw.data.begin(), raw.data.end());
-  } else {
-    auto view = pixels_of(raw);
-    if (!view) return std::move(view).error();
-    auto jpeg = codec_.encode(view.value(), settings_.quality, settings_.color);
-    if (!jpeg) return std::move(jpeg).error();
-    frame.jpeg = std::move(jpeg).value();
+    return Image{width_px, height_px, {raw.data.begin(), raw.data.end()}};
   }
-  frame.width_px = static_cast<std::uint16_t>(width_px);
-  frame.height_px = static_cast<std::uint16_t>(height_px);
-  frame.jpeg_crc = wire::crc32(frame.jpeg);
-  return frame;
+  auto view = pixels_of(raw);
+  if (!view) return std::move(view).error();
+  auto jpeg = codec_.encode(view.value(), settings_.quality, settings_.color);
+  if (!jpeg) return std::move(jpeg).error();
+  return Image{raw.width_px, raw.height_px, std::move(jpeg).value()};
 }
 
 }  // namespace orbbuf

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
+#include <vector>
+
 #include "common/error.hpp"
 #include "common/frame.hpp"
 #include "common/jpeg.hpp"
@@ -21,10 +24,18 @@ class JpegEncoder {
   explicit JpegEncoder(const JpegSettings& settings);
 
   /// `sequence` goes into the frame. Fails, in words, for a frame with a defect, a truncated JPEG,
-  /// or a size over 65535 pixels either way. Does not keep the raw frame.
+  /// or a size over 65535 pixels either way; of a stereo frame, for either image, and for two that
+  /// differ in size. Does not keep the raw frame.
   Result<EncodedFrame> encode(const RawFrame& raw, Sequence sequence);
 
  private:
+  struct Image {
+    int width_px = 0;
+    int height_px = 0;
+    std::vector<std::uint8_t> jpeg;
+  };
+  Result<Image> encode_image(const RawFrame& raw);
+
   JpegSettings settings_;
   JpegCodec codec_;
 };

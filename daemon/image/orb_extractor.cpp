@@ -73,7 +73,7 @@ OrbExtractor::~OrbExtractor() = default;
 
 void OrbExtractor::extract(const EncodedFrame& frame, FeatureSet& features) {
   features.clear();
-  auto decoded = state_->codec.decode_gray(frame.jpeg, scale_of(frame, state_->pixels));
+  auto decoded = state_->codec.decode_gray(frame.left(), scale_of(frame, state_->pixels));
   if (!decoded) {
     state_->warn_once("decode", frame.sequence, decoded.error().text);
     return;

@@ -17,8 +17,10 @@ struct FeatureSettings {
   int pixels = 131'072;
 };
 
-/// ORB features (Rublee et al., ICCV 2011) of a frame's JPEG, through OpenCV. Thread-bound.
-/// Cost: about 3 ms for 1226x370 on a desktop core, most of it ORB, whatever the size of the image.
+/// ORB features (Rublee et al., ICCV 2011) of a frame's JPEG, through OpenCV. Of a stereo frame
+/// only the left image is judged: the paper knows mono cameras only, and what either eye sees of
+/// the scene overlaps with the last frame about as much. Thread-bound. Cost: about 3 ms for
+/// 1226x370 on a desktop core, most of it ORB, whatever the size of the image.
 class OrbExtractor {
  public:
   explicit OrbExtractor(const FeatureSettings& settings);

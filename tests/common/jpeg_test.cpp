@@ -162,5 +162,38 @@ TEST_F(Jpeg, CodecWorksOnAfterAnError) {
   EXPECT_TRUE(codec_.decode_gray(encode(64, 48, 1, false), 1));
 }
 
+TEST_F(Jpeg, HalvesHoldThePixelsOfTheWhole) {
+  for (const bool is_color : {false, true}) {
+    const auto jpeg = encode(128, 50, is_color ? 3 : 1, is_color);
+    const auto whole = codec_.decode_gray(jpeg, 1).value();
+    const auto halves = codec_.halve(jpeg).value();
+    const auto left = codec_.decode_gray(halves.left, 1).value();
+    const auto right = codec_.decode_gray(halves.right, 1).value();
+    ASSERT_EQ(left.width_px, 64);
+    ASSERT_EQ(right.width_px, 64);
+    ASSERT_EQ(right.height_px, 50);
+    auto row = whole.pixels.begin();
+    for (std::ptrdiff_t at = 0; at < 50 * 64; at += 64, row += 128) {
+      ASSERT_TRUE(std::equal(row, row + 64, left.pixels.begin() + at)) << at / 64;
+      ASSERT_TRUE(std::equal(row + 64, row + 128, right.pixels.begin() + at)) << at / 64;
+    }
+    EXPECT_EQ(codec_.inspect(halves.left).value().is_gray, !is_color);
+  }
+}
+
+TEST_F(Jpeg, HalvesAreWholeBlocksWide) {
+  EXPECT_TRUE(codec_.halve(encode(48, 16, 1, false)));
+  EXPECT_EQ(codec_.halve(encode(48, 16, 3, true)).error().text,
+            "a JPEG of 48x16 px has no halves of whole blocks, 16 px wide each");
+  EXPECT_FALSE(codec_.halve(encode(49, 16, 1, false)));
+}
+
+TEST_F(Jpeg, ATruncatedJpegIsNotHalved) {
+  const auto jpeg = encode(64, 48, 1, false);
+  for (std::size_t size = 0; size + 2 < jpeg.size(); ++size) {
+    EXPECT_FALSE(codec_.halve(std::span(jpeg).first(size))) << size;
+  }
+}
+
 }  // namespace
 }  // namespace orbbuf

@@ -58,5 +58,16 @@ TEST(Probe, TheBufferHoldsASecondAndAtLeastThree) {
   EXPECT_THAT(suggest({}, result), HasSubstr("capacity = 3\n"));
 }
 
+TEST(Probe, WhatIsSuggestedIsStereoAgain) {
+  auto settings = generated(5);
+  settings.source.is_side_by_side = true;
+  const auto report = probe(settings);
+  EXPECT_THAT(report, HasSubstr("at 25 fps, 80x120 px\n"));
+  EXPECT_THAT(report, HasSubstr("stereo = \"side-by-side\"\nwidth = 160\nheight = 120\n"));
+  settings.source.kind = "v4l2";
+  settings.source.device_right = "/dev/video2";
+  EXPECT_THAT(suggest(settings, {.fps = 25}), HasSubstr("device_right = \"/dev/video2\"\n"));
+}
+
 }  // namespace
 }  // namespace orbbuf

@@ -31,7 +31,10 @@ TEST(Settings, SampleFileHoldsEveryKeyWithItsDefault) {
   EXPECT_EQ(sample.calibration, fallback.calibration);
   EXPECT_EQ(sample.source.kind, fallback.source.kind);
   EXPECT_EQ(sample.source.path, fallback.source.path);
+  EXPECT_EQ(sample.source.path_right, fallback.source.path_right);
   EXPECT_EQ(sample.source.device, fallback.source.device);
+  EXPECT_EQ(sample.source.device_right, fallback.source.device_right);
+  EXPECT_EQ(sample.source.is_side_by_side, fallback.source.is_side_by_side);
   EXPECT_EQ(sample.source.format, fallback.source.format);
   EXPECT_EQ(sample.source.controls, fallback.source.controls);
   EXPECT_EQ(sample.source.fps, fallback.source.fps);
@@ -87,10 +90,28 @@ TEST(Settings, ACameraNeedsNoPath) {
   EXPECT_EQ(s.source.controls, (std::map<std::string, std::int64_t>{{"exposure_auto", 1}}));
 }
 
+void names(const std::string& text, const std::string& part) {
+  EXPECT_NE(text.find(part), std::string::npos) << text;
+}
+
+TEST(Settings, StereoIsTwoFoldersTwoCamerasOrSideBySide) {
+  EXPECT_EQ(
+      with({"source.kind=folder", "source.path=/l", "source.path_right=/r"}).source.path_right,
+      "/r");
+  EXPECT_EQ(with({"source.kind=v4l2", "source.device_right=/dev/video2"}).source.device_right,
+            "/dev/video2");
+  EXPECT_TRUE(with({"source.kind=v4l2", "source.stereo=side-by-side"}).source.is_side_by_side);
+  names(why({"source.path_right=/r"}), "source.path_right: only for source.kind = \"folder\"");
+  names(why({"source.device_right=/dev/video2"}), "only for source.kind = \"v4l2\"");
+  names(why({"source.kind=v4l2", "source.device_right=/dev/video0"}),
+        "source.device_right: the same camera as source.device");
+  names(why({"source.kind=v4l2", "source.device_right=/dev/video2", "source.stereo=side-by-side"}),
+        "source.device_right: not with source.stereo = \"side-by-side\"");
+  names(why({"source.stereo=side-by-side", "source.width=641"}), "source.width: odd");
+  names(why({"source.stereo=both"}), "source.stereo: ");
+}
+
 TEST(Settings, WhatCannotBeIsRefusedByName) {
-  const auto names = [](const std::string& text, const std::string& part) {
-    EXPECT_NE(text.find(part), std::string::npos) << text;
-  };
   names(why({"robot.id=../etc"}), "robot.id: ");
   names(why({"source.kind=folder"}), "source.path: needed for source.kind = \"folder\"");
   names(why({"source.kind=kinect"}), "source.kind: ");

@@ -227,6 +227,40 @@ TEST_F(FolderReplaySourceTest, WhatIsNoFolderOfImagesStopsTheStartWithTheReason)
   EXPECT_THAT(error({}), HasSubstr("no path is set"));
 }
 
+TEST_F(FolderReplaySourceTest, TwoFoldersGivePairsInTheOrderOfTheirNames) {
+  const auto left = pattern(8, 4, CV_8UC1);
+  const cv::Mat right = 255 - left;
+  for (const auto* name : {"1", "2"}) {
+    write_image(std::string("images/") + name + ".png", left);
+    write_image(std::string("right/a") + name + ".pgm", right);
+  }
+  write("times.txt", "1 5.5\n2 6.5\n");
+  auto stereo = settings();
+  stereo.path_right = folder_ / "right";
+  const auto frames = replay(stereo);
+  EXPECT_THAT(times_of(frames), testing::ElementsAre(5'500'000'000, 6'500'000'000));
+  for (const auto& frame : frames) {
+    expect_pixels(frame, left);
+    ASSERT_TRUE(frame.right);
+    expect_pixels(*frame.right, right);
+  }
+  EXPECT_THAT(FolderReplaySource(stereo).description(), HasSubstr("right: 2 pairs of images"));
+}
+
+TEST_F(FolderReplaySourceTest, RightImagesThatCannotBePairsStopTheStart) {
+  write_image("left/1.png", pattern(8, 4, CV_8UC1));
+  write_image("right/1.png", pattern(8, 4, CV_8UC1));
+  write_image("right/2.png", pattern(8, 4, CV_8UC1));
+  auto stereo = settings("left");
+  stereo.path_right = folder_ / "right";
+  EXPECT_THAT(error(stereo), AllOf(HasSubstr("right as the right ones of "),
+                                   EndsWith("left: they are 2, those are 1")));
+  stereo.path_right = folder_ / "left/";
+  EXPECT_THAT(error(stereo), EndsWith("they are the same folder"));
+  stereo.path_right = folder_ / "none";
+  EXPECT_THAT(error(stereo), EndsWith("none: No such file or directory"));
+}
+
 TEST_F(FolderReplaySourceTest, AStopEndsIt) {
   write_image("1.png", pattern(8, 8, CV_8UC1));
   FolderReplaySource source(settings());

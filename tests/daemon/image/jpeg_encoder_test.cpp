@@ -143,5 +143,43 @@ TEST(JpegEncoder, PixelsThatAreNotThereFail) {
   EXPECT_THAT(error_of(encoder, raw), HasSubstr("too few"));
 }
 
+TEST(JpegEncoder, BothImagesOfAStereoFrameAreEncodedAsEachAlone) {
+  JpegEncoder encoder({});
+  auto raw = scene_frame();
+  const auto left = encoder.encode(raw, 0).value();
+  const auto right_raw = scene_frame(true);
+  const auto right = encoder.encode(right_raw, 0).value();
+  EXPECT_FALSE(left.is_stereo());
+  raw.right = std::make_shared<const RawFrame>(right_raw);
+  const auto frame = encoder.encode(raw, 3);
+  ASSERT_TRUE(frame);
+  EXPECT_TRUE(frame.value().is_stereo());
+  EXPECT_THAT(frame.value().left(), testing::ElementsAreArray(left.jpeg));
+  EXPECT_THAT(frame.value().right(), testing::ElementsAreArray(right.jpeg));
+  EXPECT_EQ(frame.value().jpeg_crc, wire::crc32(frame.value().jpeg));
+  EXPECT_EQ(frame.value().capture_time_ns, raw.capture_time_ns);
+  EXPECT_EQ(frame.value().width_px, 160);
+}
+
+TEST(JpegEncoder, AStereoFrameWithADefectInEitherImageFails) {
+  JpegEncoder encoder({});
+  RawFrame broken;
+  broken.defect = "it is empty";
+  auto raw = scene_frame();
+  raw.right = std::make_shared<const RawFrame>(broken);
+  EXPECT_EQ(error_of(encoder, raw), "right image: it is empty");
+  broken.right = std::make_shared<const RawFrame>(scene_frame());
+  EXPECT_EQ(error_of(encoder, broken), "it is empty");
+}
+
+TEST(JpegEncoder, ImagesOfOneFrameHaveOneSize) {
+  JpegEncoder encoder({});
+  auto raw = scene_frame();
+  auto lower = raw;
+  --lower.height_px;
+  raw.right = std::make_shared<const RawFrame>(lower);
+  EXPECT_EQ(error_of(encoder, raw), "left image of 160x120 px, right one of 160x119 px");
+}
+
 }  // namespace
 }  // namespace orbbuf

@@ -198,5 +198,20 @@ TEST(OrbExtractor, NeighboursOfRealSequencesAreAlikeAndFramesFarApartAreNot) {
   }
 }
 
+TEST(OrbExtractor, OfAStereoFrameTheLeftImageIsJudged) {
+  SourceSettings settings;
+  settings.realtime = false;
+  const auto source = make_source(settings);
+  auto raw = *source->next({});
+  JpegEncoder encoder({});
+  const auto mono = encoder.encode(raw, 0).value();
+  raw.right = std::make_shared<const RawFrame>(*source->next({}));
+  const auto stereo = encoder.encode(raw, 0).value();
+  OrbExtractor extractor({});
+  const auto descriptors = extract(extractor, mono);
+  EXPECT_FALSE(descriptors.empty());
+  EXPECT_EQ(extract(extractor, stereo), descriptors);
+}
+
 }  // namespace
 }  // namespace orbbuf
