@@ -46,6 +46,18 @@ void read_dropped(const std::filesystem::path& folder, std::vector<RecordedFrame
   }
 }
 
+/// Of a stereo session; of a mono one there is nothing to check.
+void check_right_images(const std::filesystem::path& folder,
+                        const std::vector<RecordedFrame>& frames) {
+  if (!exists(folder / "images_right")) return;
+  for (const RecordedFrame& frame : frames) {
+    const auto image = folder / "images_right" / fmt::format("{:06}.jpg", frame.sequence);
+    if (exists(image) == frame.is_delivered) continue;
+    throw std::runtime_error(image.string() +
+                             (frame.is_delivered ? " is missing" : " is too much"));
+  }
+}
+
 void compare_neighbours(const std::filesystem::path& folder, std::vector<RecordedFrame>& frames) {
   OrbExtractor extractor{FeatureSettings{}};
   FeatureSet previous;
@@ -99,6 +111,7 @@ SessionRecord read_session(const std::string& label, const std::filesystem::path
   read_dropped(folder, record.frames);
   std::sort(record.frames.begin(), record.frames.end(),
             [](const auto& a, const auto& b) { return a.sequence < b.sequence; });
+  check_right_images(folder, record.frames);
   compare_neighbours(folder, record.frames);
   return record;
 }

@@ -114,9 +114,10 @@ TEST(Delivery, KilledServerGoesOnWhereItsFilesEndAfterARestart) {
   const TemporaryFolder out;
   auto server = std::make_unique<Server>(out.path());
   const std::string address = server->address();
-  Process robot(robot_command("r", address,
-                              {"source.frames=" + std::to_string(kFrames), "source.fps=100",
-                               "source.width=160", "source.height=120", "buffer.capacity=1000"}));
+  Process robot(robot_command(
+      "r", address,
+      {"source.frames=" + std::to_string(kFrames), "source.fps=100", "source.width=320",
+       "source.height=120", "buffer.capacity=1000", "source.stereo=side-by-side"}));
   for (int kill = 0; kill < 3; ++kill) {
     ASSERT_TRUE(robot.wait_for_line("connected to", std::chrono::seconds(60)));
     const std::size_t before = static_cast<std::size_t>(kill + 1) * 60;
@@ -134,9 +135,12 @@ TEST(Delivery, KilledServerGoesOnWhereItsFilesEndAfterARestart) {
   const auto account = closing_account(robot);
   expect_exactly_once(record, kFrames);
   EXPECT_EQ(record.delivered.size(), account.at("acknowledged"));
-  for (const auto& image : fs::directory_iterator(record.folder / "images")) {
-    const std::string jpeg = read_file(image.path());
-    EXPECT_TRUE(jpeg.starts_with("\xff\xd8") && jpeg.ends_with("\xff\xd9")) << image.path();
+  EXPECT_EQ(record.images_right, record.images);
+  for (const char* side : {"images", "images_right"}) {
+    for (const auto& image : fs::directory_iterator(record.folder / side)) {
+      const std::string jpeg = read_file(image.path());
+      EXPECT_TRUE(jpeg.starts_with("\xff\xd8") && jpeg.ends_with("\xff\xd9")) << image.path();
+    }
   }
 }
 

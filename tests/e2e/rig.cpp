@@ -24,6 +24,12 @@ std::vector<std::string> with_overrides(std::vector<std::string> command,
   return command;
 }
 
+std::size_t count_files(const fs::path& folder) {
+  if (!exists(folder)) return 0;
+  const auto files = fs::directory_iterator(folder);
+  return static_cast<std::size_t>(std::distance(begin(files), end(files)));
+}
+
 }  // namespace
 
 Server::Server(const fs::path& out, const Overrides& overrides, const std::string& listen,
@@ -81,8 +87,8 @@ Record read_record(const fs::path& out, const std::string& robot) {
     const std::size_t comma = line.find(',');
     record.dropped[std::stoull(line)] = line.substr(comma + 1, line.rfind(',') - comma - 1);
   }
-  const auto images = fs::directory_iterator(record.folder / "images");
-  record.images = static_cast<std::size_t>(std::distance(begin(images), end(images)));
+  record.images = count_files(record.folder / "images");
+  record.images_right = count_files(record.folder / "images_right");
   return record;
 }
 
@@ -90,6 +96,8 @@ void expect_exactly_once(const Record& record, std::uint64_t captured) {
   EXPECT_EQ(record.delivered.size() + record.dropped.size(), captured);
   EXPECT_EQ(record.drop_lines, record.dropped.size()) << "a drop is recorded twice";
   EXPECT_EQ(record.images, record.delivered.size());
+  const bool is_stereo = record.images_right > 0;
+  EXPECT_EQ(record.images_right, is_stereo ? record.delivered.size() : 0);
   std::int64_t last = -1;
   for (const std::uint64_t id : record.delivered) {
     EXPECT_GT(static_cast<std::int64_t>(id), last);
@@ -99,6 +107,7 @@ void expect_exactly_once(const Record& record, std::uint64_t captured) {
     char name[32];
     std::snprintf(name, sizeof name, "%06llu.jpg", static_cast<unsigned long long>(id));
     EXPECT_TRUE(exists(record.folder / "images" / name)) << name;
+    EXPECT_EQ(exists(record.folder / "images_right" / name), is_stereo) << name;
   }
 }
 

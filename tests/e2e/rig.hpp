@@ -52,11 +52,13 @@ struct Record {
   std::map<std::uint64_t, std::string> dropped;  ///< sequence -> reason
   std::size_t drop_lines = 0;                    ///< lines in drops.csv less the header
   std::size_t images = 0;                        ///< files in images/
+  std::size_t images_right = 0;                  ///< files in images_right/
 };
 Record read_record(const std::filesystem::path& out, const std::string& robot);
 
 /// Checks that a record names each of `captured` frames exactly once, delivered or dropped, that
-/// the delivered ones are in order, and that images/ holds exactly these.
+/// the delivered ones are in order, and that images/, as well as images_right/ if there are any,
+/// holds exactly these.
 void expect_exactly_once(const Record& record, std::uint64_t captured);
 
 /// The robot's closing account, `captured` first, as in its last log line; checks that it adds up.
