@@ -66,7 +66,7 @@ void read_source(ConfigReader& config, SourceSettings& source) {
   }
   source.device = config.text("source.device", source.device);
   source.format = config.choice("source.format", source.format, kSourceFormats);
-  source.controls = config.integers("source.controls");
+  source.controls = config.numbers("source.controls");
   source.fps = config.number("source.fps", source.fps, 0.01, 1000);
   source.realtime = config.flag("source.realtime", source.realtime);
   source.loop = config.flag("source.loop", source.loop);

@@ -19,7 +19,7 @@ struct SourceSettings {
   std::filesystem::path path;          ///< folder: the images; video: the file
   std::string device = "/dev/video0";  ///< v4l2: the camera's node
   std::string format = "auto";  ///< v4l2: one of kCameraFormats, or "auto" (camera_formats.hpp)
-  std::map<std::string, std::int64_t> controls;  ///< v4l2: by name (v4l2_controls.hpp)
+  std::map<std::string, double> controls;  ///< v4l2: by name (v4l2_controls.hpp)
   double fps = 25.0;  ///< frames per second: a camera's, or where files have no times of their own
   bool realtime = true;    ///< pace frames by their capture times; else as fast as they are taken
   bool loop = false;       ///< begin again at the end, capture times going on

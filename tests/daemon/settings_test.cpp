@@ -84,7 +84,7 @@ TEST(Settings, ACameraNeedsNoPath) {
                            "source.controls.exposure_auto=1"});
   EXPECT_EQ(s.source.device, "/dev/video2");
   EXPECT_EQ(s.source.format, "MJPG");
-  EXPECT_EQ(s.source.controls, (std::map<std::string, std::int64_t>{{"exposure_auto", 1}}));
+  EXPECT_EQ(s.source.controls, (std::map<std::string, double>{{"exposure_auto", 1}}));
 }
 
 TEST(Settings, WhatCannotBeIsRefusedByName) {
