@@ -39,7 +39,12 @@ ConfigReader::~ConfigReader() = default;
 
 std::string ConfigReader::text(std::string_view key, std::string_view fallback) {
   const auto setting = state_->ask(key);
-  return setting ? string_of(*setting, key, "a string") : std::string(fallback);
+  if (!setting) return std::string(fallback);
+  // There are no quotation marks in `--set source.camera=0`.
+  if (setting->is_override && setting->node->is_integer()) {
+    return setting->where.substr(setting->where.find('=') + 1);
+  }
+  return string_of(*setting, key, "a string");
 }
 
 std::vector<std::string> ConfigReader::texts(std::string_view key) {
@@ -137,18 +142,19 @@ std::filesystem::path ConfigReader::path(std::string_view key,
   return state_->file().parent_path() / got;  // `got` itself, if it is absolute
 }
 
-std::map<std::string, std::int64_t> ConfigReader::integers(std::string_view key) {
-  std::map<std::string, std::int64_t> values;
+std::map<std::string, double> ConfigReader::numbers(std::string_view key) {
+  std::map<std::string, double> values;
   for (const std::string& name : state_->ask_table(key)) {
     const std::string path = fmt::format("{}.{}", key, name);
     const auto setting = state_->ask(path);
     if (!setting) continue;
-    if (const auto* const number = setting->node->as_integer()) {
-      values[name] = number->get();
+    if (const auto number = setting->node->value<double>();
+        number && setting->node->is_number() && std::isfinite(*number)) {
+      values[name] = *number;
     } else if (const auto* const flag = setting->node->as_boolean()) {
       values[name] = flag->get() ? 1 : 0;
     } else {
-      refuse_type(*setting, path, "an integer");
+      refuse_type(*setting, path, "a number");
     }
   }
   return values;

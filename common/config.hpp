@@ -56,9 +56,9 @@ class ConfigReader {
   /// directory for `--set` and without a file). Empty stays empty.
   std::filesystem::path path(std::string_view key, const std::filesystem::path& fallback);
 
-  /// A table whose keys are names that only their user knows, with an integer each; true and false
+  /// A table whose keys are names that only their user knows, with a number each; true and false
   /// are 1 and 0. `--set KEY.NAME=VALUE` adds to the file's.
-  std::map<std::string, std::int64_t> integers(std::string_view key);
+  std::map<std::string, double> numbers(std::string_view key);
 
   /// Names the first key that no getter asked for, with the nearest known key if one is near.
   void reject_unknown() const;

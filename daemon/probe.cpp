@@ -122,6 +122,8 @@ std::string suggest(const Settings& settings, const ProbeResult& result) {
   std::string text = fmt::format("[source]\nkind = \"{}\"\n", source.kind);
   if (source.kind == "v4l2") {
     text += fmt::format("device = \"{}\"\nformat = \"{}\"\n", source.device, source.format);
+  } else if (source.kind == "libcamera") {
+    text += fmt::format("camera = \"{}\"\nformat = \"{}\"\n", source.camera, source.format);
   }
   if (!source.device_right.empty()) {
     text += fmt::format("device_right = \"{}\"\n", source.device_right);

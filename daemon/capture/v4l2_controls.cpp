@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <stdexcept>
 
 #include "daemon/capture/v4l2_device.hpp"
@@ -54,11 +55,11 @@ std::vector<std::string> menu_of(const V4l2Device& device, const v4l2_query_ext_
   return menu;
 }
 
-int set_one(const V4l2Device& device, const CameraControl& control, std::int64_t value) {
+int set_one(const V4l2Device& device, const CameraControl& control, double value) {
   v4l2_ext_control entry{};
   entry.id = control.id;
   if (control.is_wide) {
-    entry.value64 = value;
+    entry.value64 = static_cast<__s64>(value);
   } else {
     entry.value = static_cast<__s32>(value);
   }
@@ -98,15 +99,17 @@ std::string control_name(std::string_view driver_name) {
   return name;
 }
 
-std::string why_refused(const CameraControl& control, std::int64_t value) {
+std::string why_refused(const CameraControl& control, double value) {
   const auto is_entry = [value](const std::string& entry) {
-    return entry.starts_with(std::to_string(value) + ' ');
+    return entry.starts_with(fmt::format("{} ", value));
   };
   if (!control.menu.empty()) {
     if (std::ranges::any_of(control.menu, is_entry)) return "";
     return fmt::format("{} takes {}, not {}", control.name, fmt::join(control.menu, ", "), value);
   }
-  if (value >= control.min && value <= control.max) return "";
+  const bool is_inside =
+      value >= static_cast<double>(control.min) && value <= static_cast<double>(control.max);
+  if (is_inside && value == std::trunc(value)) return "";
   return fmt::format("{} takes {} to {} in steps of {} (default {}), not {}", control.name,
                      control.min, control.max, control.step, control.fallback, value);
 }

@@ -12,7 +12,7 @@ namespace orbbuf {
 class V4l2Device;
 
 /// Settings of a camera by the names of its controls.
-using CameraControls = std::map<std::string, std::int64_t>;
+using CameraControls = std::map<std::string, double>;
 
 /// A control as its driver has it.
 struct CameraControl {
@@ -31,7 +31,7 @@ struct CameraControl {
 std::string control_name(std::string_view driver_name);
 
 /// Why `control` does not take `value`, with what it does take; empty: it may.
-std::string why_refused(const CameraControl& control, std::int64_t value);
+std::string why_refused(const CameraControl& control, double value);
 
 /// Every control that has a number and can be set.
 std::vector<CameraControl> list_controls(const V4l2Device& device);

@@ -3,13 +3,11 @@
 
 #include <linux/videodev2.h>
 #include <spdlog/fmt/fmt.h>
-#include <sys/mman.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
 #include <stdexcept>
-#include <utility>
 
 #include "daemon/capture/v4l2_controls.hpp"
 
@@ -56,17 +54,6 @@ std::int64_t stamp_of(const v4l2_buffer& buffer) {
 }
 
 }  // namespace
-
-V4l2Stream::Mapping::Mapping(Mapping&& other) noexcept
-    : begin_(std::exchange(other.begin_, nullptr)), size_(other.size_) {}
-
-V4l2Stream::Mapping::~Mapping() {
-  if (begin_ != nullptr) ::munmap(begin_, size_);
-}
-
-std::span<const std::uint8_t> V4l2Stream::Mapping::bytes() const {
-  return {static_cast<const std::uint8_t*>(begin_), size_};
-}
 
 V4l2Stream::V4l2Stream(const SourceSettings& settings) : device_(settings.device) {
   set_format(settings);
@@ -142,10 +129,9 @@ void V4l2Stream::map_buffers() {
   for (__u32 i = 0; i < request.count; ++i) {
     v4l2_buffer buffer = buffer_of(i);
     device_.must("find its buffers", VIDIOC_QUERYBUF, &buffer);
-    void* const begin = ::mmap(nullptr, buffer.length, PROT_READ | PROT_WRITE, MAP_SHARED,
-                               device_.fd(), buffer.m.offset);
-    if (begin == MAP_FAILED) device_.fail("map its buffers", errno);
-    buffers_.emplace_back(begin, buffer.length);
+    if (!buffers_.emplace_back(device_.fd(), buffer.m.offset, buffer.length)) {
+      device_.fail("map its buffers", errno);
+    }
     device_.must("hand it its buffers", VIDIOC_QBUF, &buffer);
   }
 }

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "daemon/capture/buffer_mapping.hpp"
 #include "daemon/capture/camera_stream.hpp"
 #include "daemon/capture/make_source.hpp"
 #include "daemon/capture/v4l2_device.hpp"
@@ -33,23 +34,9 @@ class V4l2Stream : public CameraStream {
   void set_rate(double fps);
   void map_buffers();
 
-  /// One buffer's memory, unmapped at the end.
-  class Mapping {
-   public:
-    Mapping(void* begin, std::size_t size) : begin_(begin), size_(size) {}
-    Mapping(Mapping&& other) noexcept;
-    Mapping& operator=(Mapping&&) = delete;
-    ~Mapping();
-    std::span<const std::uint8_t> bytes() const;
-
-   private:
-    void* begin_;
-    std::size_t size_;
-  };
-
   V4l2Device device_;
   CameraMode mode_;
-  std::vector<Mapping> buffers_;
+  std::vector<BufferMapping> buffers_;
 };
 
 }  // namespace orbbuf

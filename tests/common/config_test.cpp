@@ -167,25 +167,32 @@ TEST_F(Config, RelativePathIsTakenFromTheFoldersOfTheFile) {
   EXPECT_EQ(reader.path("t.unset", "z"), "z");
 }
 
-TEST_F(Config, ATableOfIntegersHasTheNamesThatAreSet) {
-  using Integers = std::map<std::string, std::int64_t>;
-  auto reader = read("[a]\nt = { gain = 3, auto = true, hue = -1 }\nnone = {}\n",
+TEST_F(Config, ANumberOnTheCommandLineIsATextWhereThatIsExpected) {
+  auto reader = read("", {"t.id=5", "t.zeros=007"});
+  EXPECT_EQ(reader.text("t.id", ""), "5");
+  EXPECT_EQ(reader.text("t.zeros", ""), "007");
+}
+
+TEST_F(Config, ATableOfNumbersHasTheNamesThatAreSet) {
+  using Numbers = std::map<std::string, double>;
+  auto reader = read("[a]\nt = { gain = 3, auto = true, hue = -1, gamma = 2.2 }\nnone = {}\n",
                      {"a.t.gain=5", "a.t.zoom=7"});
-  EXPECT_EQ(reader.integers("a.t"), (Integers{{"auto", 1}, {"gain", 5}, {"hue", -1}, {"zoom", 7}}));
-  EXPECT_EQ(reader.integers("a.none"), Integers());
-  EXPECT_EQ(reader.integers("a.unset"), Integers());
+  EXPECT_EQ(reader.numbers("a.t"),
+            (Numbers{{"auto", 1}, {"gain", 5}, {"gamma", 2.2}, {"hue", -1}, {"zoom", 7}}));
+  EXPECT_EQ(reader.numbers("a.none"), Numbers());
+  EXPECT_EQ(reader.numbers("a.unset"), Numbers());
   reader.reject_unknown();
 }
 
-TEST_F(Config, WhatIsNoTableOfIntegersIsRefused) {
-  const auto integers = [](ConfigReader& reader) { reader.integers("t.k"); };
-  EXPECT_EQ(error_with("k = 3", integers),
+TEST_F(Config, WhatIsNoTableOfNumbersIsRefused) {
+  const auto numbers = [](ConfigReader& reader) { reader.numbers("t.k"); };
+  EXPECT_EQ(error_with("k = 3", numbers),
             "FILE:2: t.k: expected a table in the file, got integer 3");
-  EXPECT_EQ(error_with("k = { x = 0.5 }", integers),
-            "FILE:2: t.k.x: expected an integer, got number 0.5");
-  EXPECT_EQ(error_with("[t.k]", integers, {"t.k.x=high"}),
-            "--set t.k.x=high: t.k.x: expected an integer, got string \"high\"");
-  EXPECT_EQ(error_with("", integers, {"t.k={x = 1}"}),
+  EXPECT_EQ(error_with("k = { x = nan }", numbers),
+            "FILE:2: t.k.x: expected a number, got number nan");
+  EXPECT_EQ(error_with("[t.k]", numbers, {"t.k.x=high"}),
+            "--set t.k.x=high: t.k.x: expected a number, got string \"high\"");
+  EXPECT_EQ(error_with("", numbers, {"t.k={x = 1}"}),
             "--set t.k={x = 1}: t.k: expected a table in the file, got a table");
 }
 

@@ -87,7 +87,11 @@ TEST(Settings, ACameraNeedsNoPath) {
                            "source.controls.exposure_auto=1"});
   EXPECT_EQ(s.source.device, "/dev/video2");
   EXPECT_EQ(s.source.format, "MJPG");
-  EXPECT_EQ(s.source.controls, (std::map<std::string, std::int64_t>{{"exposure_auto", 1}}));
+  EXPECT_EQ(s.source.controls, (std::map<std::string, double>{{"exposure_auto", 1}}));
+  const Settings other =
+      with({"source.kind=libcamera", "source.camera=1", "source.controls.analogue_gain=2.5"});
+  EXPECT_EQ(other.source.camera, "1");
+  EXPECT_EQ(other.source.controls, (std::map<std::string, double>{{"analogue_gain", 2.5}}));
 }
 
 void names(const std::string& text, const std::string& part) {

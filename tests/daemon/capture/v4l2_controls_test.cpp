@@ -26,6 +26,7 @@ TEST(V4l2Controls, ANumberOutOfTheRangeIsRefusedWithTheRange) {
   EXPECT_EQ(why_refused(gain, 64), "");
   EXPECT_EQ(why_refused(gain, 65), "gain takes -8 to 64 in steps of 2 (default 16), not 65");
   EXPECT_EQ(why_refused(gain, -9), "gain takes -8 to 64 in steps of 2 (default 16), not -9");
+  EXPECT_EQ(why_refused(gain, 2.5), "gain takes -8 to 64 in steps of 2 (default 16), not 2.5");
 }
 
 TEST(V4l2Controls, WhatIsNotInTheMenuIsRefusedWithTheMenu) {
