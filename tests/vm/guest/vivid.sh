@@ -107,3 +107,27 @@ refuses 'does not capture images' "${mode[@]}"
 modprobe -r vivid
 mv refusals.log "$log"
 verdict 'what cannot be filmed is refused by name'
+
+# Two cameras that start at moments of their own are a stereo pair all the same.
+modprobe vivid n_devs=2 node_types=0x1,0x1 num_inputs=1,1 input_types=0x0,0x0
+same_names() { # no diff <() <(): the guest has no /dev/fd
+  [ "$(cd "$(session_of "$1")/images" && ls)" = "$(cd "$(session_of "$1")/images_right" && ls)" ]
+}
+camera=/dev/video1
+film stereo "${mode[@]}" format=GREY device_right=$camera
+expect '50 pairs' wait_for 60 has_frames stereo 100
+v4l2-ctl -d $camera -c percentage_of_dropped_buffers=50
+expect 'images without a partner' wait_for 20 logged 1 'stereo: .* images without a partner within'
+v4l2-ctl -d $camera -c percentage_of_dropped_buffers=0
+cause disconnect
+expect 'right camera: lost' wait_for 10 logged 1 "camera $camera: lost: "
+expect 'right camera: back' wait_for 20 logged 1 "camera $camera .* back after "
+before=$(frame_count stereo)
+expect 'films on' wait_for 20 has_frames stereo $((before + 20))
+end_film
+expect 'times increase' times_increase stereo
+expect 'every frame accounted for' all_accounted
+expect 'two images of each frame' same_names stereo
+expect 'the account' logged 1 'stereo: .* pairs, .* left and .* right images without a partner'
+modprobe -r vivid
+verdict 'vivid: two cameras as a stereo pair, one of them lost and back'
