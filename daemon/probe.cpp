@@ -122,6 +122,9 @@ std::string suggest(const Settings& settings, const ProbeResult& result) {
   if (settings.source.kind == "v4l2") {
     text += fmt::format("device = \"{}\"\nformat = \"{}\"\n", settings.source.device,
                         settings.source.format);
+  } else if (settings.source.kind == "libcamera") {
+    text += fmt::format("camera = \"{}\"\nformat = \"{}\"\n", settings.source.camera,
+                        settings.source.format);
   }
   return text + fmt::format(
                     "width = {}\nheight = {}\nfps = {:.4g}\n[features]\npixels = {}\n[buffer]\n"

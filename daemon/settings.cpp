@@ -65,6 +65,7 @@ void read_source(ConfigReader& config, SourceSettings& source) {
     config.fail("source.path", "needed for source.kind = \"" + source.kind + "\"");
   }
   source.device = config.text("source.device", source.device);
+  source.camera = config.text("source.camera", source.camera);
   source.format = config.choice("source.format", source.format, kSourceFormats);
   source.controls = config.numbers("source.controls");
   source.fps = config.number("source.fps", source.fps, 0.01, 1000);

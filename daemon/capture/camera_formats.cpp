@@ -17,11 +17,6 @@ constexpr std::array<std::string_view, kCameraFormats.size()> kFourccs = {
 /// A camera that says 29.97 will do for 30.
 constexpr double kRateTolerance = 0.99;
 
-bool gives_color(CameraFormat format) {
-  return format == CameraFormat::kMjpg || format == CameraFormat::kBgr24 ||
-         format == CameraFormat::kRgb24;
-}
-
 std::string describe(const CameraSize& size) {
   std::string text = fmt::format("{}x{}", size.min_width_px, size.min_height_px);
   if (size.max_width_px > size.min_width_px || size.max_height_px > size.min_height_px) {
@@ -85,6 +80,11 @@ std::optional<CameraFormat> format_of(std::string_view fourcc) {
 
 std::string_view fourcc_of(CameraFormat format) {
   return kFourccs.at(static_cast<std::size_t>(format));
+}
+
+bool gives_color(CameraFormat format) {
+  return format == CameraFormat::kMjpg || format == CameraFormat::kBgr24 ||
+         format == CameraFormat::kRgb24;
 }
 
 Result<CameraFormat> choose_format(std::span<const CameraOffer> offers,

@@ -54,6 +54,9 @@ std::string describe_sizes(const CameraOffer& offer);
 std::string_view fourcc_of(CameraFormat format);
 std::optional<CameraFormat> format_of(std::string_view fourcc);
 
+/// Whether its colours are read; of the YUV formats only the luma is.
+bool gives_color(CameraFormat format);
+
 struct CameraRequest {
   std::string_view format = "auto";  ///< "auto" or one of kCameraFormats
   int width_px = 0;

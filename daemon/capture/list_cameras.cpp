@@ -8,6 +8,9 @@
 #include <stdexcept>
 #include <vector>
 
+#ifdef ORBBUF_LIBCAMERA
+#include "daemon/capture/libcamera_manager.hpp"
+#endif
 #ifdef ORBBUF_V4L2
 #include "daemon/capture/v4l2_controls.hpp"
 #include "daemon/capture/v4l2_device.hpp"
@@ -15,9 +18,9 @@
 
 namespace orbbuf {
 
-#ifdef ORBBUF_V4L2
-
 namespace {
+
+#ifdef ORBBUF_V4L2
 
 std::string describe(const CameraControl& control) {
   if (!control.menu.empty()) {
@@ -45,9 +48,7 @@ std::string describe(const V4l2Device& device) {
   return text;
 }
 
-}  // namespace
-
-std::string list_cameras() {
+std::string list_v4l2() {
   std::string text;
   for (const std::string& node : video_nodes()) {
     try {
@@ -63,10 +64,31 @@ std::string list_cameras() {
 
 #else
 
-std::string list_cameras() {
-  throw std::runtime_error("cannot list cameras: this program was built without V4L2's header");
+std::string list_v4l2() { return "no V4L2 camera: this program was built without V4L2's header\n"; }
+
+#endif
+
+#ifdef ORBBUF_LIBCAMERA
+
+std::string libcamera_list() {
+  try {
+    const std::string text = list_libcamera();
+    return text.empty() ? "no libcamera camera\n" : text;
+  } catch (const std::runtime_error& error) {
+    return fmt::format("no libcamera camera: {}\n", error.what());
+  }
+}
+
+#else
+
+std::string libcamera_list() {
+  return "no libcamera camera: this program was built without libcamera\n";
 }
 
 #endif
+
+}  // namespace
+
+std::string list_cameras() { return list_v4l2() + libcamera_list(); }
 
 }  // namespace orbbuf

@@ -5,9 +5,10 @@
 
 namespace orbbuf {
 
-/// What `orbbufd --list-cameras` prints: every V4L2 camera of this machine with its node, name,
-/// bus, formats, sizes, rates and controls, or why its node cannot be opened. Nodes that do not
-/// capture are left out. Throws std::runtime_error if this program was built without V4L2.
+/// What `orbbufd --list-cameras` prints: every camera of this machine, those of V4L2 by node, with
+/// name, bus, formats, sizes, rates and controls, or why the node cannot be opened, then those of
+/// libcamera by place and id. One camera may be in both lists. Nodes that do not capture are left
+/// out.
 std::string list_cameras();
 
 }  // namespace orbbuf

@@ -13,6 +13,9 @@
 #include "daemon/capture/replay_source.hpp"
 #include "daemon/capture/scene_source.hpp"
 #include "daemon/capture/video_replay_source.hpp"
+#ifdef ORBBUF_LIBCAMERA
+#include "daemon/capture/libcamera_stream.hpp"
+#endif
 #ifdef ORBBUF_V4L2
 #include "daemon/capture/v4l2_stream.hpp"
 #endif
@@ -38,6 +41,16 @@ Source open_v4l2([[maybe_unused]] const Settings& settings) {
 #endif
 }
 
+Source open_libcamera([[maybe_unused]] const Settings& settings) {
+#ifdef ORBBUF_LIBCAMERA
+  return std::make_unique<CameraSource>(
+      [settings] { return std::make_unique<LibcameraStream>(settings); }, settings.camera,
+      settings.fps);
+#else
+  throw std::runtime_error("cannot film: this program was built without libcamera");
+#endif
+}
+
 constexpr std::array kKinds = {
     Kind{"generated", false,
          [](const Settings& s) -> Source { return std::make_unique<SceneSource>(s); }},
@@ -46,6 +59,7 @@ constexpr std::array kKinds = {
     Kind{"video", false,
          [](const Settings& s) -> Source { return std::make_unique<VideoReplaySource>(s); }},
     Kind{"v4l2", true, open_v4l2},
+    Kind{"libcamera", true, open_libcamera},
 };
 static_assert(std::ranges::equal(kKinds, kSourceKinds, {}, &Kind::name));
 

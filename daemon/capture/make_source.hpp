@@ -18,21 +18,23 @@ struct SourceSettings {
   std::string kind = "generated";      ///< one of kSourceKinds
   std::filesystem::path path;          ///< folder: the images; video: the file
   std::string device = "/dev/video0";  ///< v4l2: the camera's node
-  std::string format = "auto";  ///< v4l2: one of kCameraFormats, or "auto" (camera_formats.hpp)
-  std::map<std::string, double> controls;  ///< v4l2: by name (v4l2_controls.hpp)
+  std::string camera = "0";            ///< libcamera: its id, or its place in libcamera's list
+  std::string format = "auto";  ///< cameras: one of kCameraFormats, or "auto" (camera_formats.hpp)
+  std::map<std::string, double>
+      controls;       ///< cameras: by name (v4l2_controls.hpp, libcamera_controls.hpp)
   double fps = 25.0;  ///< frames per second: a camera's, or where files have no times of their own
   bool realtime = true;    ///< pace frames by their capture times; else as fast as they are taken
   bool loop = false;       ///< begin again at the end, capture times going on
   std::uint64_t seed = 1;  ///< generated: same seed, same frames
-  int width_px = 640;      ///< generated, v4l2
-  int height_px = 480;     ///< generated, v4l2
+  int width_px = 640;      ///< generated, cameras
+  int height_px = 480;     ///< generated, cameras
   std::int64_t frames = 500;  ///< generated: how many
   bool color = false;         ///< `[jpeg] color`: whether images are read in colour
 };
 
 /// Every kind of source, by its name in the configuration.
-inline constexpr std::array<std::string_view, 4> kSourceKinds = {"generated", "folder", "video",
-                                                                 "v4l2"};
+inline constexpr std::array<std::string_view, 5> kSourceKinds = {"generated", "folder", "video",
+                                                                 "v4l2", "libcamera"};
 
 /// Opens the source that `settings.kind` names; what is not a camera is paced and looped as asked.
 /// Throws std::runtime_error saying what was tried, on what and why, if it cannot deliver a first

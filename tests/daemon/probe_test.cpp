@@ -50,6 +50,14 @@ TEST(Probe, FeaturesThatTakeTooLongGetFewerPixels) {
   EXPECT_THAT(suggest({}, result), HasSubstr("pixels = 10000\n"));
 }
 
+TEST(Probe, ACameraIsSuggestedByItsName) {
+  Settings settings;
+  settings.source.kind = "libcamera";
+  settings.source.camera = "platform/vimc.0 Sensor B";
+  EXPECT_THAT(suggest(settings, {.fps = 20, .width_px = 64, .height_px = 64}),
+              HasSubstr("kind = \"libcamera\"\ncamera = \"platform/vimc.0 Sensor B\"\n"));
+}
+
 TEST(Probe, TheBufferHoldsASecondAndAtLeastThree) {
   ProbeResult result{.fps = 29.97, .width_px = 64, .height_px = 64};
   EXPECT_THAT(suggest({}, result), HasSubstr("fps = 29.97\n"));

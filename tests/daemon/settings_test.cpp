@@ -85,6 +85,10 @@ TEST(Settings, ACameraNeedsNoPath) {
   EXPECT_EQ(s.source.device, "/dev/video2");
   EXPECT_EQ(s.source.format, "MJPG");
   EXPECT_EQ(s.source.controls, (std::map<std::string, double>{{"exposure_auto", 1}}));
+  const Settings other =
+      with({"source.kind=libcamera", "source.camera=1", "source.controls.analogue_gain=2.5"});
+  EXPECT_EQ(other.source.camera, "1");
+  EXPECT_EQ(other.source.controls, (std::map<std::string, double>{{"analogue_gain", 2.5}}));
 }
 
 TEST(Settings, WhatCannotBeIsRefusedByName) {

@@ -38,7 +38,8 @@ TEST(MakeSource, TheDefaultIsALiveGeneratedScene) {
 TEST(MakeSource, AnUnknownKindIsRefusedWithAListOfThose) {
   SourceSettings settings;
   settings.kind = "webcam";
-  EXPECT_THAT(error(settings), HasSubstr("'webcam': the kinds are generated, folder, video, v4l2"));
+  EXPECT_THAT(error(settings),
+              HasSubstr("'webcam': the kinds are generated, folder, video, v4l2, libcamera"));
 }
 
 TEST(MakeSource, EveryKindIsOpenedAtOnce) {
