@@ -68,18 +68,24 @@ std::optional<double> number_of(const ControlValue& value) {
 }
 
 ControlValue value_of(libcamera::ControlType type, double number) {
+  ControlValue value;
   switch (type) {
     case libcamera::ControlTypeBool:
-      return ControlValue(number != 0);
+      value.set(number != 0);
+      break;
     case libcamera::ControlTypeByte:
-      return ControlValue(static_cast<std::uint8_t>(number));
+      value.set(static_cast<std::uint8_t>(number));
+      break;
     case libcamera::ControlTypeInteger32:
-      return ControlValue(static_cast<std::int32_t>(number));
+      value.set(static_cast<std::int32_t>(number));
+      break;
     case libcamera::ControlTypeInteger64:
-      return ControlValue(static_cast<std::int64_t>(number));
+      value.set(static_cast<std::int64_t>(number));
+      break;
     default:
-      return ControlValue(static_cast<float>(number));
+      value.set(static_cast<float>(number));
   }
+  return value;
 }
 
 /// Whether the type can hold the number at all; of some controls no range is known.

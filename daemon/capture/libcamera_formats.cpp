@@ -113,7 +113,7 @@ std::string model_of(const libcamera::Camera& camera) {
 
 Result<CameraFormat> choose_to_ask(const std::vector<CameraOffer>& offers,
                                    const CameraRequest& request) {
-  const auto fitting = choose_format(offers, request);
+  auto fitting = choose_format(offers, request);
   if (fitting) return fitting;
   std::vector<CameraOffer> of_any_size = offers;
   for (CameraOffer& offer : of_any_size) offer.sizes.clear();

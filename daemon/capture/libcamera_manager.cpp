@@ -54,12 +54,14 @@ void set_libcamera_log() {
   ::setenv("LIBCAMERA_LOG_NO_COLOR", "1", 0);  // of old releases; new ones colour terminals only
 }
 
-/// libcamera does not list cameras whose nodes it may not open.
-std::string hint_at_permissions() {
+/// libcamera does not list cameras whose nodes it may not open, nor all of those that are in use.
+std::string why_none() {
+  bool has_nodes = false;
   std::error_code ignored;  // a folder that is not there holds nothing
   for (const auto& entry : std::filesystem::directory_iterator("/dev", ignored)) {
     const auto name = entry.path().filename().string();
     const bool is_part = name.starts_with("media") || name.starts_with("video");
+    has_nodes = has_nodes || is_part;
     if (is_part && ::access(entry.path().c_str(), R_OK | W_OK) != 0 && errno == EACCES) {
       return fmt::format(
           " (/dev/{}: Permission denied; who films must be root or in the group "
@@ -67,7 +69,7 @@ std::string hint_at_permissions() {
           name);
     }
   }
-  return "";
+  return has_nodes ? " (one that another program films with may be left out)" : "";
 }
 
 std::string ids_of(const std::vector<std::shared_ptr<libcamera::Camera>>& cameras) {
@@ -123,7 +125,7 @@ std::shared_ptr<libcamera::Camera> find_libcamera(CameraManager& manager,
   if (is_place && std::stoul(camera) < cameras.size()) return cameras[std::stoul(camera)];
   throw std::runtime_error(fmt::format(
       "libcamera has no camera {}: {}", camera,
-      cameras.empty() ? "there is none that it can use" + hint_at_permissions() : ids_of(cameras)));
+      cameras.empty() ? "there is none that it can use" + why_none() : ids_of(cameras)));
 }
 
 std::string list_libcamera() {

@@ -8,9 +8,9 @@ set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 folder=$1
 shift
-PACKAGES=busybox-static,bash,kmod,v4l-utils,linux-image-amd64${VM_PACKAGES:+,$VM_PACKAGES}
+PACKAGES=busybox-static,bash,kmod,udev,v4l-utils,libcamera-ipa,linux-image-amd64${VM_PACKAGES:+,$VM_PACKAGES}
 BOOT_MODULES=(virtio_pci virtio_blk ext4 9p 9pnet_virtio)
-CAMERA_MODULES=(vivid uvcvideo vhci-hcd)
+CAMERA_MODULES=(vivid uvcvideo vhci-hcd vimc)
 mkdir -p "$folder"
 cd "$folder"
 
@@ -34,6 +34,18 @@ debian() {
     --dpkgopt='path-exclude=/usr/share/doc/*' --dpkgopt='path-exclude=/usr/share/man/*' \
     --dpkgopt='path-exclude=/usr/share/locale/*' bookworm debian "${sources[@]}"
   echo "$stamp" >debian.stamp
+}
+
+# vimc, the camera that libcamera knows, is in Debian's kernel's source but not in its package.
+vimc() {
+  local drivers=linux-source-6.1/drivers/media/test-drivers headers=/usr/src/linux-headers-$version
+  [ -d "$headers" ] || { echo "vm: apt-get install linux-headers-$version, to build vimc" >&2 && exit 1; }
+  tar -xf /usr/src/linux-source-6.1.tar.xz --wildcards "$drivers/vimc/*"
+  make -s -C "$headers" M="$PWD/$drivers/vimc" CONFIG_VIDEO_VIMC=m -j"$(nproc)" modules >vimc.log 2>&1 ||
+    { cat vimc.log >&2 && exit 1; }
+  mkdir -p "debian/lib/modules/$version/extra"
+  strip -g -o "debian/lib/modules/$version/extra/vimc.ko" "$drivers/vimc/vimc.ko"
+  rm -rf linux-source-6.1
 }
 
 # modules NAME...: the files that have to be loaded for them, in the order of loading.
@@ -82,7 +94,10 @@ root() {
 
 debian
 version=$(ls debian/lib/modules)
-[ -e "debian/lib/modules/$version/modules.dep" ] || depmod -b "$PWD/debian" "$version"
+if [ ! -e "debian/lib/modules/$version/modules.dep" ]; then
+  vimc
+  depmod -b "$PWD/debian" "$version"
+fi
 stamp=$(ldd "$@" | awk '$2 == "=>" {print $3}' | sort -u | xargs stat -L -c '%n %s %Y' |
   cat - debian.stamp "$here/image.sh" "$here/init" | sha256sum)
 keep "$stamp" root.ext4 && exit

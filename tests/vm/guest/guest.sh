@@ -16,6 +16,8 @@ echo # the boot loader's line is not ended
 start_server
 # shellcheck source=tests/vm/guest/vivid.sh
 . /share/vivid.sh
+# shellcheck source=tests/vm/guest/libcamera.sh
+. /share/libcamera.sh
 # shellcheck source=tests/vm/guest/usb.sh
 . /share/usb.sh
 echo "DONE after $(cut -d' ' -f1 /proc/uptime) s"

@@ -86,3 +86,44 @@ expect 'films on' wait_for 20 has_frames bad $((before + 5))
 end_film
 expect 'every frame accounted for' all_accounted
 verdict 'USB: a camera that stands still, and one that gives broken images for ever'
+
+# The pipeline that libcamera has for USB cameras is one that knows of unplugging; vimc's is not.
+unplug
+rm -f $given/*
+plug_in
+as=(env LD_PRELOAD=/share/orbbuf-usb-firmware-path.so)
+mode=(kind=libcamera width=320 height=240 fps=15 format=MJPG)
+film whole "${mode[@]}"
+expect '100 frames in a row at 15 fps' wait_for 60 has_row whole 15
+end_film
+expect 'times increase' times_increase whole
+expect 'byte for byte' same_bytes whole
+expect 'none left out' row_is_whole whole
+verdict 'libcamera USB MJPG: 100 frames in a row at 15 fps, none lost, byte for byte'
+
+film libcamera "${mode[@]}"
+expect 'frames' wait_for 30 has_frames libcamera 5
+first=$daemon
+log=/tmp/refused.log
+refuses 'another program films with it' "${mode[@]}"
+log=/tmp/daemon.log
+daemon=$first
+for cycle in {1..3}; do
+  unplug
+  expect "unplugged $cycle" wait_for 10 logged "$cycle" ': lost: unplugged'
+  plug_in
+  expect "plugged in $cycle" wait_for 20 logged "$cycle" ': back after '
+done
+before=$(frame_count libcamera)
+expect 'films on' wait_for 10 has_frames libcamera $((before + 5))
+kill -STOP $usb
+expect 'a camera that stands still is noticed' wait_for 10 logged 1 ': lost: no frame for '
+kill -CONT $usb
+expect 'and back' wait_for 30 logged 4 ': back after '
+end_film
+as=()
+expect 'one session' [ "$(find $frames/libcamera -mindepth 1 -maxdepth 1 | wc -l)" = 1 ]
+expect 'times increase' times_increase libcamera
+expect 'every frame accounted for' all_accounted
+expect 'two lines for each' [ "$(grep -cE ': (lost: |back after )' "$log")" = 8 ]
+verdict 'libcamera: three times unplugged and plugged in again, and standing still, in one run'
