@@ -107,8 +107,8 @@ class Sender final : private ServerConnection::Owner {
   boost::asio::steady_timer tick_timer_;
   boost::asio::steady_timer drain_timer_;
 
-  StallWatch stall_watch_;   // of connection_
-  bool is_stalled_ = false;  // another connection is being tried
+  StallWatch stall_watch_;                            // of connection_
+  bool is_stalled_ = false;                           // another connection is being tried
   std::chrono::steady_clock::time_point stats_time_;  // next stats message and log line
   bool is_stats_due_ = false;
   wire::Stats told_;  // the last stats message, which is repeated less often while it holds
