@@ -2,7 +2,6 @@
 #pragma once
 
 #include <chrono>
-#include <optional>
 
 namespace orbbuf {
 
@@ -15,14 +14,14 @@ class LogLimit {
   explicit LogLimit(std::chrono::nanoseconds interval) : interval_(interval) {}
 
   bool lets_through(Moment now = std::chrono::steady_clock::now()) {
-    if (last_ && now - *last_ < interval_) return false;
-    last_ = now;
+    if (now < next_) return false;
+    next_ = now + interval_;
     return true;
   }
 
  private:
   std::chrono::nanoseconds interval_;
-  std::optional<Moment> last_;
+  Moment next_ = Moment::min();
 };
 
 }  // namespace orbbuf
