@@ -114,7 +114,7 @@ class Fleet {
   void connect(const asio::ip::tcp::endpoint& server) {
     await_all(kPatience, [&](Robot& robot, auto done) { robot.connect(server, done); });
   }
-  void start(std::function<void()> settled) {
+  void start(const std::function<void()>& settled) {
     const auto first = Clock::now() + milliseconds(100);
     const auto count = static_cast<nanoseconds::rep>(robots_.size());
     for (nanoseconds::rep i = 0; i < count; ++i) {
