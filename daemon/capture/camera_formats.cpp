@@ -37,7 +37,8 @@ std::optional<double> rate_of(const CameraOffer& offer, const CameraRequest& req
   std::optional<double> best;
   for (const CameraSize& size : offer.sizes) {
     if (!size.holds(request.width_px, request.height_px)) continue;
-    const double rate = size.rates.empty() ? kUnknown : size.rates.front();
+    double rate = kUnknown;
+    if (!size.rates.empty()) rate = size.rates.front();
     best = best ? std::max(*best, rate) : rate;
   }
   return best;
