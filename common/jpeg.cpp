@@ -4,7 +4,6 @@
 #include <spdlog/fmt/fmt.h>
 #include <turbojpeg.h>
 
-#include <algorithm>
 #include <array>
 #include <cassert>
 #include <memory>
@@ -39,21 +38,12 @@ Result<Header> read_header(tjhandle handle, std::span<const std::uint8_t> jpeg) 
 
 }  // namespace
 
-JpegCodec::JpegCodec()
-    : compressor_(tjInitCompress()),
-      decompressor_(tjInitDecompress()),
-      transformer_(tjInitTransform()) {
-  const std::array handles = {compressor_, decompressor_, transformer_};
-  if (std::ranges::find(handles, nullptr) == handles.end()) return;
-  for (void* const handle : handles) {
-    if (handle != nullptr) tjDestroy(handle);
-  }
-  throw std::runtime_error("cannot set up TurboJPEG: out of memory");
+// A transformer compresses and decompresses as well.
+JpegCodec::JpegCodec() : turbo_(tjInitTransform()) {
+  if (turbo_ == nullptr) throw std::runtime_error("cannot set up TurboJPEG: out of memory");
 }
 
-JpegCodec::~JpegCodec() {
-  for (void* const handle : {compressor_, decompressor_, transformer_}) tjDestroy(handle);
-}
+JpegCodec::~JpegCodec() { tjDestroy(turbo_); }
 
 Result<std::vector<std::uint8_t>> JpegCodec::encode(const ImageView& image, int quality,
                                                     bool color) {
@@ -62,21 +52,21 @@ Result<std::vector<std::uint8_t>> JpegCodec::encode(const ImageView& image, int 
   unsigned char* data = nullptr;  // TurboJPEG's, grown as needed
   unsigned long size = 0;
   const int status =
-      tjCompress2(compressor_, image.data, image.width_px, static_cast<int>(image.stride_bytes),
+      tjCompress2(turbo_, image.data, image.width_px, static_cast<int>(image.stride_bytes),
                   image.height_px, image.channels == 1 ? TJPF_GRAY : TJPF_BGR, &data, &size,
                   is_gray ? TJSAMP_GRAY : TJSAMP_420, quality, 0);
   const std::unique_ptr<unsigned char, decltype(&tjFree)> owner(data, &tjFree);
   if (status != 0) {
     return turbo_error(fmt::format("cannot encode an image of {}x{} pixels at quality {}",
                                    image.width_px, image.height_px, quality),
-                       compressor_);
+                       turbo_);
   }
   return std::vector<std::uint8_t>(data, data + size);
 }
 
 Result<GrayImage> JpegCodec::decode_gray(std::span<const std::uint8_t> jpeg, int scale) {
   assert(scale == 1 || scale == 2 || scale == 4 || scale == 8);
-  const Result<Header> header = read_header(decompressor_, jpeg);
+  const Result<Header> header = read_header(turbo_, jpeg);
   if (!header) return header.error();
   const tjscalingfactor factor = {1, scale};
   GrayImage image;
@@ -85,15 +75,15 @@ Result<GrayImage> JpegCodec::decode_gray(std::span<const std::uint8_t> jpeg, int
   image.pixels.resize(static_cast<std::size_t>(image.width_px) *
                       static_cast<std::size_t>(image.height_px));
   // libjpeg fills what is missing with gray and only warns; LIMITSCANS stops progressive bombs.
-  if (tjDecompress2(decompressor_, jpeg.data(), jpeg.size(), image.pixels.data(), image.width_px, 0,
+  if (tjDecompress2(turbo_, jpeg.data(), jpeg.size(), image.pixels.data(), image.width_px, 0,
                     image.height_px, TJPF_GRAY, TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS) != 0) {
-    return turbo_error("cannot decode a JPEG", decompressor_);
+    return turbo_error("cannot decode a JPEG", turbo_);
   }
   return image;
 }
 
 Result<JpegInfo> JpegCodec::inspect(std::span<const std::uint8_t> jpeg) {
-  const Result<Header> header = read_header(decompressor_, jpeg);  // insists on SOI at the start
+  const Result<Header> header = read_header(turbo_, jpeg);  // insists on SOI at the start
   if (!header) return header.error();
   std::size_t end = jpeg.size();
   while (end > 0 && jpeg[end - 1] == 0) --end;
@@ -105,7 +95,7 @@ Result<JpegInfo> JpegCodec::inspect(std::span<const std::uint8_t> jpeg) {
 }
 
 Result<JpegHalves> JpegCodec::halve(std::span<const std::uint8_t> jpeg) {
-  const Result<Header> header = read_header(decompressor_, jpeg);
+  const Result<Header> header = read_header(turbo_, jpeg);
   if (!header) return header.error();
   const auto [width_px, height_px, subsampling, color_space] = header.value();
   const int block_px = subsampling < 0 ? 0 : tjMCUWidth[subsampling];
@@ -121,12 +111,11 @@ Result<JpegHalves> JpegCodec::halve(std::span<const std::uint8_t> jpeg) {
   cuts[1].r.x = width_px / 2;
   std::array<unsigned char*, 2> data{};  // TurboJPEG's, grown as needed
   std::array<unsigned long, 2> sizes{};
-  const int status =
-      tjTransform(transformer_, jpeg.data(), jpeg.size(), 2, data.data(), sizes.data(), cuts.data(),
-                  TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS);
+  const int status = tjTransform(turbo_, jpeg.data(), jpeg.size(), 2, data.data(), sizes.data(),
+                                 cuts.data(), TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS);
   const std::unique_ptr<unsigned char, decltype(&tjFree)> left(data[0], &tjFree);
   const std::unique_ptr<unsigned char, decltype(&tjFree)> right(data[1], &tjFree);
-  if (status != 0) return turbo_error("cannot split a JPEG", transformer_);
+  if (status != 0) return turbo_error("cannot split a JPEG", turbo_);
   return JpegHalves{{left.get(), left.get() + sizes[0]}, {right.get(), right.get() + sizes[1]}};
 }
 

@@ -69,9 +69,7 @@ class JpegCodec {
   Result<JpegHalves> halve(std::span<const std::uint8_t> jpeg);
 
  private:
-  void* compressor_;
-  void* decompressor_;
-  void* transformer_;
+  void* turbo_;  // TurboJPEG's handle
 };
 
 }  // namespace orbbuf

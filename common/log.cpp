@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdlib>
 #include <memory>
@@ -107,6 +108,12 @@ void set_up_log(std::string_view level) {
   logger->set_formatter(std::move(formatter));
   logger->set_level(threshold);
   spdlog::set_default_logger(std::move(logger));
+}
+
+std::string printable(std::string text) {
+  std::replace_if(
+      text.begin(), text.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
+  return text;
 }
 
 void name_this_thread(const char* name) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <string>
 #include <string_view>
 
 namespace orbbuf {
@@ -10,6 +11,9 @@ namespace orbbuf {
 /// $JOURNAL_STREAM) an sd-daemon(3) `<N>` prefix instead of time and level. Throws
 /// std::invalid_argument for another level. Call once, from main().
 void set_up_log(std::string_view level);
+
+/// `text` with '?' for all that is not printable ASCII: fit for the log, whoever chose it.
+std::string printable(std::string text);
 
 /// Names the calling thread, at most 15 characters, for the log and for tools such as top -H.
 void name_this_thread(const char* name);

@@ -164,9 +164,10 @@ void Connection::handle_hello(const Message& message) {
     return fail({ErrorCode::kVersion, fmt::format("the robot speaks protocol {} to {}, we speak {}",
                                                   min, max, wire::kProtocolVersion)});
   }
-  if (stream_.is_tls() && stream_.peer_name() != robot_id_) {
+  const std::string certified = stream_.is_tls() ? stream_.peer_name() : robot_id_;
+  if (certified != robot_id_) {
     return refuse(fmt::format("the certificate is for \"{}\", not for this robot",
-                              wire::is_valid_id(stream_.peer_name()) ? stream_.peer_name() : ""));
+                              wire::is_valid_id(certified) ? certified : ""));
   }
   stop_timer();
   owner_.introduced(shared_from_this(), hello.value());

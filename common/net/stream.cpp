@@ -12,6 +12,8 @@
 #include <boost/asio/ssl/error.hpp>
 #include <memory>
 
+#include "common/log.hpp"
+
 namespace orbbuf {
 namespace {
 
@@ -28,14 +30,6 @@ std::string common_name(const X509* certificate) {
   if (length < 0) return "";
   std::string name(text, text + length);
   ::OPENSSL_free(text);
-  return name;
-}
-
-/// Fit for a log: whoever made the certificate chose the name.
-std::string printable(std::string name) {
-  for (char& c : name) {
-    if (c < 0x20 || c > 0x7E) c = '?';
-  }
   return name;
 }
 

@@ -73,6 +73,20 @@ std::string describe_sizes(const CameraOffer& offer) {
   return fmt::format("{}", fmt::join(sizes, ", "));
 }
 
+std::string list_offers(std::span<const CameraOffer> offers) {
+  std::string text;
+  std::vector<std::string> others;
+  for (const CameraOffer& offer : offers) {
+    if (const auto format = format_of(offer.fourcc)) {
+      text += fmt::format("  {} {}\n", to_string(*format), describe_sizes(offer));
+    } else {
+      others.push_back(offer.fourcc);
+    }
+  }
+  if (!others.empty()) text += fmt::format("  not read: {}\n", fmt::join(others, ", "));
+  return text;
+}
+
 std::optional<CameraFormat> format_of(std::string_view fourcc) {
   const auto* const found = std::ranges::find(kFourccs, fourcc);
   if (found == kFourccs.end()) return std::nullopt;

@@ -50,6 +50,9 @@ std::string describe(std::span<const CameraOffer> offers);
 /// The sizes alone: `640x480 (30, 15 fps), 1280x720 (10 fps)`.
 std::string describe_sizes(const CameraOffer& offer);
 
+/// A line for each format that is read, with its sizes, and one that names the others.
+std::string list_offers(std::span<const CameraOffer> offers);
+
 /// The driver's four characters for `format`, and back; nothing for a format that is not read.
 std::string_view fourcc_of(CameraFormat format);
 std::optional<CameraFormat> format_of(std::string_view fourcc);

@@ -31,7 +31,7 @@ class CameraSource : public FrameSource {
   std::optional<RawFrame> next(std::stop_token stop) override;
   bool is_live() const override { return true; }
   std::string description() const override;
-  /// From frame to frame: as the driver has it, else as settings.fps.
+  /// From frame to frame: as the driver has it, else as the constructor was told.
   std::chrono::nanoseconds frame_time() const;
 
  private:

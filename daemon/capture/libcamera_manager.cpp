@@ -82,15 +82,7 @@ std::string ids_of(const std::vector<std::shared_ptr<libcamera::Camera>>& camera
 
 std::string describe(libcamera::Camera& camera, std::size_t place) {
   std::string text = fmt::format("libcamera {}: {}, {}\n", place, camera.id(), model_of(camera));
-  std::vector<std::string> others;
-  for (const CameraOffer& offer : offers_of(camera)) {
-    if (const auto format = format_of(offer.fourcc)) {
-      text += fmt::format("  {} {}\n", to_string(*format), describe_sizes(offer));
-    } else {
-      others.push_back(offer.fourcc);
-    }
-  }
-  if (!others.empty()) text += fmt::format("  not read: {}\n", fmt::join(others, ", "));
+  text += list_offers(offers_of(camera));
   for (const std::string& control : describe_controls(camera.controls())) {
     text += fmt::format("  control {}\n", control);
   }

@@ -4,9 +4,7 @@
 #include <spdlog/fmt/fmt.h>
 #include <spdlog/fmt/ranges.h>
 
-#include <algorithm>
 #include <stdexcept>
-#include <vector>
 
 #ifdef ORBBUF_LIBCAMERA
 #include "daemon/capture/libcamera_manager.hpp"
@@ -33,15 +31,7 @@ std::string describe(const CameraControl& control) {
 
 std::string describe(const V4l2Device& device) {
   std::string text = fmt::format("{}: {}, {}\n", device.path(), device.name(), device.bus());
-  std::vector<std::string> others;
-  for (const CameraOffer& offer : device.offers()) {
-    if (const auto format = format_of(offer.fourcc)) {
-      text += fmt::format("  {} {}\n", to_string(*format), describe_sizes(offer));
-    } else {
-      others.push_back(offer.fourcc);
-    }
-  }
-  if (!others.empty()) text += fmt::format("  not read: {}\n", fmt::join(others, ", "));
+  text += list_offers(device.offers());
   for (const CameraControl& control : list_controls(device)) {
     text += fmt::format("  control {}\n", describe(control));
   }

@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "common/error.hpp"
+#include "common/log.hpp"
 
 namespace orbbuf {
 namespace {
@@ -36,10 +37,7 @@ std::string_view hint_at(int error) {
 /// name: it must not break the log's lines.
 template <std::size_t Size>
 std::string text_of(const __u8 (&bytes)[Size]) {
-  std::string text(bytes, std::find(bytes, bytes + Size, 0));
-  std::ranges::replace_if(
-      text, [](char c) { return c < ' ' || c > '~'; }, '?');
-  return text;
+  return printable({bytes, std::find(bytes, bytes + Size, 0)});
 }
 
 std::string fourcc_text(__u32 fourcc) {

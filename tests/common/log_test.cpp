@@ -124,5 +124,10 @@ TEST_F(Log, RedirectedStderrIsNotTheJournal) {
   EXPECT_THAT(output(), MatchesRegex("[^ ]*Z info \\[main\\] x\n"));
 }
 
+TEST_F(Log, PrintableIsWhatEveryTerminalShows) {
+  EXPECT_EQ(printable("HD Cam ~1"), "HD Cam ~1");
+  EXPECT_EQ(printable("a\nb\x1B\x7F\xC3\xA9"), "a?b????");
+}
+
 }  // namespace
 }  // namespace orbbuf
