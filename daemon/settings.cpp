@@ -69,6 +69,15 @@ void read_source(ConfigReader& config, SourceSettings& source) {
   source.camera = config.text("source.camera", source.camera);
   source.format = config.choice("source.format", source.format, kSourceFormats);
   source.controls = config.numbers("source.controls");
+  if (const auto crop = config.text("source.crop", ""); !crop.empty()) {
+    source.crop = parse_crop(crop);
+    if (!source.crop) {
+      config.fail("source.crop", "expected WIDTHxHEIGHT+LEFT+TOP, got \"" + crop + "\"");
+    }
+    if (source.kind != "v4l2" && source.kind != "libcamera") {
+      config.fail("source.crop", "only for cameras (source.kind v4l2, libcamera)");
+    }
+  }
   source.fps = config.number("source.fps", source.fps, 0.01, 1000);
   source.realtime = config.flag("source.realtime", source.realtime);
   source.loop = config.flag("source.loop", source.loop);

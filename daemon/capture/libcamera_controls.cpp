@@ -128,6 +128,12 @@ bool accepts(const ControlId& id, const ControlInfo& info, double number) {
   return info.values().empty() || std::ranges::any_of(info.values(), is_number);
 }
 
+/// Not by the map's own find(), which 0.0.3 does not survive where a camera has no controls at all.
+ControlInfoMap::const_iterator find(const ControlInfoMap& offered, const ControlId& id) {
+  return std::ranges::find_if(offered,
+                              [&id](const auto& entry) { return entry.first->id() == id.id(); });
+}
+
 using Entry = std::pair<std::string, const ControlInfoMap::value_type*>;
 
 /// By name, since libcamera has them in no order.
@@ -179,10 +185,7 @@ libcamera::ControlList control_list(const ControlInfoMap& offered,
 }
 
 double set_rate(libcamera::ControlList& list, const ControlInfoMap& offered, double fps) {
-  // Not by find(), which 0.0.3 does not survive where a camera has no controls at all.
-  const auto found = std::ranges::find_if(offered, [](const auto& entry) {
-    return entry.first->id() == libcamera::controls::FrameDurationLimits.id();
-  });
+  const auto found = find(offered, libcamera::controls::FrameDurationLimits);
   if (found == offered.end()) return 0;
   double duration_us = 1e6 / fps;
   const auto min = number_of(found->second.min());
@@ -193,6 +196,27 @@ double set_rate(libcamera::ControlList& list, const ControlInfoMap& offered, dou
   list.set(libcamera::controls::FrameDurationLimits,
            libcamera::Span<const std::int64_t, 2>(limits.data(), limits.size()));
   return 1e6 / static_cast<double>(whole_us);
+}
+
+void set_crop(libcamera::ControlList& list, const ControlInfoMap& offered, const Crop& crop) {
+  const auto found = find(offered, libcamera::controls::ScalerCrop);
+  const auto attempt = fmt::format("cannot film {} of its sensor", to_string(crop));
+  if (found == offered.end()) {
+    throw std::runtime_error(attempt + ": it films all of it or nothing");
+  }
+  const libcamera::Rectangle part(crop.left_px, crop.top_px,
+                                  static_cast<unsigned int>(crop.width_px),
+                                  static_cast<unsigned int>(crop.height_px));
+  const ControlValue& whole = found->second.max();
+  if (whole.type() == libcamera::ControlTypeRectangle) {
+    const auto bounds = whole.get<libcamera::Rectangle>();
+    if (bounds.isNull() || part.boundedTo(bounds) == part) {
+      list.set(libcamera::controls::ScalerCrop, part);
+      return;
+    }
+    throw std::runtime_error(fmt::format("{}, which is {}", attempt, bounds.toString()));
+  }
+  list.set(libcamera::controls::ScalerCrop, part);
 }
 
 std::vector<std::string> describe_controls(const ControlInfoMap& offered) {

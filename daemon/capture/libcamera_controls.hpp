@@ -6,6 +6,8 @@
 #include <string_view>
 #include <vector>
 
+#include "daemon/capture/crop.hpp"
+
 namespace libcamera {
 class ControlInfoMap;
 class ControlList;
@@ -25,6 +27,11 @@ libcamera::ControlList control_list(const libcamera::ControlInfoMap& offered,
 /// Adds the rate to `list`, as near to `fps` as the camera films. Returns it; 0 if the camera
 /// cannot be asked for a rate.
 double set_rate(libcamera::ControlList& list, const libcamera::ControlInfoMap& offered, double fps);
+
+/// Adds the part of the sensor to film with to `list`. Throws std::runtime_error if the camera
+/// cannot be asked for one. What it makes of it is its own affair: it tells with the images only.
+void set_crop(libcamera::ControlList& list, const libcamera::ControlInfoMap& offered,
+              const Crop& crop);
 
 /// Every control that control_list() can set: `exposure_time: 0 to 66666, default 20000`.
 std::vector<std::string> describe_controls(const libcamera::ControlInfoMap& offered);

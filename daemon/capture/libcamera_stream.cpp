@@ -131,6 +131,7 @@ void LibcameraStream::Film::start(const SourceSettings& settings) {
   libcamera::ControlList controls(libcamera::controls::controls);
   try {
     controls = control_list(camera_->controls(), settings.controls);
+    if (settings.crop) set_crop(controls, camera_->controls(), *settings.crop);
   } catch (const std::runtime_error& error) {
     throw std::runtime_error(fmt::format("camera {}: {}", camera_->id(), error.what()));
   }

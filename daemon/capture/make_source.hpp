@@ -6,9 +6,11 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 
+#include "daemon/capture/crop.hpp"
 #include "daemon/capture/frame_source.hpp"
 
 namespace orbbuf {
@@ -24,7 +26,8 @@ struct SourceSettings {
   bool is_side_by_side = false;        ///< every image is a left and a right one, side by side
   std::string format = "auto";  ///< cameras: one of kCameraFormats, or "auto" (camera_formats.hpp)
   std::map<std::string, double>
-      controls;       ///< cameras: by name (v4l2_controls.hpp, libcamera_controls.hpp)
+      controls;              ///< cameras: by name (v4l2_controls.hpp, libcamera_controls.hpp)
+  std::optional<Crop> crop;  ///< cameras: the part of the sensor to film with; all of it
   double fps = 25.0;  ///< frames per second: a camera's, or where files have no times of their own
   bool realtime = true;    ///< pace frames by their capture times; else as fast as they are taken
   bool loop = false;       ///< begin again at the end, capture times going on

@@ -46,6 +46,10 @@ std::size_t least_stride(CameraFormat format, int width_px) {
   }
 }
 
+Crop crop_of(const v4l2_rect& part) {
+  return {static_cast<int>(part.width), static_cast<int>(part.height), part.left, part.top};
+}
+
 /// When, by the monotonic clock, which not every driver uses; 0: it does not say.
 std::int64_t stamp_of(const v4l2_buffer& buffer) {
   const auto kind = buffer.flags & V4L2_BUF_FLAG_TIMESTAMP_MASK;
@@ -56,6 +60,7 @@ std::int64_t stamp_of(const v4l2_buffer& buffer) {
 }  // namespace
 
 V4l2Stream::V4l2Stream(const SourceSettings& settings) : device_(settings.device) {
+  if (settings.crop) set_crop(*settings.crop);
   set_format(settings);
   set_rate(settings.fps);
   set_controls(device_, settings.controls);
@@ -71,6 +76,29 @@ V4l2Stream::~V4l2Stream() {
 
 std::string V4l2Stream::description() const {
   return fmt::format("{} ({}, {})", device_.path(), device_.name(), device_.bus());
+}
+
+/// Before the format, which says what size the part is brought to.
+void V4l2Stream::set_crop(const Crop& crop) {
+  const auto attempt = fmt::format("film {} of its sensor", to_string(crop));
+  v4l2_selection bounds{};
+  bounds.type = kType;
+  bounds.target = V4L2_SEL_TGT_CROP_BOUNDS;
+  const int error = device_.call(VIDIOC_G_SELECTION, &bounds);
+  if (error == ENOTTY || error == EINVAL || error == ENODATA) {
+    throw std::runtime_error(fmt::format("camera {}: cannot {}: it films all of it or nothing",
+                                         device_.path(), attempt));
+  }
+  if (error != 0) device_.fail(attempt, error);
+  v4l2_selection wanted = bounds;
+  wanted.target = V4L2_SEL_TGT_CROP;
+  wanted.r = {crop.left_px, crop.top_px, static_cast<__u32>(crop.width_px),
+              static_cast<__u32>(crop.height_px)};
+  device_.must(attempt, VIDIOC_S_SELECTION, &wanted);
+  if (crop_of(wanted.r) == crop) return;
+  throw std::runtime_error(fmt::format("camera {}: cannot {}: it would be {}, of {}",
+                                       device_.path(), attempt, to_string(crop_of(wanted.r)),
+                                       to_string(crop_of(bounds.r))));
 }
 
 void V4l2Stream::set_format(const SourceSettings& settings) {

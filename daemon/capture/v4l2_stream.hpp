@@ -30,6 +30,7 @@ class V4l2Stream : public CameraStream {
   std::optional<Error> give_back(const CameraBuffer& buffer) override;
 
  private:
+  void set_crop(const Crop& crop);
   void set_format(const SourceSettings& settings);
   void set_rate(double fps);
   void map_buffers();

@@ -66,6 +66,24 @@ TEST(LibcameraControls, OneThatIsNotThereIsRefusedWithThoseThatCanBeSet) {
             "it has no control zoom; it has none");
 }
 
+TEST(LibcameraControls, APartOfTheSensorIsFilmedWhereThereIsOne) {
+  const libcamera::Rectangle sensor(0, 0, 3280, 2464);
+  const ControlInfoMap cropping(
+      {{&controls::ScalerCrop, ControlInfo(libcamera::Rectangle(), sensor, sensor)}},
+      controls::controls);
+  auto list = control_list(cropping, {});
+  set_crop(list, cropping, {1640, 1232, 1640, 1232});
+  EXPECT_EQ(list.get(controls::ScalerCrop), libcamera::Rectangle(1640, 1232, 1640, 1232));
+  EXPECT_EQ(test::error_of([&] {
+              set_crop(list, cropping, {1640, 1232, 1641, 1232});
+            }),
+            "cannot film 1640x1232+1641+1232 of its sensor, which is (0, 0)/3280x2464");
+  EXPECT_EQ(test::error_of([&] {
+              set_crop(list, offered(), {64, 64, 0, 0});
+            }),
+            "cannot film 64x64+0+0 of its sensor: it films all of it or nothing");
+}
+
 TEST(LibcameraControls, TheRateIsTheNearestThatTheCameraHas) {
   const auto rate_of = [](double fps) {
     auto list = control_list(offered(), {});

@@ -91,6 +91,7 @@ refuses 'no MJPG of 320x180; it offers' "${mode[@]}" format=MJPG
 refuses 'it has no control zoom_zoom; it has brightness' "${mode[@]}" controls.zoom_zoom=1
 refuses 'brightness takes 0 to 255 in steps of 1 (default 128), not 256' "${mode[@]}" controls.brightness=256
 refuses 'test_pattern takes 0 75% Colorbar, ' "${mode[@]}" controls.test_pattern=99
+refuses 'cannot film 64x64+0+0 of its sensor: it films all of it or nothing' "${mode[@]}" crop=64x64+0+0
 as=(chroot --userspec=65534:65534 --groups=65534 /)
 chmod 660 $camera
 refuses 'Permission denied (who films must be root or in the group' "${mode[@]}"
@@ -107,6 +108,21 @@ refuses 'does not capture images' "${mode[@]}"
 modprobe -r vivid
 mv refusals.log "$log"
 verdict 'what cannot be filmed is refused by name'
+
+# A part of the sensor: of vivid's webcam there is none, of its HDMI input there is.
+modprobe vivid n_devs=1 node_types=0x1 num_inputs=1 input_types=0x3
+film crop "${mode[@]}" format=GREY crop=320x180+480+270
+expect 'frames' wait_for 60 has_frames crop 20
+v4l2-ctl -d $camera --get-selection target=crop >part.txt 2>&1
+expect "the part, not $(cat part.txt)" grep -q 'Left 480, Top 270, Width 320, Height 180' part.txt
+end_film
+first_image=$(find "$(session_of crop)/images" -name '*.jpg' | sort | head -n 1)
+expect "images of ${width}x$height" [ "$(size_of "$first_image")" = ${width}x$height ]
+refuses 'cannot film 320x180+1200+0 of its sensor: it would be 320x180+960+0, of 1280x720+0+0' \
+  "${mode[@]}" crop=320x180+1200+0
+modprobe -r vivid
+mv refusals.log "$log"
+verdict 'vivid: a part of the sensor'
 
 # Two cameras that start at moments of their own are a stereo pair all the same.
 modprobe vivid n_devs=2 node_types=0x1,0x1 num_inputs=1,1 input_types=0x0,0x0
