@@ -39,7 +39,6 @@ foreach(component orbbufd orbbuf-server orbbuf-dev)
 endforeach()
 
 foreach(component orbbufd orbbuf-server)
-  install(FILES config/${component}.toml DESTINATION ${CMAKE_INSTALL_FULL_SYSCONFDIR}/orbbuf COMPONENT ${component})
   file(WRITE ${made}/${component}/conffiles "/etc/orbbuf/${component}.toml\n")
   set(extra ${made}/${component}/conffiles)
   foreach(script postinst prerm postrm)
