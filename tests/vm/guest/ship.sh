@@ -27,10 +27,12 @@ goes_on() { # ROBOT: five more frames come
 }
 new_session() { [ "$(newest turtlebot1)" != "$1" ] && has_lines turtlebot1 5; }
 
+say() { echo "  $(cut -d. -f1 /proc/uptime) s: $*"; }
 ends() { # CASE: the verdict, with what systemd and the programs have to say
   systemctl --no-pager -l status orbbufd orbbuf-server >"$log" 2>&1
   journalctl --no-pager -o short-monotonic -n 60 -u orbbufd -u orbbuf-server >>"$log"
   verdict "$1"
+  say
 }
 
 configure() { # FILE KEY=VALUE...: sets keys of a configuration
@@ -43,9 +45,11 @@ configure() { # FILE KEY=VALUE...: sets keys of a configuration
 }
 
 before() {
+  say up
   find /etc /usr /var/lib -xdev | sort >/var/lib/ship-before
   apt-get install -q -y /share/orbbufd_*.deb /share/orbbuf-server_*.deb >apt.log 2>&1
   expect 'apt-get install' [ $? -eq 0 ]
+  say installed
   cp apt.log "$log"
   for unit in orbbufd orbbuf-server; do
     expect "$unit is not running" has $unit ActiveState inactive
@@ -66,9 +70,11 @@ before() {
   systemctl start --no-block orbbufd
   expect 'started again and again' wait_for 60 at_least orbbufd NRestarts 2
   expect 'which is not given up' has orbbufd ActiveState activating
+  say camera
   modprobe vivid n_devs=2 node_types=0x1,0x1 num_inputs=1,1 input_types=0x0,0x0
   expect 'films when there is a camera' wait_for 60 is_active orbbufd
   expect 'says that there is no server' wait_for 20 has orbbufd StatusText '*link no connection: *refused*'
+  say server
   systemctl start orbbuf-server
   expect 'ready when it listens' is_active orbbuf-server
   expect 'connects when there is a server' wait_for 20 has orbbufd StatusText '* link connected'
@@ -96,6 +102,7 @@ before() {
   session=$(newest turtlebot1)
   dpkg -i /share/newer/*.deb >dpkg.log 2>&1
   expect 'dpkg -i' [ $? -eq 0 ]
+  say installed
   expect 'the new version' [ "$(dpkg-query -f '${Version}' -W orbbufd)" != "$(dpkg-deb -f /share/orbbufd_*.deb Version)" ]
   expect 'the configuration is kept' cmp /etc/orbbuf/orbbufd.toml kept.toml
   expect 'a new session with frames' wait_for 60 new_session "$session"
@@ -116,6 +123,7 @@ logs() { journalctl -o cat -u "$1" --no-pager | grep -q "$2"; }
 save_log() { journalctl -b -o cat --no-pager -u orbbufd >"$frames/$1.log"; }
 
 after() {
+  say up
   expect 'a new session with frames' wait_for 60 new_session "$(cat /var/lib/ship-session)"
   ends 'ship: after a power cut the stream comes back by itself'
 
