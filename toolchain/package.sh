@@ -25,7 +25,7 @@ fi
 rm -rf "$folder"
 mkdir -p "$folder"
 # Debug information is stripped from the packages, so none is made.
-flags="$(dpkg-buildflags --get CXXFLAGS) $(dpkg-buildflags --get CPPFLAGS) -g0 -DNDEBUG"
+flags="-Wno-psabi $(dpkg-buildflags --get CXXFLAGS) $(dpkg-buildflags --get CPPFLAGS) -g0 -DNDEBUG"
 cmake --preset "$preset" -B "$folder" -DORBBUF_BUILD_TESTS=OFF \
   -DCMAKE_CXX_FLAGS="$flags -ffile-prefix-map=$folder=build" \
   -DCMAKE_EXE_LINKER_FLAGS="$(dpkg-buildflags --get LDFLAGS) -Wl,--as-needed" >"$folder/configure.log" 2>&1 ||

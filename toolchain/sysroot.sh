@@ -58,6 +58,10 @@ if [ "${3-}" = unpacked ]; then
   database "$folder"
   # What update-alternatives would have done.
   ln -s lapack/liblapack.so.3 blas/libblas.so.3 "$folder/usr/lib/$triplet/"
+  # Links are followed from here, not from within.
+  find "$folder/usr/lib/$triplet" -type l -lname '/*' | while read -r link; do
+    ln -sfnr "$folder$(readlink "$link")" "$link"
+  done
   exit
 fi
 
