@@ -63,7 +63,6 @@ foreach(component orbbufd orbbuf-server)
   install(FILES ${made}/${component}/completion DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions
           RENAME ${component} COMPONENT ${component})
 
-  install(FILES config/${component}.toml DESTINATION ${CMAKE_INSTALL_FULL_SYSCONFDIR}/orbbuf COMPONENT ${component})
   file(WRITE ${made}/${component}/conffiles "/etc/orbbuf/${component}.toml\n")
   set(extra ${made}/${component}/conffiles)
   foreach(script postinst prerm postrm)
