@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Builds the Debian packages for ARCHITECTURE (amd64, arm64, armhf) with Debian's own flags, in a clean
+# Builds the Debian packages for ARCHITECTURE (this machine's, arm64, armhf) with Debian's own flags, in a clean
 # FOLDER, where they are then. The same commit gives the same bytes, wherever that folder is.
 # Usage: toolchain/package.sh ARCHITECTURE FOLDER
 set -euo pipefail
@@ -12,12 +12,12 @@ umask 022
 SOURCE_DATE_EPOCH=$(git log -1 --format=%ct 2>/dev/null || stat -c %Y CHANGELOG.md)
 export SOURCE_DATE_EPOCH DEB_HOST_ARCH=$architecture DEB_BUILD_MAINT_OPTIONS=hardening=+all
 case $architecture in
-  amd64) preset=package ;;
+  "$(dpkg --print-architecture)") preset=package ;;
   arm64) preset=aarch64 ;;
   armhf) preset=armhf ;;
-  *) echo "package.sh: amd64, arm64 or armhf, not $architecture" >&2 && exit 2 ;;
+  *) echo "package.sh: this machine's architecture, arm64 or armhf, not $architecture" >&2 && exit 2 ;;
 esac
-if [ "$architecture" != amd64 ]; then
+if [ "$preset" != package ]; then
   toolchain/sysroot.sh "$architecture" "build/sysroot-$architecture"
   export DPKG_ADMINDIR=$PWD/build/sysroot-$architecture/var/lib/dpkg
 fi
