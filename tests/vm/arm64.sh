@@ -90,7 +90,7 @@ boot() {
     tr -d '\r' | tee -a console.log | grep --line-buffered -E '^(PASS|FAIL|RESULT|DONE) ' || true
 }
 
-stamp=$(printf '%s\n' "$INCLUDE" "${sources[@]}" | cat - "${BASH_SOURCE[0]}" "$here/init" | sha256sum)
+stamp=$(printf '%s\n' "$INCLUDE" "${sources[@]}" | cat - "$here/arm64.sh" "$here/init" | sha256sum)
 if [ "$(cat stamp 2>/dev/null)" != "$stamp" ]; then
   make_image
   echo "$stamp" >stamp
