@@ -84,7 +84,7 @@ boot() {
   cp "$packages"/orbbufd_*.deb "$packages"/orbbuf-server_*.deb "$here"/guest/arm64*.sh share/
   mv "share/$guest" share/guest.sh
   timeout --foreground 900 qemu-system-aarch64 -M virt -cpu cortex-a53 -m 1024 -nodefaults -no-reboot -nographic \
-    -serial stdio -nic none -kernel kernel -initrd initrd.gz -append 'console=ttyAMA0 quiet panic=-1 mitigations=off' \
+    -serial stdio -nic none -kernel kernel -initrd initrd.gz -append 'console=ttyAMA0 quiet panic=-1 mitigations=off init=/share/guest.sh' \
     -drive file=root.ext4,if=virtio,format=raw,snapshot=on \
     -virtfs local,path=share,mount_tag=share,security_model=none,readonly=on "$@" </dev/null 2>&1 |
     tr -d '\r' | tee -a console.log | grep --line-buffered -E '^(PASS|FAIL|RESULT|DONE) ' || true
