@@ -15,8 +15,6 @@ esac
 PACKAGES=(libc6-dev libstdc++-12-dev linux-libc-dev zlib1g-dev libssl-dev libboost-dev libspdlog-dev
   libfmt-dev libcli11-dev libtomlplusplus-dev libturbojpeg0-dev libcamera-dev libsystemd-dev libgtest-dev
   libgmock-dev libopencv-core-dev libopencv-imgproc-dev libopencv-flann-dev libopencv-features2d406)
-# Programs that tests start: under qemu-user they are the sysroot's, too.
-PACKAGES+=(openssl)
 # Unpacked without what it depends on: ORB needs none of that, and it is a desktop's worth.
 ALONE=libopencv-features2d-dev
 
@@ -34,6 +32,7 @@ database() {
   info=$root/var/lib/dpkg/info
   mkdir -p "$info"
   : >"$root/var/lib/dpkg/status"
+  echo 1 >"$info/format" # of the files' names
   for deb in "$root"/var/cache/apt/archives/*.deb; do
     name=$(dpkg-deb -f "$deb" Package)
     id=$name
@@ -43,8 +42,7 @@ database() {
       dpkg-deb -f "$deb" Maintainer Architecture Multi-Arch Version Depends Provides
       echo 'Description: unpacked'
       echo; } >>"$root/var/lib/dpkg/status"
-    # /lib is /usr/lib there, but not in older packages' lists.
-    dpkg-deb --fsys-tarfile "$deb" | tar -t | sed -n "s|^\./\(usr/\)\?lib/|$root/usr/lib/|p" >"$info/$id.list"
+    dpkg-deb --fsys-tarfile "$deb" | tar -t | sed -n "s|^\./|$root/|p" >"$info/$id.list"
     dpkg-deb --ctrl-tarfile "$deb" | tar -x -O ./symbols >"$info/$id.symbols" 2>/dev/null || rm "$info/$id.symbols"
     dpkg-deb --ctrl-tarfile "$deb" | tar -x -O ./shlibs >"$info/$id.shlibs" 2>/dev/null || rm "$info/$id.shlibs"
   done
@@ -58,6 +56,10 @@ if [ "${3-}" = unpacked ]; then
   database "$folder"
   # What update-alternatives would have done.
   ln -s lapack/liblapack.so.3 blas/libblas.so.3 "$folder/usr/lib/$triplet/"
+  # Links are followed from here, not from within.
+  find "$folder/usr/lib/$triplet" -type l -lname '/*' | while read -r link; do
+    ln -sfnr "$folder$(readlink "$link")" "$link"
+  done
   exit
 fi
 

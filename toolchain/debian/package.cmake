@@ -24,21 +24,45 @@ install(FILES ${made}/orbbufConfigVersion.cmake DESTINATION ${CMAKE_INSTALL_DATA
 configure_file(${debian}/orbbuf.pc.in ${made}/orbbuf.pc @ONLY)
 install(FILES ${made}/orbbuf.pc DESTINATION ${CMAKE_INSTALL_DATADIR}/pkgconfig COMPONENT orbbuf-dev)
 
-# compressed(OUTPUT COMMAND...): gzips what COMMAND prints; the same each time.
-function(compressed output)
-  add_custom_command(OUTPUT ${output} COMMAND ${ARGN} | gzip -9n > ${output} DEPENDS ${PROJECT_SOURCE_DIR}/CHANGELOG.md
-                     VERBATIM)
+# compressed(OUTPUT SOURCE COMMAND...): gzips what COMMAND prints, which is made from SOURCE; the same each time.
+function(compressed output source)
+  add_custom_command(OUTPUT ${output} COMMAND ${ARGN} | gzip -9n > ${output} DEPENDS ${source} VERBATIM)
   set_property(GLOBAL APPEND PROPERTY orbbuf_compressed ${output})
 endfunction()
 
 foreach(component orbbufd orbbuf-server orbbuf-dev)
-  compressed(${made}/${component}/changelog.Debian.gz ${debian}/changelog.sh ${PROJECT_SOURCE_DIR}/CHANGELOG.md
-             ${component} ${CPACK_DEBIAN_PACKAGE_RELEASE} ${CPACK_PACKAGE_CONTACT})
+  set(changelog ${PROJECT_SOURCE_DIR}/CHANGELOG.md)
+  compressed(${made}/${component}/changelog.Debian.gz ${changelog} ${debian}/changelog.sh ${changelog} ${component}
+             ${CPACK_DEBIAN_PACKAGE_RELEASE} ${CPACK_PACKAGE_CONTACT})
   install(FILES ${made}/${component}/changelog.Debian.gz ${debian}/copyright
           DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${component} COMPONENT ${component})
 endforeach()
 
+set(orbbufd_options --config --set --check-config --list-cameras --probe --version --help)
+set(orbbuf-server_options --config --set --check-config --version --help)
 foreach(component orbbufd orbbuf-server)
+  foreach(page ${component}.8 ${component}.toml.5)
+    compressed(${made}/${page}.gz ${PROJECT_SOURCE_DIR}/docs/man/${page} cat ${PROJECT_SOURCE_DIR}/docs/man/${page})
+    string(REGEX MATCH ".$" section ${page})
+    install(FILES ${made}/${page}.gz DESTINATION ${CMAKE_INSTALL_MANDIR}/man${section} COMPONENT ${component})
+  endforeach()
+
+  file(STRINGS config/${component}.toml lines REGEX "^(\\[[a-z]+|[a-z_]+ = )")
+  set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS config/${component}.toml)
+  set(keys)
+  foreach(line IN LISTS lines)
+    if(line MATCHES "^\\[([a-z]+)")
+      set(table ${CMAKE_MATCH_1})
+    elseif(line MATCHES "^([a-z_]+) = ")
+      string(APPEND keys "${table}.${CMAKE_MATCH_1} ")
+    endif()
+  endforeach()
+  string(REPLACE - _ name ${component})
+  list(JOIN ${component}_options " " options)
+  configure_file(${debian}/completion.in ${made}/${component}/completion @ONLY)
+  install(FILES ${made}/${component}/completion DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions
+          RENAME ${component} COMPONENT ${component})
+
   file(WRITE ${made}/${component}/conffiles "/etc/orbbuf/${component}.toml\n")
   set(extra ${made}/${component}/conffiles)
   foreach(script postinst prerm postrm)
@@ -72,7 +96,8 @@ elseif(CMAKE_LIBRARY_ARCHITECTURE STREQUAL arm-linux-gnueabihf)
   set(CPACK_DEBIAN_PACKAGE_ARCHITECTURE armhf)
 endif()
 if(CMAKE_CROSSCOMPILING)
-  set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS_PRIVATE_DIRS ${CMAKE_SYSROOT}/usr/lib/${CMAKE_LIBRARY_ARCHITECTURE})
+  set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS_PRIVATE_DIRS ${CMAKE_SYSROOT}/lib/${CMAKE_LIBRARY_ARCHITECTURE}
+      ${CMAKE_SYSROOT}/usr/lib/${CMAKE_LIBRARY_ARCHITECTURE})
 endif()
 set(CPACK_DEBIAN_ORBBUFD_PACKAGE_NAME orbbufd)
 set(CPACK_DEBIAN_ORBBUFD_DESCRIPTION "camera link for remote visual SLAM: the robot's daemon
