@@ -9,6 +9,8 @@
 #include <stop_token>
 #include <utility>
 
+#include "common/watched_thread.hpp"
+
 namespace orbbuf {
 
 /// A few slots between `capture` and `worker`, latest win: a reader that is late gets the newest
@@ -31,15 +33,15 @@ class Mailbox {
   }
 
   /// Waits until all slots are empty, for a writer that can afford to. False if `stop` came first.
-  bool wait_until_empty(std::stop_token stop) {
+  bool wait_until_empty(const std::stop_token& stop) {
     std::unique_lock lock(mutex_);
-    return changed_.wait(lock, std::move(stop), [this] { return items_.empty(); });
+    return wait_beating(changed_, lock, stop, [this] { return items_.empty(); });
   }
 
   /// Waits for an item. Nothing once the mailbox is closed and empty.
   std::optional<T> take() {
     std::unique_lock lock(mutex_);
-    changed_.wait(lock, [this] { return !items_.empty() || is_closed_; });
+    wait_beating(changed_, lock, [this] { return !items_.empty() || is_closed_; });
     std::optional<T> item = pop();
     changed_.notify_all();
     return item;

@@ -6,7 +6,7 @@
 #include <optional>
 #include <utility>
 
-#include "common/log.hpp"
+#include "common/watched_thread.hpp"
 
 namespace orbbuf {
 
@@ -27,9 +27,10 @@ void Pipeline::stop() {
 }
 
 void Pipeline::capture(const std::stop_token& stop) {
-  name_this_thread("capture");
+  const WatchedThread watched("capture");
   try {
     for (Sequence sequence = 0; auto raw = source_->next(stop); ++sequence) {
+      beat();
       buffer_.captured();
       Captured captured{std::move(*raw), sequence};
       if (!source_->is_live() && !mailbox_.wait_until_empty(stop)) {
@@ -46,7 +47,7 @@ void Pipeline::capture(const std::stop_token& stop) {
 }
 
 void Pipeline::work(const std::stop_token& stop) {
-  name_this_thread("worker");
+  const WatchedThread watched("worker");
   while (auto captured = mailbox_.take()) {
     if (source_->is_live() || buffer_.wait_for_room(stop)) {
       encode(*captured);
@@ -55,8 +56,7 @@ void Pipeline::work(const std::stop_token& stop) {
     }
     events_.changed();
     // What the policy does ahead is done here, in small units, so that no frame waits for it long.
-    while (mailbox_.take_would_wait() && buffer_.prepare()) {
-    }
+    while (mailbox_.take_would_wait() && buffer_.prepare()) beat();
   }
   events_.ended(source_failed_);
 }

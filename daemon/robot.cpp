@@ -6,9 +6,12 @@
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/signal_set.hpp>
+#include <boost/asio/steady_timer.hpp>
 #include <csignal>
 #include <utility>
 
+#include "common/service_status.hpp"
+#include "daemon/health.hpp"
 #include "daemon/pipeline.hpp"
 
 namespace orbbuf {
@@ -25,8 +28,10 @@ class Robot {
  private:
   void await_signal();
   void on_source_ended(bool failed);
+  void report();
   void log_account() const;
 
+  ServiceStatus service_;
   asio::io_context io_{1};
   asio::signal_set signals_{io_, SIGINT, SIGTERM};
   OrbExtractor extractor_;
@@ -34,9 +39,12 @@ class Robot {
   DropLog drops_;
   Sender sender_;
   Pipeline pipeline_;
+  asio::steady_timer report_timer_{io_};
+  Health health_;
   bool is_stopping_ = false;  // by a signal
   bool source_failed_ = false;
   bool is_complete_ = false;
+  bool is_over_ = false;  // nothing is left to wait for
 };
 
 wire::Hello make_hello(const Settings& settings) {
@@ -69,13 +77,14 @@ Robot::Robot(const Settings& settings)
       pipeline_(
           open_source(settings.source), settings.jpeg, buffer_,
           {[this] { asio::post(io_, [this] { sender_.wake(); }); },
-           [this](bool failed) { asio::post(io_, [this, failed] { on_source_ended(failed); }); }}) {
-}
+           [this](bool failed) { asio::post(io_, [this, failed] { on_source_ended(failed); }); }}),
+      health_(service_, settings.buffer.capacity) {}
 
 bool Robot::run() {
   await_signal();
   sender_.start();
   pipeline_.start();
+  report();
   io_.run();
   log_account();
   return !source_failed_ && (is_complete_ || is_stopping_);
@@ -86,6 +95,7 @@ void Robot::await_signal() {
     if (error) return;
     if (std::exchange(is_stopping_, true)) return io_.stop();
     spdlog::info("signal {}: stopping; what waits is still delivered", signal);
+    service_.stopping();
     pipeline_.stop();
     await_signal();
   });
@@ -93,10 +103,20 @@ void Robot::await_signal() {
 
 void Robot::on_source_ended(bool failed) {
   source_failed_ = failed;
+  service_.stopping();
   sender_.finish([this](bool complete) {
     is_complete_ = complete;
+    is_over_ = true;
     signals_.cancel();
+    report_timer_.cancel();
   });
+}
+
+void Robot::report() {
+  if (is_over_) return;
+  health_.report(buffer_.stats(), sender_);
+  report_timer_.expires_after(health_.interval());
+  report_timer_.async_wait([this](const boost::system::error_code& /*error*/) { report(); });
 }
 
 void Robot::log_account() const {

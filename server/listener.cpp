@@ -69,6 +69,11 @@ void Listener::start() {
   accept();
 }
 
+std::size_t Listener::robots() const {
+  return static_cast<std::size_t>(std::ranges::count_if(
+      connections_, [](const auto& connection) { return connection->is_introduced(); }));
+}
+
 void Listener::accept() {
   acceptor_.async_accept([this](const error_code& failed, tcp::socket socket) {
     if (!acceptor_.is_open()) return;  // stopped

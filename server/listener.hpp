@@ -38,6 +38,9 @@ class Listener final : public ConnectionOwner {
 
   boost::asio::ip::tcp::endpoint endpoint() const { return acceptor_.local_endpoint(); }
 
+  /// Connections of robots that have said hello.
+  std::size_t robots() const;
+
   void start();
   /// Accepts no more, lets the sinks finish what they have begun (drain_timeout), says bye to the
   /// robots, and then runs `stopped`. Once.

@@ -12,7 +12,9 @@
 #include <cstdlib>
 
 #include "common/log.hpp"
+#include "common/service_status.hpp"
 #include "server/descriptors.hpp"
+#include "server/health.hpp"
 #include "server/listener.hpp"
 
 namespace orbbuf {
@@ -34,21 +36,26 @@ void serve(const Settings& settings) {
   asio::thread_pool files(1);  // ends before `main`, to which its work reports
   asio::post(files, [] { name_this_thread("files"); });
   Listener listener(main, files, settings);
+  ServiceStatus service;
+  Health health(main, files, service, listener);
 
   asio::signal_set signals(main, SIGINT, SIGTERM);
   signals.async_wait([&](const error_code& failed, int signal) {
     if (failed) return;
     spdlog::info("stopping on signal {}", signal);
+    service.stopping();
     signals.async_wait([](const error_code& aborted, int /*signal*/) {
       if (!aborted) std::_Exit(EXIT_FAILURE);
     });
     listener.stop([&] {
       signals.clear();  // from here on a signal ends the process as usual
       signals.cancel();
+      health.stop();
       main.stop();
     });
   });
   listener.start();
+  health.start();
   main.run();
   main.restart();
   main.run_for(kLastReaping);  // commands that end soon after their input leave their status

@@ -7,6 +7,8 @@
 #include <string>
 #include <utility>
 
+#include "common/watched_thread.hpp"
+
 namespace orbbuf {
 namespace {
 
@@ -82,9 +84,9 @@ bool FrameBuffer::prepare() {
   return is_more;
 }
 
-bool FrameBuffer::wait_for_room(std::stop_token stop) {
+bool FrameBuffer::wait_for_room(const std::stop_token& stop) {
   std::unique_lock lock(mutex_);
-  return room_.wait(lock, std::move(stop), [this] { return waiting_.size() < capacity_; });
+  return wait_beating(room_, lock, stop, [this] { return waiting_.size() < capacity_; });
 }
 
 FramePtr FrameBuffer::take() {

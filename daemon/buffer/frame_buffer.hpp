@@ -55,7 +55,7 @@ class FrameBuffer {
   /// remains. Does nothing while the link keeps up, which is while at most one frame waits.
   bool prepare();
   /// `worker`: waits until a push would not cost a frame. False if `stop` was requested first.
-  bool wait_for_room(std::stop_token stop);
+  bool wait_for_room(const std::stop_token& stop);
 
   /// `main`: hands the oldest frame to the network. Null if none waits.
   FramePtr take();

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "common/error.hpp"
+#include "common/watched_thread.hpp"
 
 namespace orbbuf {
 namespace {
@@ -49,9 +50,12 @@ CameraSource::~CameraSource() {
 std::optional<RawFrame> CameraSource::next(std::stop_token stop) {
   const std::stop_callback wake(stop, [this] { ::eventfd_write(stop_event_.get(), 1); });
   while (!stop.stop_requested()) {
+    beat();
     if (!stream_) {
-      wait_until(deadline_, false);
-      if (!stop.stop_requested()) reopen();
+      if (Clock::now() < deadline_)
+        wait_until(deadline_, false);
+      else
+        reopen();
     } else if (auto frame = take()) {
       return frame;
     } else if (stream_) {
@@ -151,9 +155,10 @@ void CameraSource::await_frame_for(nanoseconds limit) {
   deadline_ = waiting_since_ + limit;
 }
 
-/// Ends early for a stop and, if `for_frame`, for a frame or the driver's failure.
+/// Ends early for a stop, to beat, and, if `for_frame`, for a frame or the driver's failure.
 void CameraSource::wait_until(Clock::time_point deadline, bool for_frame) {
-  const auto left = duration_cast<milliseconds>(deadline - Clock::now()) + 1ms;
+  const auto left = std::min<milliseconds>(
+      duration_cast<milliseconds>(deadline - Clock::now()) + 1ms, kBeatInterval);
   std::array<pollfd, 2> events = {
       {{stop_event_.get(), POLLIN, 0}, {for_frame ? stream_->fd() : -1, POLLIN, 0}}};
   ::poll(events.data(), events.size(), static_cast<int>(std::max(left, 0ms).count()));

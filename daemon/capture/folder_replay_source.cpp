@@ -8,7 +8,6 @@
 #include <cerrno>
 #include <cstdint>
 #include <fstream>
-#include <opencv2/imgcodecs.hpp>
 #include <stdexcept>
 #include <string_view>
 #include <system_error>
@@ -17,6 +16,9 @@
 #include "common/error.hpp"
 #include "daemon/capture/nominal_time.hpp"
 #include "daemon/capture/replay_frame.hpp"
+#ifdef ORBBUF_IMAGE_FILES
+#include <opencv2/imgcodecs.hpp>
+#endif
 
 namespace orbbuf {
 namespace {
@@ -102,11 +104,12 @@ RawFrame jpeg_frame(std::vector<std::uint8_t> bytes) {
   return frame;
 }
 
-RawFrame read_image(const fs::path& file, bool is_color) {
+RawFrame read_image(const fs::path& file, [[maybe_unused]] bool is_color) {
   auto bytes = read_file(file);
   if (!bytes) return frame_with_defect(bytes.error().text);
   if (is_jpeg(file)) return jpeg_frame(std::move(bytes).value());
   const auto attempt = "cannot read " + file.string();
+#ifdef ORBBUF_IMAGE_FILES
   try {
     const int flags = is_color ? cv::IMREAD_COLOR : cv::IMREAD_GRAYSCALE;
     auto image = cv::imdecode(bytes.value(), flags | cv::IMREAD_IGNORE_ORIENTATION);
@@ -115,6 +118,9 @@ RawFrame read_image(const fs::path& file, bool is_color) {
   } catch (const cv::Exception& error) {
     return frame_with_defect(attempt + ": " + error.err);
   }
+#else
+  return frame_with_defect(attempt + ": this program was built without OpenCV's imgcodecs");
+#endif
 }
 
 /// settings.path or path_right. Throws if there are no images.

@@ -15,7 +15,9 @@
 #include "daemon/capture/scene_source.hpp"
 #include "daemon/capture/side_by_side_source.hpp"
 #include "daemon/capture/stereo_source.hpp"
+#ifdef ORBBUF_IMAGE_FILES
 #include "daemon/capture/video_replay_source.hpp"
+#endif
 #ifdef ORBBUF_LIBCAMERA
 #include "daemon/capture/libcamera_stream.hpp"
 #endif
@@ -41,6 +43,15 @@ std::unique_ptr<CameraSource> film_v4l2(const Settings& settings) {
       [settings] { return std::make_unique<V4l2Stream>(settings); }, settings.device, settings.fps);
 }
 #endif
+
+Source open_video([[maybe_unused]] const Settings& settings) {
+#ifdef ORBBUF_IMAGE_FILES
+  return std::make_unique<VideoReplaySource>(settings);
+#else
+  throw std::runtime_error(
+      "cannot replay a video: this program was built without OpenCV's videoio");
+#endif
+}
 
 Source open_v4l2([[maybe_unused]] const Settings& settings) {
 #ifdef ORBBUF_V4L2
@@ -71,8 +82,7 @@ constexpr std::array kKinds = {
          [](const Settings& s) -> Source { return std::make_unique<SceneSource>(s); }},
     Kind{"folder", false,
          [](const Settings& s) -> Source { return std::make_unique<FolderReplaySource>(s); }},
-    Kind{"video", false,
-         [](const Settings& s) -> Source { return std::make_unique<VideoReplaySource>(s); }},
+    Kind{"video", false, open_video},
     Kind{"v4l2", true, open_v4l2},
     Kind{"libcamera", true, open_libcamera},
 };

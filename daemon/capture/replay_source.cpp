@@ -5,6 +5,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "common/watched_thread.hpp"
+
 namespace orbbuf {
 
 using std::chrono::nanoseconds;
@@ -64,8 +66,12 @@ void ReplaySource::wait_until_due(std::int64_t capture_time_ns, const std::stop_
   if (!anchor_) anchor_ = {steady_clock::now(), capture_time_ns};
   const auto since_anchor = nanoseconds(capture_time_ns - anchor_->capture_time_ns);
   std::unique_lock lock(mutex_);
-  stopped_.wait_until(lock, stop, anchor_->moment + std::min(since_anchor, kForever),
-                      [] { return false; });
+  const auto due = anchor_->moment + std::min(since_anchor, kForever);
+  while (steady_clock::now() < due && !stop.stop_requested()) {
+    beat();
+    stopped_.wait_until(lock, stop, std::min(due, steady_clock::now() + kBeatInterval),
+                        [] { return false; });
+  }
 }
 
 std::string ReplaySource::description() const {

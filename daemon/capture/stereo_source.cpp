@@ -5,7 +5,7 @@
 
 #include <utility>
 
-#include "common/log.hpp"
+#include "common/watched_thread.hpp"
 
 namespace orbbuf {
 namespace {
@@ -41,7 +41,8 @@ StereoSource::~StereoSource() {
 
 std::optional<RawFrame> StereoSource::next(std::stop_token stop) {
   std::unique_lock lock(mutex_);
-  changed_.wait(lock, stop, [this] { return !pairs_.empty() || filming_ == 0 || failure_; });
+  wait_beating(changed_, lock, stop,
+               [this] { return !pairs_.empty() || filming_ == 0 || failure_; });
   if (stop.stop_requested()) {
     left_thread_.request_stop();
     right_thread_.request_stop();
@@ -56,7 +57,7 @@ std::optional<RawFrame> StereoSource::next(std::stop_token stop) {
 
 void StereoSource::film(Side side, const std::stop_token& stop) {
   const bool is_left = side == Side::kLeft;
-  name_this_thread(is_left ? "left" : "right");
+  const WatchedThread watched(is_left ? "left" : "right");
   std::exception_ptr failure;
   try {
     while (auto frame = (is_left ? left_ : right_)->next(stop)) add(side, std::move(*frame));

@@ -115,6 +115,7 @@ std::chrono::nanoseconds Sender::retry_delay() {
 }
 
 void Sender::attempt_failed(const Error& why, std::chrono::nanoseconds delay) {
+  has_tried_ = true;
   if (attempt_) attempt_->close();
   attempt_.reset();
   if (!connection_ && why.text != last_error_) {
@@ -144,6 +145,7 @@ void Sender::on_step(const ServerConnection& from) {
 }
 
 void Sender::on_welcome(const wire::Position& position) {
+  has_tried_ = true;
   attempt_timer_.cancel();
   if (connection_) {  // the server has left it for this one
     connection_->close();

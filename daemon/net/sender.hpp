@@ -58,6 +58,13 @@ class Sender final : private ServerConnection::Owner {
   /// There may be something new to send.
   void wake();
 
+  /// Whether the first attempt to connect has ended, well or not.
+  bool has_tried() const { return has_tried_; }
+  bool is_connected() const { return connection_ != nullptr; }
+  bool is_stalled() const { return is_stalled_; }
+  /// Why the last attempt failed; empty since the last one that did not.
+  const std::string& last_error() const { return last_error_; }
+
   /// No more frames will come: delivers what waits, for at most drain_timeout, gives up the rest by
   /// name, and says bye. Then `done` is called, with true if the server has the whole record.
   void finish(std::function<void(bool complete)> done);
@@ -99,6 +106,7 @@ class Sender final : private ServerConnection::Owner {
   boost::asio::ip::tcp::resolver resolver_;
   std::vector<boost::asio::ip::tcp::endpoint> endpoints_;
   unsigned attempts_ = 0;                         // since the last welcome
+  bool has_tried_ = false;                        // an attempt has ended
   std::string last_error_;                        // logged already
   std::shared_ptr<ServerConnection> attempt_;     // not yet welcome; null between attempts
   std::shared_ptr<ServerConnection> connection_;  // the one that was welcome; null without

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/service_status.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <cstdint>
+#include <system_error>
+#include <utility>
+
+#ifdef ORBBUF_SYSTEMD
+#include <systemd/sd-daemon.h>
+#endif
+
+namespace orbbuf {
+
+std::chrono::microseconds ServiceStatus::watchdog() const {
+  std::uint64_t period_us = 0;
+#ifdef ORBBUF_SYSTEMD
+  if (::sd_watchdog_enabled(0, &period_us) <= 0) return {};
+#endif
+  return std::chrono::microseconds(period_us);
+}
+
+void ServiceStatus::ready() {
+  if (!std::exchange(is_ready_, true)) tell("READY=1");
+}
+
+void ServiceStatus::status(const std::string& text) {
+  if (text != status_) tell("STATUS=" + text);
+  status_ = text;
+}
+
+void ServiceStatus::feed() { tell("WATCHDOG=1"); }
+
+void ServiceStatus::stopping() { tell("STOPPING=1"); }
+
+void ServiceStatus::tell([[maybe_unused]] const std::string& message) {
+#ifdef ORBBUF_SYSTEMD
+  const int result = ::sd_notify(0, message.c_str());
+  if (result >= 0 || std::exchange(has_failed_, true)) return;
+  spdlog::warn("cannot tell systemd \"{}\": {}", message, std::generic_category().message(-result));
+#endif
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/watched_thread.hpp"
+
+#include <algorithm>
+
+#include "common/log.hpp"
+
+namespace orbbuf {
+namespace {
+
+std::mutex mutex;
+
+thread_local WatchedThread* this_thread = nullptr;
+
+}  // namespace
+
+/// Guarded by `mutex`.
+std::list<WatchedThread::Entry>& WatchedThread::threads() {
+  static std::list<Entry> threads;
+  return threads;
+}
+
+WatchedThread::WatchedThread(const char* name) {
+  name_this_thread(name);
+  const std::lock_guard lock(mutex);
+  entry_ = threads().insert(threads().end(), {name, Clock::now()});
+  this_thread = this;
+}
+
+WatchedThread::~WatchedThread() {
+  const std::lock_guard lock(mutex);
+  threads().erase(entry_);
+  this_thread = nullptr;
+}
+
+std::optional<WatchedThread::Still> WatchedThread::find_still(std::chrono::nanoseconds limit) {
+  const std::lock_guard lock(mutex);
+  const auto oldest = std::ranges::min_element(threads(), {}, &Entry::last_beat);
+  if (oldest == threads().end()) return std::nullopt;
+  const auto time = Clock::now() - oldest->last_beat;
+  if (time <= limit) return std::nullopt;
+  return Still{oldest->name, time};
+}
+
+void beat() {
+  if (this_thread == nullptr) return;
+  const std::lock_guard lock(mutex);
+  this_thread->entry_->last_beat = WatchedThread::Clock::now();
+}
+
+}  // namespace orbbuf

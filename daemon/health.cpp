@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/health.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <utility>
+
+#include "common/watched_thread.hpp"
+
+namespace orbbuf {
+namespace {
+
+using std::chrono::duration;
+using std::chrono::nanoseconds;
+
+constexpr std::chrono::seconds kTellInterval{1};
+
+std::string describe(const Sender& link) {
+  if (link.is_stalled()) return "stalled";
+  if (link.is_connected()) return "connected";
+  if (link.last_error().empty()) return "connecting";
+  return "no connection: " + link.last_error();
+}
+
+}  // namespace
+
+Health::Health(ServiceStatus& service, std::size_t capacity)
+    : service_(service), capacity_(capacity), watchdog_(service.watchdog()) {}
+
+nanoseconds Health::interval() const {
+  if (watchdog_ == nanoseconds(0)) return kTellInterval;
+  return std::min<nanoseconds>(kTellInterval, watchdog_ / 4);
+}
+
+void Health::report(const wire::Stats& stats, const Sender& sender) {
+  if (Clock::now() >= told_time_ + kTellInterval) tell(stats, sender);
+  if (stats.captured > 0 && sender.has_tried()) service_.ready();
+  if (watchdog_ > nanoseconds(0)) feed_if_moving();
+}
+
+void Health::tell(const wire::Stats& stats, const Sender& sender) {
+  const auto now = Clock::now();
+  const double seconds = duration<double>(now - std::exchange(told_time_, now)).count();
+  const wire::Stats before = std::exchange(told_, stats);
+  const auto rate = [seconds](std::uint64_t from, std::uint64_t to) {
+    return static_cast<double>(to - from) / seconds;
+  };
+  service_.status(fmt::format(
+      "{:.1f} frames/s captured, {:.1f} delivered; buffer {} of {}; link {}",
+      rate(before.captured, stats.captured), rate(before.acknowledged, stats.acknowledged),
+      stats.waiting, capacity_, describe(sender)));
+}
+
+void Health::feed_if_moving() {
+  const auto limit = std::max<nanoseconds>(watchdog_ / 2, 2 * kBeatInterval);
+  const auto still = WatchedThread::find_still(limit);
+  if (!still) {
+    is_still_ = false;
+    service_.feed();
+  } else if (!std::exchange(is_still_, true)) {
+    spdlog::error("thread {} has stood still for {:.1f} s; the watchdog is not fed until it moves",
+                  still->name, duration<double>(still->time).count());
+  }
+}
+
+}  // namespace orbbuf

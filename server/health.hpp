@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <chrono>
+#include <string>
+
+#include "common/service_status.hpp"
+#include "server/listener.hpp"
+
+namespace orbbuf {
+
+/// Tells the service manager how the server does. Ready: from start() on. Fed: each time that a
+/// message has gone from `main` to `files`, behind all that is to be written, and back; so neither
+/// a thread that is stuck nor a disk that is goes unnoticed. Thread-bound to `main`.
+class Health {
+ public:
+  /// All must outlive it, and its run of `main`.
+  Health(boost::asio::io_context& main, boost::asio::thread_pool& files, ServiceStatus& service,
+         const Listener& listener);
+
+  void start();
+  /// Nothing more is told, and no timer is left in `main`.
+  void stop();
+
+ private:
+  void report();
+  void ask_files();
+
+  boost::asio::io_context& main_;
+  boost::asio::thread_pool& files_;
+  ServiceStatus& service_;
+  const Listener& listener_;
+  const std::string address_;
+  boost::asio::steady_timer timer_;
+  const std::chrono::nanoseconds interval_;
+  bool is_asking_ = false;
+  bool is_stopped_ = false;
+};
+
+}  // namespace orbbuf

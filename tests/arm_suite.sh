@@ -1,0 +1,23 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# The test suite for 64- or 32-bit ARM, built as the packages are and run by qemu: unit tests and, with
+# the real programs, end to end. With `quick` a part of both. Usage: tests/arm_suite.sh arm64|armhf [quick]
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+build=build/$1
+targets=(all)
+choice=()
+if [ "${2-}" = quick ]; then
+  targets=(orbbufd orbbuf-server orbbuf-pipe-reader buffer_test e2e_test)
+  choice=(-R '^(Delivery|Nearest|Pipe|Programs|Similarity|Stereo)')
+fi
+
+# Left out, as regular expressions, because of qemu-user and not because of ARM.
+LEFT_OUT=(
+)
+
+toolchain/configure.sh "$1" "$build"
+cmake --build "$build" --target "${targets[@]}"
+left_out=$(IFS='|' && echo "${LEFT_OUT[*]}")
+ctest --test-dir "$build" --output-on-failure --no-tests=error -j "$(nproc)" --timeout 600 \
+  -E "$left_out" "${choice[@]}"

@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the two programs tell systemd, and when: readiness, status, and the watchdog's food.
+#include <gmock/gmock.h>
+
+#include <chrono>
+#include <csignal>
+
+#include "tests/e2e/rig.hpp"
+#include "tests/support/notify_socket.hpp"
+#include "tests/support/scripted_server.hpp"
+#include "tests/support/stopped_thread.hpp"
+
+namespace orbbuf::test {
+namespace {
+
+using namespace std::chrono_literals;
+using ::testing::AllOf;
+using ::testing::Contains;
+using ::testing::HasSubstr;
+using ::testing::Not;
+using ::testing::StartsWith;
+using Clock = std::chrono::steady_clock;
+
+const Overrides kFilm{"source.frames=1000000", "source.width=160", "source.height=120"};
+
+class ServiceTest : public ::testing::Test {
+ protected:
+  static std::vector<std::string> told(const NotifySocket& manager) {
+    return {"env", "NOTIFY_SOCKET=" + manager.path(), "WATCHDOG_USEC=4000000"};
+  }
+  std::unique_ptr<Server> serve() const {
+    return std::make_unique<Server>(folder_ / "out", Overrides{}, "127.0.0.1:0",
+                                    told(server_manager_));
+  }
+  std::unique_ptr<Process> film(const std::string& server, Overrides overrides = {}) const {
+    overrides.insert(overrides.end(), kFilm.begin(), kFilm.end());
+    return std::make_unique<Process>(robot_command("r", server, overrides, told(robot_manager_)));
+  }
+
+  /// Whether the watchdog is fed before `limit` has passed.
+  static bool is_fed(NotifySocket& manager, std::chrono::milliseconds limit) {
+    const auto end = Clock::now() + limit;
+    for (auto left = limit; left > 0ms;
+         left = std::chrono::duration_cast<std::chrono::milliseconds>(end - Clock::now())) {
+      if (manager.next(left) == "WATCHDOG=1") return true;
+    }
+    return false;
+  }
+  /// Whether it ceases to be fed.
+  static bool starves(NotifySocket& manager) {
+    for (int fed = 0; fed < 20; ++fed) {
+      if (!is_fed(manager, 4s)) return true;
+    }
+    return false;
+  }
+
+  void expect_watched(NotifySocket& manager, const Process& process, const std::string& thread) {
+    manager.until("READY=1");
+    ASSERT_TRUE(is_fed(manager, 60s));
+    {
+      const StoppedThread stuck(process.pid(), thread);
+      if (!stuck.is_stopped()) GTEST_SKIP() << "ptrace is not permitted";
+      EXPECT_TRUE(starves(manager)) << "although " << thread << " stands still";
+    }
+    EXPECT_TRUE(is_fed(manager, 60s)) << thread << " moves again";
+  }
+
+  const TemporaryFolder folder_;
+  NotifySocket robot_manager_;
+  NotifySocket server_manager_;
+};
+
+TEST_F(ServiceTest, TheServerIsReadyWhenItListensAndSaysWhoIsThere) {
+  const auto server = serve();
+  EXPECT_THAT(server_manager_.until("STATUS"),
+              ::testing::ElementsAre(
+                  "READY=1", "STATUS=listening on " + server->address() + "; robots connected: 0"));
+  const auto robot = film(server->address());
+  EXPECT_THAT(server_manager_.until("STATUS").back(), HasSubstr("robots connected: 1"));
+  server->process().signal(SIGTERM);
+  EXPECT_EQ(server_manager_.until("STOPPING=1").back(), "STOPPING=1");
+  EXPECT_EQ(server->process().wait(), 0) << server->process().output();
+}
+
+TEST_F(ServiceTest, TheRobotIsReadyWhenItFilmsAndIsConnected) {
+  const auto server = serve();
+  const auto robot = film(server->address());
+  EXPECT_EQ(robot_manager_.until("READY=1").back(), "READY=1");
+  EXPECT_TRUE(robot->wait_for_line("connected to", 0s)) << "before that";
+  EXPECT_THAT(robot_manager_.until("STATUS").back(),
+              AllOf(HasSubstr("frames/s captured"), HasSubstr(" of 25; link connected")));
+  robot->signal(SIGTERM);
+  EXPECT_EQ(robot_manager_.until("STOPPING=1").back(), "STOPPING=1");
+  EXPECT_EQ(robot->wait(), 0) << robot->output();
+}
+
+TEST_F(ServiceTest, WithoutAServerTheRobotIsReadyOnceItHasTried) {
+  ScriptedServer silent;  // takes the connection, but says nothing
+  const auto robot = film("127.0.0.1:" + std::to_string(silent.port()),
+                          {"link.connect_timeout=3 s", "link.drain_timeout=0 s"});
+  auto messages = robot_manager_.until("READY=1");
+  EXPECT_THAT(messages, Contains(AllOf(Not(HasSubstr(" 0.0 frames/s captured")),
+                                       HasSubstr("link connecting"))))
+      << "it films but has not tried yet";
+  EXPECT_EQ(messages.back(), "READY=1");
+  EXPECT_TRUE(robot->wait_for_line("no answer within 3 s", 0s)) << robot->output();
+  EXPECT_TRUE(is_fed(robot_manager_, 60s)) << "a server that is not there is no hang";
+  robot->signal(SIGTERM);
+  const auto later = robot_manager_.until("STOPPING=1");
+  messages.insert(messages.end(), later.begin(), later.end());
+  EXPECT_THAT(messages, Contains(HasSubstr("link no connection: no answer within 3 s")));
+}
+
+class RobotWatchdogTest : public ServiceTest, public ::testing::WithParamInterface<const char*> {};
+
+TEST_P(RobotWatchdogTest, IsNotFedWhileAThreadStandsStill) {
+  const auto server = serve();
+  const auto robot = film(server->address());
+  expect_watched(robot_manager_, *robot, GetParam());
+}
+
+INSTANTIATE_TEST_SUITE_P(Thread, RobotWatchdogTest, ::testing::Values("main", "capture", "worker"),
+                         [](const auto& thread) { return thread.param; });
+
+class ServerWatchdogTest : public ServiceTest, public ::testing::WithParamInterface<const char*> {};
+
+TEST_P(ServerWatchdogTest, IsNotFedWhileAThreadStandsStill) {
+  const auto server = serve();
+  expect_watched(server_manager_, server->process(), GetParam());
+}
+
+INSTANTIATE_TEST_SUITE_P(Thread, ServerWatchdogTest, ::testing::Values("main", "files"),
+                         [](const auto& thread) { return thread.param; });
+
+TEST_F(ServiceTest, TheRobotSaysWhichThreadStandsStill) {
+  const auto server = serve();
+  const auto robot = film(server->address());
+  robot_manager_.until("READY=1");
+  const StoppedThread stuck(robot->pid(), "capture");
+  if (!stuck.is_stopped()) GTEST_SKIP() << "ptrace is not permitted";
+  EXPECT_TRUE(robot->wait_for_line("thread capture has stood still for ")) << robot->output();
+}
+
+}  // namespace
+}  // namespace orbbuf::test

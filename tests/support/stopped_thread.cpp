@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/support/stopped_thread.hpp"
+
+#include <sys/ptrace.h>
+#include <sys/wait.h>
+
+#include <filesystem>
+#include <stdexcept>
+
+#include "tests/support/temporary_folder.hpp"
+
+namespace orbbuf::test {
+namespace {
+
+pid_t find(pid_t process, const std::string& name) {
+  const auto threads = "/proc/" + std::to_string(process) + "/task";
+  for (const auto& thread : std::filesystem::directory_iterator(threads)) {
+    if (read_file(thread.path() / "comm") == name + "\n")
+      return std::stoi(thread.path().filename());
+  }
+  throw std::runtime_error("no thread " + name);
+}
+
+}  // namespace
+
+StoppedThread::StoppedThread(pid_t process, const std::string& name) {
+  const pid_t thread = find(process, name);
+  if (::ptrace(PTRACE_SEIZE, thread, nullptr, nullptr) != 0) return;
+  thread_ = thread;
+  ::ptrace(PTRACE_INTERRUPT, thread_, nullptr, nullptr);
+  ::waitpid(thread_, nullptr, __WALL);
+}
+
+StoppedThread::~StoppedThread() {
+  if (is_stopped()) ::ptrace(PTRACE_DETACH, thread_, nullptr, nullptr);
+}
+
+}  // namespace orbbuf::test

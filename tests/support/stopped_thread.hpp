@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <sys/types.h>
+
+#include <string>
+
+namespace orbbuf::test {
+
+/// One thread of a child process that stands still, as one that is stuck in a driver does, for as
+/// long as this lives: stopped by ptrace(2). Thread-bound to its maker.
+class StoppedThread {
+ public:
+  /// `name`: the thread's. Throws std::runtime_error if there is none.
+  StoppedThread(pid_t process, const std::string& name);
+  ~StoppedThread();
+  StoppedThread(const StoppedThread&) = delete;
+  StoppedThread& operator=(const StoppedThread&) = delete;
+
+  /// False where this is not permitted: then nothing was stopped.
+  bool is_stopped() const { return thread_ > 0; }
+
+ private:
+  pid_t thread_ = 0;
+};
+
+}  // namespace orbbuf::test
