@@ -6,7 +6,7 @@
 # Usage: tests/vm/boot.sh FOLDER SHARE [DISK RECORD]
 set -euo pipefail
 if [ $# -gt 2 ]; then
-  disk=("file=$3,if=virtio,format=raw" -virtfs "local,path=$4,mount_tag=record,security_model=mapped-xattr")
+  disk=("file=$3,if=virtio,format=raw,cache=unsafe" -virtfs "local,path=$4,mount_tag=record,security_model=mapped-xattr")
   append='init=/sbin/init systemd.show_status=0'
   for unit in serial-getty@ttyS0.service getty@tty1.service apt-daily.timer apt-daily-upgrade.timer; do
     append+=" systemd.mask=$unit"

@@ -59,7 +59,8 @@ before() {
   cp /share/keys/turtlebot1.crt /etc/orbbuf/orbbufd.crt
   cp /share/keys/turtlebot1.key /etc/orbbuf/orbbufd.key
   chmod 600 /etc/orbbuf/*.key
-  configure /etc/orbbuf/orbbufd.toml id=turtlebot1 fps=5 width=320 height=180 \
+  # Small and slow, since all of it is emulated; TLS takes its time, too.
+  configure /etc/orbbuf/orbbufd.toml id=turtlebot1 fps=2 width=320 height=180 'connect_timeout=3 s' \
     certificate=credential:certificate key=credential:key ca=credential:ca
   configure /etc/orbbuf/orbbuf-server.toml \
     certificate=credential:certificate key=credential:key ca=credential:ca
