@@ -29,8 +29,8 @@ new_session() { [ "$(newest turtlebot1)" != "$1" ] && has_lines turtlebot1 5; }
 
 say() { echo "  $(cut -d. -f1 /proc/uptime) s: $*"; }
 ends() { # CASE: the verdict, with what systemd and the programs have to say
-  systemctl --no-pager -l status orbbufd orbbuf-server >"$log" 2>&1
-  journalctl --no-pager -o short-monotonic -n 60 -u orbbufd -u orbbuf-server >>"$log"
+  systemctl --no-pager -l status orbbufd 'orbbufd@*' orbbuf-server >"$log" 2>&1
+  journalctl --no-pager -o short-monotonic -n 60 -u orbbufd -u 'orbbufd@*' -u orbbuf-server >>"$log"
   verdict "$1"
   say
 }
@@ -72,7 +72,7 @@ before() {
   expect 'started again and again' wait_for 60 at_least orbbufd NRestarts 2
   expect 'which is not given up' has orbbufd ActiveState activating
   say camera
-  modprobe vivid n_devs=2 node_types=0x1,0x1 num_inputs=1,1 input_types=0x0,0x0
+  modprobe vivid n_devs=1 node_types=0x1 num_inputs=1 input_types=0x0
   expect 'films when there is a camera' wait_for 60 is_active orbbufd
   expect 'says that there is no server' wait_for 20 has orbbufd StatusText '*link no connection: *refused*'
   say server
@@ -112,7 +112,7 @@ before() {
 
   mkdir -p /etc/modules-load.d /etc/modprobe.d
   echo vivid >/etc/modules-load.d/vivid.conf
-  echo 'options vivid n_devs=2 node_types=0x1,0x1 num_inputs=1,1 input_types=0x0,0x0' >/etc/modprobe.d/vivid.conf
+  echo 'options vivid n_devs=1 node_types=0x1 num_inputs=1 input_types=0x0' >/etc/modprobe.d/vivid.conf
   newest turtlebot1 >/var/lib/ship-session
   sync
   expect 'frames' goes_on turtlebot1
@@ -130,12 +130,15 @@ after() {
 
   cp /share/keys/front.crt /etc/orbbuf/orbbufd-front.crt
   cp /share/keys/front.key /etc/orbbuf/orbbufd-front.key
-  sed 's/turtlebot1/front/; s|/dev/video0|/dev/video1|' /etc/orbbuf/orbbufd.toml >/etc/orbbuf/orbbufd-front.toml
+  cp /etc/orbbuf/orbbufd.toml /etc/orbbuf/orbbufd-front.toml
+  configure /etc/orbbuf/orbbufd-front.toml id=front kind=libcamera width=192 height=144
+  modprobe vimc
+  udevadm settle
   expect 'orbbufd@front' systemctl start orbbufd@front
   expect 'frames' goes_on front
   expect 'one robot more' wait_for 20 has orbbuf-server StatusText '*robots connected: 2'
   expect 'memory is counted' at_least orbbufd MemoryCurrent 1
-  ends 'ship: a second camera, orbbufd@front'
+  ends 'ship: a second camera, orbbufd@front, through libcamera'
 
   apt-get remove -q -y orbbufd >apt.log 2>&1
   expect 'apt-get remove' [ $? -eq 0 ]
