@@ -55,6 +55,9 @@ before() {
     expect "$unit is not running" has $unit ActiveState inactive
     expect "$unit is not enabled" [ "$(systemctl is-enabled $unit)" = disabled ]
   done
+  expect 'the server starts as it is installed, without keys' systemctl start orbbuf-server
+  expect 'and listens' has orbbuf-server StatusText 'listening on 127.0.0.1:7722; robots connected: 0'
+  systemctl stop orbbuf-server
   cp /share/keys/{ca.crt,server.crt,server.key} /etc/orbbuf/
   cp /share/keys/turtlebot1.crt /etc/orbbuf/orbbufd.crt
   cp /share/keys/turtlebot1.key /etc/orbbuf/orbbufd.key
@@ -65,7 +68,7 @@ before() {
   configure /etc/orbbuf/orbbuf-server.toml \
     certificate=credential:certificate key=credential:key ca=credential:ca
   cp /etc/orbbuf/orbbufd.toml kept.toml
-  verdict 'ship: apt installs both packages, and nothing runs yet'
+  verdict 'ship: apt installs both packages, and nothing runs until it is started'
 
   systemctl enable -q orbbufd orbbuf-server
   systemctl start --no-block orbbufd
