@@ -21,4 +21,4 @@ timeout --foreground 900 qemu-system-x86_64 -accel tcg,thread=multi -cpu Nehalem
   -kernel "$1/kernel" -initrd "$1/initrd.gz" -append "console=ttyS0 quiet panic=-1 mitigations=off $append" \
   -drive "${disk[@]}" \
   -virtfs "local,path=$2,mount_tag=share,security_model=none,readonly=on" </dev/null 2>&1 |
-  tr -d '\r'
+  stdbuf -oL tr -d '\r'

@@ -16,6 +16,7 @@ has() { # UNIT PROPERTY PATTERN
   case $(value "$1" "$2") in $3) true ;; *) false ;; esac
 }
 at_least() { [ "$(value "$1" "$2")" -ge "$3" ]; }
+is_gone() { ! grep -qx "$1" /proc/[0-9]*/comm; }
 is_active() { systemctl is-active -q "$@"; }
 newest() { find "$frames/$1" -mindepth 1 -maxdepth 1 -printf '%f\n' 2>/dev/null | sort | tail -n 1; }
 sessions() { find "$frames/$1" -mindepth 1 -maxdepth 1 2>/dev/null | wc -l; }
@@ -141,12 +142,13 @@ after() {
   expect 'frames' goes_on front
   expect 'one robot more' wait_for 20 has orbbuf-server StatusText '*robots connected: 2'
   expect 'memory is counted' at_least orbbufd MemoryCurrent 1
+  expect 'and it stops' systemctl stop orbbufd@front
   ends 'ship: a second camera, orbbufd@front, through libcamera'
 
   apt-get remove -q -y orbbufd >apt.log 2>&1
   expect 'apt-get remove' [ $? -eq 0 ]
   cp apt.log "$log"
-  expect 'stopped' [ -z "$(pgrep -x orbbufd)" ]
+  expect 'stopped' is_gone orbbufd
   expect 'the configuration stays' [ -e /etc/orbbuf/orbbufd.toml ]
   save_log after
   apt-get purge -q -y orbbufd orbbuf-server >apt.log 2>&1
