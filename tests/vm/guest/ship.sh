@@ -16,7 +16,6 @@ has() { # UNIT PROPERTY PATTERN
   case $(value "$1" "$2") in $3) true ;; *) false ;; esac
 }
 at_least() { [ "$(value "$1" "$2")" -ge "$3" ]; }
-is_gone() { ! grep -qx "$1" /proc/[0-9]*/comm; }
 is_active() { systemctl is-active -q "$@"; }
 newest() { find "$frames/$1" -mindepth 1 -maxdepth 1 -printf '%f\n' 2>/dev/null | sort | tail -n 1; }
 sessions() { find "$frames/$1" -mindepth 1 -maxdepth 1 2>/dev/null | wc -l; }
@@ -145,10 +144,13 @@ after() {
   expect 'and it stops' systemctl stop orbbufd@front
   ends 'ship: a second camera, orbbufd@front, through libcamera'
 
+  local robot
+  robot=$(value orbbufd MainPID)
+  expect 'it runs' [ "$(readlink "/proc/$robot/exe")" = /usr/bin/orbbufd ]
   apt-get remove -q -y orbbufd >apt.log 2>&1
   expect 'apt-get remove' [ $? -eq 0 ]
   cp apt.log "$log"
-  expect 'stopped' is_gone orbbufd
+  expect 'stopped' [ ! -e "/proc/$robot" ]
   expect 'the configuration stays' [ -e /etc/orbbuf/orbbufd.toml ]
   save_log after
   apt-get purge -q -y orbbufd orbbuf-server >apt.log 2>&1
