@@ -52,10 +52,11 @@ std::optional<RawFrame> CameraSource::next(std::stop_token stop) {
   while (!stop.stop_requested()) {
     beat();
     if (!stream_) {
-      if (Clock::now() < deadline_)
+      if (Clock::now() < deadline_) {
         wait_until(deadline_, false);
-      else
+      } else {
         reopen();
+      }
     } else if (auto frame = take()) {
       return frame;
     } else if (stream_) {

@@ -81,6 +81,14 @@ TEST_P(ManualTest, AndTheCompletionTellOfEveryOptionAndOfNoOther) {
   EXPECT_EQ(count(completion, "[ ']--[a-z-]+(?=[ '])"), options);
 }
 
+TEST(Changelog, BeginsWithThisVersion) {
+  const auto lines = read_lines(kSource + "CHANGELOG.md");
+  const auto heading = std::find_if(lines.begin(), lines.end(),
+                                    [](const auto& line) { return line.starts_with("## "); });
+  ASSERT_NE(heading, lines.end());
+  EXPECT_TRUE(heading->starts_with("## " ORBBUF_VERSION " (")) << *heading;
+}
+
 INSTANTIATE_TEST_SUITE_P(Programs, ManualTest,
                          ::testing::Values(Program{"orbbufd", ORBBUFD, 30},
                                            Program{"orbbuf-server", ORBBUF_SERVER, 20}));

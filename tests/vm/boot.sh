@@ -6,7 +6,7 @@
 # Usage: tests/vm/boot.sh FOLDER SHARE [DISK RECORD]
 set -euo pipefail
 if [ $# -gt 2 ]; then
-  disk=("file=$3,if=virtio,format=raw" -virtfs "local,path=$4,mount_tag=record,security_model=mapped-xattr")
+  disk=("file=$3,if=virtio,format=raw,cache=unsafe" -virtfs "local,path=$4,mount_tag=record,security_model=mapped-xattr")
   append='init=/sbin/init systemd.show_status=0'
   for unit in serial-getty@ttyS0.service getty@tty1.service apt-daily.timer apt-daily-upgrade.timer; do
     append+=" systemd.mask=$unit"
@@ -21,4 +21,4 @@ timeout --foreground 900 qemu-system-x86_64 -accel tcg,thread=multi -cpu Nehalem
   -kernel "$1/kernel" -initrd "$1/initrd.gz" -append "console=ttyS0 quiet panic=-1 mitigations=off $append" \
   -drive "${disk[@]}" \
   -virtfs "local,path=$2,mount_tag=share,security_model=none,readonly=on" </dev/null 2>&1 |
-  tr -d '\r'
+  stdbuf -oL tr -d '\r'

@@ -21,12 +21,12 @@ bare() {
   local needed stamp
   needed=$(for package in "${packages[@]}"; do dpkg-deb -f "$package" Depends; done |
     tr ',' '\n' | awk 'NF && !seen[$1]++ { printf "%s%s", (n++ ? "," : ""), $1 }')
-  stamp=$(echo "$needed" | cat - "$here/ship.sh" | sha256sum)
+  stamp=$({ echo "$needed" && declare -f bare; } | sha256sum)
   [ "$(cat bare.stamp 2>/dev/null)" != "$stamp" ] || return 0
   rm -rf bare bare.stamp
   local sources
   mapfile -t sources < <(ls -d /etc/apt/sources.list /etc/apt/sources.list.d/*.{list,sources} 2>/dev/null)
-  mmdebstrap --quiet --variant=apt --include="systemd-sysv,dbus,udev,kmod,busybox-static,$needed" \
+  mmdebstrap --quiet --variant=apt --include="systemd-sysv,dbus,udev,kmod,busybox-static,libcamera-ipa,$needed" \
     --dpkgopt='path-exclude=/usr/share/doc/*' --dpkgopt='path-exclude=/usr/share/man/*' \
     --dpkgopt='path-exclude=/usr/share/locale/*' bookworm bare "${sources[@]}"
   mkdir bare/share
@@ -45,18 +45,17 @@ UNIT
   echo "$stamp" >bare.stamp
 }
 
-# disk: the bare root, and the camera's modules.
+# disk: the bare root, and the cameras' modules.
 disk() {
-  local version modules
+  local version modules module
   version=$(ls "$vm/debian/lib/modules")
   modules=bare/lib/modules/$version
-  if [ ! -e "$modules" ]; then
-    mkdir -p "$modules"
-    cp "$vm/debian/lib/modules/$version"/modules.{builtin*,order} "$modules/"
-    modprobe -d "$vm/debian" -S "$version" --show-depends vivid | awk '$1 == "insmod" { print $2 }' |
-      xargs cp -t "$modules"
-    depmod -b "$PWD/bare" "$version"
-  fi
+  rm -rf "$modules"
+  mkdir -p "$modules"
+  cp "$vm/debian/lib/modules/$version"/modules.{builtin*,order} "$modules/"
+  for module in vivid vimc; do modprobe -d "$vm/debian" -S "$version" --show-depends $module; done |
+    awk '$1 == "insmod" && !seen[$2]++ { print $2 }' | xargs cp -t "$modules"
+  depmod -b "$PWD/bare" "$version"
   mke2fs -q -t ext4 -F -d bare disk.ext4 "$(($(du -sm bare | cut -f1) * 5 / 4 + 100))M" >/dev/null
 }
 
