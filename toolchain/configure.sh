@@ -16,7 +16,7 @@ case $architecture in
 esac
 [ "$preset" = package ] || toolchain/sysroot.sh "$architecture" "build/sysroot-$architecture"
 
-export DEB_HOST_ARCH=$architecture DEB_BUILD_MAINT_OPTIONS=hardening=+all
+export DEB_HOST_ARCH=$architecture DEB_BUILD_MAINT_OPTIONS="hardening=+all future=+lfs"
 # Debug information is stripped from the packages, so none is made. What GCC 7 changed in ARM's ABI is no matter.
 flags="$(dpkg-buildflags --get CXXFLAGS) $(dpkg-buildflags --get CPPFLAGS) -g0 -DNDEBUG -Wno-psabi"
 mkdir -p "$folder"

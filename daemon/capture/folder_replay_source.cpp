@@ -81,7 +81,7 @@ Result<std::vector<std::uint8_t>> read_file(const fs::path& file) {
   if (error) return Error{attempt + ": " + error.message()};
   if (size == 0) return Error{attempt + ": it is empty"};
   if (size > kMaxFileBytes) return Error{attempt + ": it is larger than any image"};
-  std::vector<std::uint8_t> bytes(size);
+  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size));
   std::ifstream in(file, std::ios::binary);
   if (!in) return system_error(attempt, errno);
   in.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
