@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <cstdlib>
 #include <exception>
+#include <iostream>
 #include <string>
 #include <vector>
 
@@ -30,7 +31,7 @@ int main(int argc, char** argv) try {
   orbbuf::ConfigReader reader(config, overrides);
   const orbbuf::Settings settings = orbbuf::load_settings(reader);
   if (is_check) {
-    spdlog::info("the configuration is valid");
+    std::cout << (config.empty() ? "defaults" : config) << ": OK\n";
     return EXIT_SUCCESS;
   }
   spdlog::set_level(spdlog::level::from_str(settings.log_level));

@@ -1,0 +1,54 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# What README and docs tell people to type and to open is there: each `./dev` verb and bench, each link to
+# a file, and the commands of "Install" and "From the sources", run on copies of what a package installs.
+# Usage: tests/readme.sh BUILD_FOLDER
+set -euo pipefail
+build=$(cd "$1" && pwd)
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+bad=0
+problem() { echo "readme: $1" >&2 && bad=1; }
+
+verbs=$(echo help && ./dev help | sed -nE 's/^  ([a-z-]+).*/\1/p')
+benches=$(./dev bench | sed -nE 's/^  ([a-z]+).*/\1/p')
+mapfile -t commands < <(cat README.md docs/*.md | grep -oE '\./dev( [a-z0-9-]+)*' | sort -u)
+[ ${#commands[@]} -gt 9 ] || problem 'finds no commands'
+for command in "${commands[@]}"; do
+  read -ra words <<<"$command"
+  [ ${#words[@]} -gt 1 ] || continue
+  grep -qx -- "${words[1]}" <<<"$verbs" || problem "no verb: $command"
+  [ "${words[1]}" != bench ] || [ ${#words[@]} -eq 2 ] || grep -qx -- "${words[2]}" <<<"$benches" ||
+    problem "no bench: $command"
+done
+
+for page in README.md docs/*.md; do
+  while read -r target; do
+    [ -e "$(dirname "$page")/$target" ] || problem "$page: no file $target"
+  done < <(grep -oE '\]\([^)#]+' "$page" | cut -c3- | grep -v '^https\?:')
+done
+
+# section HEADING: its commands, the indented lines.
+section() { awk -v heading="## $1" '/^## / { on = $0 == heading } on && /^    / { print substr($0, 5) }' README.md; }
+
+cp "$build"/systemd/*.toml "$folder/"
+section Install | grep '^sudo sed' | sed "s|^sudo ||; s|/etc/orbbuf|$folder|; s|SERVER|192.0.2.1|" >"$folder/install.sh"
+[ "$(wc -l <"$folder/install.sh")" -eq 3 ] || problem 'Install: not the three lines to edit'
+bash -e "$folder/install.sh" || problem 'Install: a command fails'
+cmp -s "$build/systemd/orbbufd.toml" "$folder/orbbufd.toml" && problem 'Install: orbbufd.toml is not changed'
+grep -q '^server = "192.0.2.1:7722"' "$folder/orbbufd.toml" || problem 'Install: not the server'
+"$build/daemon/orbbufd" --check-config --config "$folder/orbbufd.toml" || problem 'Install: robot'
+"$build/server/orbbuf-server" --check-config --config "$folder/orbbuf-server.toml" || problem 'Install: server'
+
+ran=0
+while read -r command; do
+  case $command in
+    *--list-cameras) ;;
+    *) command="$command --check-config" ;;
+  esac
+  (cd "$folder" && bash -c "${command//SERVER/192.0.2.1}" >/dev/null) || problem "fails: $command"
+  ran=$((ran + 1))
+done < <(section 'From the sources, on a robot and a server' | sed -n "s|^build/release/|$build/|p")
+[ $ran -eq 3 ] || problem "From the sources: $ran commands, not 3"
+exit $bad
