@@ -8,6 +8,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 architecture=$1
 folder=$2
 umask 022
+export CCACHE_DISABLE=1 # what a cache holds may have been compiled in another folder
 rm -rf "$folder"
 toolchain/configure.sh "$architecture" "$folder" -DORBBUF_BUILD_TESTS=OFF
 cmake --build "$folder"
