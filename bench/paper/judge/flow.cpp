@@ -32,9 +32,10 @@ Pyramid make_pyramid(const cv::Mat& image) {
 }
 
 std::vector<Flow> follow(const Pyramid& from, const Pyramid& to,
-                         const std::vector<cv::Point2f>& points) {
+                         const std::vector<cv::Point2f>& points,
+                         const std::vector<cv::Point2f>& expected) {
   if (points.empty()) return {};
-  std::vector<cv::Point2f> there = points;
+  std::vector<cv::Point2f> there = expected;
   const auto forth = move_points(from, to, points, there, kLevels);
   std::vector<cv::Point2f> again = points;  // it is there or was no use: one level will do
   const auto back = move_points(to, from, there, again, 1);

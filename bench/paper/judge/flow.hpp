@@ -18,8 +18,9 @@ struct Flow {
 };
 
 /// Follows points from one image to another (KLT). A point is found if following it back leads to
-/// where it was, within half a pixel.
+/// where it was, within half a pixel. `expected`: where the search begins, for each point.
 std::vector<Flow> follow(const Pyramid& from, const Pyramid& to,
-                         const std::vector<cv::Point2f>& points);
+                         const std::vector<cv::Point2f>& points,
+                         const std::vector<cv::Point2f>& expected);
 
 }  // namespace orbbuf::paper

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 #include <utility>
@@ -51,15 +52,10 @@ std::optional<Eigen::Isometry3d> Odometry::track(const JudgedFrame& frame) {
   } else if (state_ == State::kStarting) {
     start_mono(frame, std::move(pyramid));
   } else {
-    const std::vector<Track> before = tracks_;
-    keep(follow(last_, pyramid, pixels_of(tracks_)));
-    if (!locate()) {
-      tracks_ = before;
-      if (!locate_anywhere(frame)) {
-        tracks_ = before;
-        if (++failures_ >= kPatience) state_ = State::kLost;
-        return std::nullopt;
-      }
+    if (!locate(pyramid, motion_.expected(frame.time_s)) && !locate(pyramid, pose_) &&
+        !locate_anywhere(frame)) {
+      if (++failures_ >= kPatience) state_ = State::kLost;
+      return std::nullopt;
     }
     failures_ = 0;
     last_ = std::move(pyramid);
@@ -67,6 +63,7 @@ std::optional<Eigen::Isometry3d> Odometry::track(const JudgedFrame& frame) {
     if (wants_keyframe()) add_keyframe(frame);
   }
   if (state_ != State::kTracking) return std::nullopt;
+  motion_.moved_to(frame.time_s, pose_);
   return pose_.inverse();
 }
 
@@ -81,7 +78,7 @@ void Odometry::begin(const JudgedFrame& frame, Pyramid pyramid) {
 }
 
 void Odometry::start_mono(const JudgedFrame& frame, Pyramid pyramid) {
-  keep(follow(last_, pyramid, pixels_of(tracks_)));
+  keep(follow(last_, pyramid, pixels_of(tracks_), pixels_of(tracks_)));
   last_ = std::move(pyramid);
   last_image_ = frame.left;
   if (tracks_.size() < 2 * kFirstMapPoints) {
@@ -145,23 +142,32 @@ void Odometry::keep(const std::vector<Flow>& flows) {
   tracks_.resize(kept);
 }
 
-bool Odometry::locate() {
-  if (!take_pose(kLeastInliers, kLeastShare)) return false;
+bool Odometry::locate(const Pyramid& pyramid, const Eigen::Isometry3d& expected) {
+  std::vector<Track> before = tracks_;
+  keep(follow(last_, pyramid, pixels_of(tracks_),
+              expected_pixels(camera_, tracks_, pose_, expected)));
+  if (!take_pose(kLeastInliers, kLeastShare)) {
+    tracks_ = std::move(before);
+    return false;
+  }
   forget_outliers();
   if (!camera_.is_stereo() || keyframes_.size() > 1) add_points_by_motion();
   return true;
 }
 
 bool Odometry::locate_anywhere(const JudgedFrame& frame) {
-  std::erase_if(tracks_, [](const Track& track) { return !track.has_point; });
-  const auto matches = match_anywhere(last_image_, pixels_of(tracks_), frame.left);
+  std::vector<Track> known;
+  std::ranges::copy_if(tracks_, std::back_inserter(known), &Track::has_point);
   std::vector<Track> found;
-  for (const Match& match : matches) {
-    found.push_back(tracks_[match.old_index]);
+  for (const Match& match : match_anywhere(last_image_, pixels_of(known), frame.left)) {
+    found.push_back(known[match.old_index]);
     found.back().pixel = match.place;
   }
-  tracks_ = std::move(found);
-  if (!take_pose(kLeastInliers, kLeastShareMatched)) return false;
+  std::swap(tracks_, found);
+  if (!take_pose(kLeastInliers, kLeastShareMatched)) {
+    tracks_ = std::move(found);
+    return false;
+  }
   forget_outliers();
   return true;
 }
@@ -247,7 +253,8 @@ void Odometry::add_corners(const cv::Mat& image) {
 }
 
 void Odometry::add_points_by_stereo(const JudgedFrame& frame) {
-  const auto flows = follow(last_, make_pyramid(frame.right), pixels_of(tracks_));
+  const auto flows =
+      follow(last_, make_pyramid(frame.right), pixels_of(tracks_), pixels_of(tracks_));
   for (std::size_t i = 0; i < tracks_.size(); ++i) {
     Track& track = tracks_[i];
     const double disparity = track.pixel.x - flows[i].place.x;

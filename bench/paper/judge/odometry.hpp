@@ -10,6 +10,7 @@
 #include "bench/paper/camera.hpp"
 #include "bench/paper/judge/flow.hpp"
 #include "bench/paper/judge/map.hpp"
+#include "bench/paper/judge/motion.hpp"
 
 namespace orbbuf::paper {
 
@@ -21,11 +22,11 @@ struct JudgedFrame {
 };
 
 /// Visual odometry as plain as it can be and still stand for a SLAM program: corners are followed
-/// (KLT), poses come from PnP with RANSAC, keyframes get new points from the right image or, of one
-/// camera, by triangulation, and the newest ones are adjusted together. Where following fails, as
-/// it does over a gap, the points are looked for by their descriptors; where that fails for
-/// kPatience frames in a row, it is lost, and remains so: it closes no loops and starts no second
-/// map.
+/// (KLT) from where its motion lets them be expected, poses come from PnP with RANSAC, keyframes
+/// get new points from the right image or, of one camera, by triangulation, and the newest ones are
+/// adjusted together. Where following fails, as it does over a gap, the points are looked for by
+/// their descriptors; where that fails for kPatience frames in a row, it is lost, and remains so:
+/// it closes no loops and starts no second map.
 ///
 /// One camera gives poses in a scale of its own. Deterministic. A copy goes on by itself: take one
 /// where two futures part.
@@ -47,7 +48,7 @@ class Odometry {
   void start_mono(const JudgedFrame& frame, Pyramid pyramid);
   bool make_first_map();
   void keep(const std::vector<Flow>& flows);
-  bool locate();
+  bool locate(const Pyramid& pyramid, const Eigen::Isometry3d& expected);
   bool locate_anywhere(const JudgedFrame& frame);
   bool take_pose(std::size_t least_inliers, double least_share);
   void forget_outliers();
@@ -63,6 +64,7 @@ class Odometry {
   Pyramid last_;  ///< of the last frame that has a pose
   cv::Mat last_image_;
   Eigen::Isometry3d pose_ = Eigen::Isometry3d::Identity();  ///< world to camera
+  Motion motion_;
   Keyframes keyframes_;
   std::vector<Track> tracks_;
   std::size_t points_at_keyframe_ = 0;

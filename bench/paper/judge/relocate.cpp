@@ -10,7 +10,7 @@
 namespace orbbuf::paper {
 namespace {
 
-constexpr int kCorners = 900;
+constexpr int kPixelsPerCorner = 340;
 constexpr double kApartPx = 7;
 constexpr float kRatio = 0.85F;
 constexpr float kFarthestBits = 64;
@@ -61,7 +61,8 @@ std::vector<cv::Point2f> find_corners(const cv::Mat& image, int count, double ap
 std::vector<Match> match_anywhere(const cv::Mat& old_image,
                                   const std::vector<cv::Point2f>& old_points,
                                   const cv::Mat& new_image) {
-  const std::vector<cv::Point2f> corners = find_corners(new_image, kCorners, kApartPx, {});
+  const std::vector<cv::Point2f> corners =
+      find_corners(new_image, static_cast<int>(new_image.total()) / kPixelsPerCorner, kApartPx, {});
   if (old_points.empty() || corners.empty()) return {};
   const Described from = describe(old_image, old_points, 1);
   const Described to = describe(new_image, corners, kOctaves);

@@ -15,8 +15,8 @@
 namespace orbbuf::paper {
 namespace {
 
-constexpr double kSameTime_s = 1e-3;
-constexpr double kRpeOver_s = 1;
+constexpr double kSameTimeS = 1e-3;
+constexpr double kRpeOverS = 1;
 
 struct Pair {
   StampedPose estimate;
@@ -27,8 +27,8 @@ std::vector<Pair> pair_up(const Trajectory& estimate, const Trajectory& truth) {
   std::vector<Pair> pairs;
   for (const StampedPose& pose : estimate) {
     const auto match =
-        std::ranges::lower_bound(truth, pose.time_s - kSameTime_s, {}, &StampedPose::time_s);
-    if (match == truth.end() || match->time_s > pose.time_s + kSameTime_s) continue;
+        std::ranges::lower_bound(truth, pose.time_s - kSameTimeS, {}, &StampedPose::time_s);
+    if (match == truth.end() || match->time_s > pose.time_s + kSameTimeS) continue;
     pairs.push_back({pose, *match});
   }
   return pairs;
@@ -41,7 +41,7 @@ void add_rpe(const std::vector<Pair>& pairs, TrajectoryError& error) {
   std::size_t count = 0;
   for (std::size_t i = 0, j = 0; i < pairs.size(); ++i) {
     while (j < pairs.size() &&
-           pairs[j].truth.time_s < pairs[i].truth.time_s + kRpeOver_s - kSameTime_s) {
+           pairs[j].truth.time_s < pairs[i].truth.time_s + kRpeOverS - kSameTimeS) {
       ++j;
     }
     if (j == pairs.size()) break;

@@ -38,7 +38,8 @@ std::string try_tolerance(Scene& scene, const TrialOptions& options);
 
 /// What real processes have delivered: judged around each outage. outages: a file with a line
 /// NAME FIRST LAST for each, frames captured as the link went and came back. `sessions`:
-/// NAME=FOLDER, as orbbuf-server writes it.
+/// NAME=FOLDER, with a times.txt as orbbuf-server writes it; NAME is CONTENDER or CONTENDER@RUN.
+/// Returns no results.
 std::string judge_sessions(Scene& scene, const TrialOptions& options,
                            const std::filesystem::path& outages,
                            const std::vector<std::string>& sessions);

@@ -10,7 +10,7 @@
 namespace orbbuf::paper {
 namespace {
 
-constexpr double kMahimahiStep_s = 0.5;
+constexpr double kMahimahiStepS = 0.5;
 constexpr double kMahimahiBytes = 1500;  // a line is a chance to send so many
 
 void read_ghent(std::ifstream& in, RateTrace& trace) {
@@ -31,12 +31,12 @@ void read_ghent(std::ifstream& in, RateTrace& trace) {
 void read_mahimahi(std::ifstream& in, RateTrace& trace) {
   std::vector<double> packets;
   for (double at_ms = 0; in >> at_ms;) {
-    const auto step = static_cast<std::size_t>(at_ms * 1e-3 / kMahimahiStep_s);
+    const auto step = static_cast<std::size_t>(at_ms * 1e-3 / kMahimahiStepS);
     if (packets.size() <= step) packets.resize(step + 1, 0);
     ++packets[step];
   }
   for (const double count : packets) {
-    trace.steps.push_back({kMahimahiStep_s, count * kMahimahiBytes / kMahimahiStep_s});
+    trace.steps.push_back({kMahimahiStepS, count * kMahimahiBytes / kMahimahiStepS});
   }
 }
 

@@ -20,7 +20,7 @@
 namespace orbbuf::paper {
 namespace {
 
-constexpr double kBuffer_s = 2;
+constexpr double kBufferS = 2;
 constexpr double kGoodRatio = 1.2;
 constexpr double kLost = std::numeric_limits<double>::infinity();
 const char* const kClairvoyant = "clairvoyant";
@@ -59,7 +59,7 @@ void simulate_start(Scene& scene, const RateTrace& trace, double need, std::size
   const double scale = is_scaled(trace) ? stream / need / trace.mean_bytes_per_s() : 1;
   const double offset_s = uniform(random, 0, trace.duration_s());
   const std::uint64_t seed = random();
-  const auto capacity = static_cast<std::size_t>(std::lround(kBuffer_s * scene.fps()));
+  const auto capacity = static_cast<std::size_t>(std::lround(kBufferS * scene.fps()));
   const sim::FinishTime link = [&](std::int64_t start_ns, std::size_t bytes) {
     return finish(trace, scale, offset_s, start_ns, bytes);
   };

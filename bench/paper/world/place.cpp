@@ -48,14 +48,14 @@ Place::Place(const Style& style, const Route& route, std::uint64_t seed)
   std::mt19937_64 random(seed);
   for (const Cell cell : way) {
     for (int dx = -1; dx <= 1; ++dx) {
-      for (int dy = -1; dy <= 1; ++dy) carve({cell.x + dx, cell.y + dy});
+      for (int dy = -1; dy <= 1; ++dy) set({cell.x + dx, cell.y + dy}, 1);
     }
     if (uniform(random, 0, 1) >= kNiches) continue;
     const int depth = uniform(random, 0, 1) < 0.6 ? 2 : 3;
     const int side = uniform(random, 0, 1) < 0.5 ? -1 : 1;
     for (int d = 1; d <= depth; ++d) {
-      carve({cell.x + side * d, cell.y});
-      carve({cell.x, cell.y + side * d});
+      set({cell.x + side * d, cell.y}, 1);
+      set({cell.x, cell.y + side * d}, 1);
     }
   }
   for (std::size_t i = 1; i + 1 < way.size(); ++i) {
@@ -63,23 +63,26 @@ Place::Place(const Style& style, const Route& route, std::uint64_t seed)
     const int side = uniform(random, 0, 1) < 0.5 ? -1 : 1;
     const bool is_along_x = way[i].y == way[i - 1].y;
     const Cell pillar{way[i].x + (is_along_x ? 0 : side), way[i].y + (is_along_x ? side : 0)};
-    free_[static_cast<std::size_t>((pillar.y - origin_.y) * width_ + pillar.x - origin_.x)] = 0;
+    set(pillar, 0);
   }
 }
 
-void Place::carve(Cell cell) {
-  const int x = cell.x - origin_.x;
-  const int y = cell.y - origin_.y;
-  if (x < 1 || y < 1 || x + 1 >= width_ || y + 1 >= height_) return;
-  free_[static_cast<std::size_t>(y * width_ + x)] = 1;
+std::size_t Place::index_of(Cell cell) const {
+  return static_cast<std::size_t>(cell.y - origin_.y) * static_cast<std::size_t>(width_) +
+         static_cast<std::size_t>(cell.x - origin_.x);
 }
 
-bool Place::is_free(Cell cell) const {
+bool Place::is_inside(Cell cell, int margin) const {
   const int x = cell.x - origin_.x;
   const int y = cell.y - origin_.y;
-  return x >= 0 && y >= 0 && x < width_ && y < height_ &&
-         free_[static_cast<std::size_t>(y * width_ + x)] != 0;
+  return x >= margin && y >= margin && x + margin < width_ && y + margin < height_;
 }
+
+void Place::set(Cell cell, std::uint8_t is_free) {
+  if (is_inside(cell, 1)) free_[index_of(cell)] = is_free;
+}
+
+bool Place::is_free(Cell cell) const { return is_inside(cell, 0) && free_[index_of(cell)] != 0; }
 
 double Place::bareness(int cell_x, int cell_y) const {
   const auto mixed = mix(seed_ + 7, zone(cell_x, kBareZone), zone(cell_y, kBareZone), 1);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -32,7 +33,9 @@ class Place {
   bool is_free(Cell cell) const;
 
  private:
-  void carve(Cell cell);
+  std::size_t index_of(Cell cell) const;
+  bool is_inside(Cell cell, int margin) const;
+  void set(Cell cell, std::uint8_t is_free);
   double bareness(int cell_x, int cell_y) const;
 
   double cell_m_;
