@@ -86,6 +86,7 @@ case $contender in
   *) start_orbbufd "$contender" ;;
 esac
 robot=${pids[-1]}
+[ ! -e "$work/arrivals.out" ] || wait_for arrivals '^00000'
 sample "$robot" >"$work/samples" &
 pids+=($!)
 
@@ -113,7 +114,7 @@ sleep 0.5
 if [ -d "$work/frames" ]; then
   find "$work"/frames/r/*/images -name '*.jpg' -printf '%f %T@\n' | sed 's/\.jpg//' | sort >"$work/arrivals"
 else
-  sort "$work/arrivals.out" >"$work/arrivals"
+  grep -E '^[0-9]{6} ' "$work/arrivals.out" | sort >"$work/arrivals" # rosconsole says things there, too
 fi
 cp "$work/arrivals" "$out/arrivals"
 [ -s "$work/arrivals" ] || { say "bench paper: nothing arrived of $contender" && exit 1; }

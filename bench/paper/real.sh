@@ -13,14 +13,15 @@ contend() {
       "$outage" "$mbit" &
     running+=($!)
   done
-  local seconds total
+  local seconds said=0 total
   total=$(awk '{ t = $2 } END { printf "%d", t + 8 }' "$world/times.txt")
   SECONDS=0
   while [ -n "$(jobs -r)" ]; do
     seconds=$SECONDS
     if [ -t 2 ]; then
       printf '\rreal link: %d contenders, %d of about %d s  ' $# "$seconds" "$total" >&2
-    elif [ $((seconds % 5)) -eq 0 ]; then
+    elif [ $((seconds - said)) -ge 5 ]; then
+      said=$seconds
       say "real link: $# contenders, $seconds of about $total s"
     fi
     sleep 1

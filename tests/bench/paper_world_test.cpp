@@ -2,9 +2,12 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <fstream>
 #include <numbers>
+#include <stdexcept>
 
 #include "bench/paper/world/renderer.hpp"
+#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf::paper {
 namespace {
@@ -95,7 +98,21 @@ TEST(Renderer, ExposureChanges) {
 }
 
 TEST(CameraFile, ComesBackAsWritten) {
-  EXPECT_EQ(to_text(stereo()), "Pinhole 190 190 159.5 119.5 0\n320 240\nnone\n320 240\n0.12\n");
+  const test::TemporaryFolder folder;
+  for (const Camera& camera : {kMono, stereo()}) {
+    std::ofstream(folder.path() / "camera.txt") << to_text(camera);
+    const Camera read = read_camera(folder.path() / "camera.txt");
+    EXPECT_EQ(read.cy, 119.5);
+    EXPECT_EQ(read.height_px, 240);
+    EXPECT_EQ(read.baseline_m, camera.baseline_m);
+  }
+}
+
+TEST(CameraFile, OtherModelsAreRefused) {
+  const test::TemporaryFolder folder;
+  std::ofstream(folder.path() / "camera.txt")
+      << "FOV 0.5 0.7 0.5 0.5 0.9\n640 480\ncrop\n640 480\n";
+  EXPECT_THROW(read_camera(folder.path() / "camera.txt"), std::runtime_error);
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <atomic>
 #include <exception>
 #include <mutex>
+#include <numbers>
 #include <numeric>
 #include <thread>
 
@@ -69,6 +70,12 @@ Scene::Scene(const std::filesystem::path& folder)
     progress.add();
   }
   checkpoints_.push_back(judge);
+}
+
+double Scene::motion_m(std::size_t i, std::size_t j) const {
+  constexpr double kMetresARadian = 18 / std::numbers::pi;
+  const Eigen::Isometry3d moved = truth_[i].pose.inverse() * truth_[j].pose;
+  return moved.translation().norm() + kMetresARadian * Eigen::AngleAxisd(moved.rotation()).angle();
 }
 
 Verdict Scene::judge(const std::vector<std::size_t>& received, std::size_t end) const {

@@ -39,6 +39,9 @@ class Scene {
   const Verdict& unbroken() const { return checkpoints_.back().verdict(); }
   const Camera& camera() const { return camera_; }
 
+  /// How far the camera has really gone and turned between two frames, 10 degrees as a metre.
+  double motion_m(std::size_t i, std::size_t j) const;
+
   /// The judge on these frames, up to but without frame `end`; it stops where it is lost. Goes on
   /// from the last checkpoint before the first frame that is missing. Thread-safe.
   Verdict judge(const std::vector<std::size_t>& received, std::size_t end) const;

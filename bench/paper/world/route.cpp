@@ -15,7 +15,6 @@ namespace {
 
 constexpr double kQuarter = std::numbers::pi / 2;
 constexpr double kRamp = 0.15;  // of a drive's time: until full speed, and to standstill
-constexpr double kArcShare = 0.34;
 
 /// From 0 to 1, starting and ending slowly.
 double turn_ease(double p) { return 0.5 - 0.5 * std::cos(std::numbers::pi * p); }
@@ -56,8 +55,10 @@ Route::Route(const Style& style, std::uint64_t seed, double duration_s) : style_
   int direction = 0;
   bool is_arc = false;  // the corner before this leg
   Phase drive;
-  for (double total_s = 0; total_s <= duration_s;) {
-    const int cells = 5 + static_cast<int>(uniform(random, 0, 5));
+  double driven_s = 0;  // at least, turns on the spot not counted
+  while (driven_s <= duration_s) {
+    const int cells =
+        style.leg_min + static_cast<int>(uniform(random, 0, style.leg_max - style.leg_min + 1));
     const Cell step{direction == 0 ? 1 : 0, direction};
     for (int i = 0; i < cells; ++i) {
       cells_.push_back(at);
@@ -66,10 +67,11 @@ Route::Route(const Style& style, std::uint64_t seed, double duration_s) : style_
     corners_.push_back(at);
     const int next = next_direction(direction, random);
     const double turn = (next - direction) * kQuarter;
-    const bool next_is_arc = uniform(random, 0, 1) < kArcShare;
-    drive.pieces.push_back({(cells - is_arc - next_is_arc) * style.cell_m, 0});
+    const bool next_is_arc = uniform(random, 0, 1) < style.arc_share;
+    drive.pieces.push_back({(cells - is_arc - next_is_arc) * style.cell_m, 0, 1});
+    driven_s += cells * style.cell_m / style.speed_m_s;
     if (next_is_arc) {
-      drive.pieces.push_back({kQuarter * style.cell_m, turn});
+      drive.pieces.push_back({kQuarter * style.cell_m, turn, style.arc_slower});
     } else {
       add_phase(std::exchange(drive, {}));
       Phase spot;
@@ -77,10 +79,10 @@ Route::Route(const Style& style, std::uint64_t seed, double duration_s) : style_
       spot.duration_s = uniform(random, style.turn_s_min, style.turn_s_max);
       add_phase(spot);
     }
-    if (!phases_.empty()) total_s = phases_.back().begin_s + phases_.back().duration_s;
     is_arc = next_is_arc;
     direction = next;
   }
+  if (!drive.pieces.empty()) add_phase(std::move(drive));
   for (int i = 0; i < 8; ++i) {  // the way goes on where the drive has ended
     cells_.push_back(at);
     at = {at.x + (direction == 0 ? 1 : 0), at.y + direction};
@@ -88,9 +90,9 @@ Route::Route(const Style& style, std::uint64_t seed, double duration_s) : style_
 }
 
 void Route::add_phase(Phase phase) {
-  for (const Piece& piece : phase.pieces) phase.length_m += piece.length_m;
+  for (const Piece& piece : phase.pieces) phase.paced_m += piece.paced_m();
   if (!phase.pieces.empty()) {
-    phase.duration_s = phase.length_m / style_.speed_m_s / (1 - kRamp);
+    phase.duration_s = phase.paced_m / style_.speed_m_s / (1 - kRamp);
   }
   if (!phases_.empty()) {
     const Phase& last = phases_.back();
@@ -110,11 +112,11 @@ CameraPose Route::axis_at(double t_s) const {
   const double p = std::clamp((t_s - phase.begin_s) / phase.duration_s, 0.0, 1.0);
   CameraPose pose = phase.start;
   pose.heading += phase.turn * turn_ease(p);
-  double left_m = phase.length_m * drive_ease(p);
+  double left_m = phase.paced_m * drive_ease(p);
   for (const Piece& piece : phase.pieces) {
-    const double share = std::min(1.0, left_m / piece.length_m);
+    const double share = std::min(1.0, left_m / piece.paced_m());
     pose = along(pose, piece.length_m * share, piece.turn * share);
-    left_m -= piece.length_m;
+    left_m -= piece.paced_m();
     if (left_m <= 0) break;
   }
   return pose;

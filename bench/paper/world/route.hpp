@@ -18,11 +18,15 @@ struct Style {
   double exposure_s = 0.006;
   double baseline_m = 0.12;  ///< of a stereo camera
   bool has_ceiling = true;
+  int leg_min = 5;  ///< cells from corner to corner
+  int leg_max = 9;
+  double arc_share = 0.34;  ///< of the corners: taken in an arc; the others on the spot
+  double arc_slower = 1.6;  ///< than speed_m_s
 };
 
-/// A robot in a building, a car in a street.
+/// A robot in a building; a car in a street, where it takes 3 s for a corner.
 inline constexpr Style kCorridor{};
-inline constexpr Style kStreet{5, 7, 9, 1.65, 1.2, 3.5, 6, 0.004, 0.54, false};
+inline constexpr Style kStreet{5, 7, 9, 1.65, 1.2, 3.5, 6, 0.004, 0.54, false, 10, 18, 1, 2.7};
 
 /// Where the camera is, in metres; it looks along `heading` (0: along x, counter-clockwise) and
 /// never up, down or aslant.
@@ -38,8 +42,8 @@ struct Cell {
   int y = 0;
 };
 
-/// A drive along straight legs that never cross. Quarter turns between them are on the spot or, one
-/// in three, along an arc. The way sways a little, as wheels and legs do.
+/// A drive along straight legs that never cross. Quarter turns between them are on the spot or
+/// along an arc. The way sways a little, as wheels and legs do.
 class Route {
  public:
   /// Long enough for duration_s; the same for the same seed.
@@ -58,6 +62,10 @@ class Route {
   struct Piece {
     double length_m = 0;
     double turn = 0;
+    double slower = 1;
+
+    /// Of straight way that takes as long.
+    double paced_m() const { return length_m * slower; }
   };
   /// From standstill to standstill: a drive along pieces or, without any, a turn on the spot.
   struct Phase {
@@ -65,7 +73,7 @@ class Route {
     double duration_s = 0;
     CameraPose start;  ///< of the robot's axis
     std::vector<Piece> pieces;
-    double length_m = 0;
+    double paced_m = 0;
     double turn = 0;
   };
 
