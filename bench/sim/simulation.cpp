@@ -12,7 +12,7 @@ namespace {
 
 class Simulation {
  public:
-  Simulation(const LinkModel& link, std::size_t capacity, std::unique_ptr<DropPolicy> policy)
+  Simulation(const FinishTime& link, std::size_t capacity, std::unique_ptr<DropPolicy> policy)
       : link_(link), buffer_(capacity, std::move(policy)) {}
 
   void arrive(const FramePtr& frame) {
@@ -38,12 +38,12 @@ class Simulation {
       if (!frame) return;
       delivery_.received.push_back(frame->sequence);
       delivery_.drops_before.push_back(buffer_.stats().dropped);
-      free_at_ns_ = link_.finish(free_at_ns_, frame->jpeg.size());
+      free_at_ns_ = link_(free_at_ns_, frame->jpeg.size());
       buffer_.acknowledge(frame->sequence + 1);
     }
   }
 
-  const LinkModel link_;
+  const FinishTime& link_;
   FrameBuffer buffer_;
   Delivery delivery_;
   std::int64_t free_at_ns_ = 0;
@@ -53,7 +53,15 @@ class Simulation {
 
 Delivery simulate(const std::vector<FramePtr>& frames, const LinkModel& link, std::size_t capacity,
                   std::unique_ptr<DropPolicy> policy) {
-  Simulation simulation(link, capacity, std::move(policy));
+  const FinishTime finish = [&link](std::int64_t start_ns, std::size_t bytes) {
+    return link.finish(start_ns, bytes);
+  };
+  return simulate(frames, finish, capacity, std::move(policy));
+}
+
+Delivery simulate(const std::vector<FramePtr>& frames, const FinishTime& finish,
+                  std::size_t capacity, std::unique_ptr<DropPolicy> policy) {
+  Simulation simulation(finish, capacity, std::move(policy));
   for (const FramePtr& frame : frames) simulation.arrive(frame);
   return simulation.finish();
 }

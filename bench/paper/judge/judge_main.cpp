@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+// orbbuf-judge: does SLAM survive on these frames? Runs a visual odometry over a folder of
+// orbbuf-world or a session of orbbuf-server, or live on the standard input as [pipe] command; or
+// has any SLAM program do it (--slam). Prints a verdict, then RESULT lines.
+#include <spdlog/fmt/fmt.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdlib>
+#include <exception>
+#include <filesystem>
+#include <iostream>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "bench/paper/judge/frames.hpp"
+#include "bench/paper/judge/verdict.hpp"
+#include "bench/paper/progress.hpp"
+
+namespace orbbuf::paper {
+namespace {
+
+struct Options {
+  std::filesystem::path folder;
+  std::filesystem::path camera;
+  std::filesystem::path truth;
+  std::filesystem::path trajectory;
+  std::string slam;
+  std::vector<std::uint64_t> without;
+};
+
+Verdict judge_pipe(const Camera& camera) {
+  Judge judge(camera);
+  std::uint64_t id = 0;
+  while (const auto frame = read_pipe(std::cin, camera.is_stereo())) judge.see(*frame, id++);
+  return judge.verdict();
+}
+
+Verdict judge_folder(const Options& options, const Camera& camera) {
+  auto frames = list_frames(options.folder);
+  if (!options.without.empty()) {
+    const std::uint64_t first = options.without[0];
+    std::erase_if(frames, [&](const ListedFrame& frame) {
+      return frame.id >= first && frame.id - first < options.without[1];
+    });
+  }
+  Judge judge(camera);
+  Progress progress("judge", "frames", frames.size());
+  for (const ListedFrame& frame : frames) {
+    judge.see(load_frame(options.folder, frame, camera.is_stereo()), frame.id);
+    progress.add();
+  }
+  return judge.verdict();
+}
+
+void replace(std::string& text, const std::string& name, const std::filesystem::path& path) {
+  for (auto at = text.find(name); at != std::string::npos; at = text.find(name)) {
+    text.replace(at, name.size(), std::filesystem::absolute(path).string());
+  }
+}
+
+/// A program that is lost writes no more poses.
+Verdict judge_other(const Options& options, const std::filesystem::path& camera) {
+  std::string command = options.slam;
+  replace(command, "{images}", options.folder / "images");
+  replace(command, "{calib}", camera);
+  replace(command, "{times}", options.folder / "times.txt");
+  replace(command, "{trajectory}", options.trajectory);
+  std::filesystem::remove(options.trajectory);
+  if (std::system(command.c_str()) != 0) throw std::runtime_error("failed: " + command);
+  Verdict verdict;
+  verdict.trajectory = read_trajectory(options.trajectory);
+  const auto frames = list_frames(options.folder);
+  verdict.frames = frames.size();
+  if (verdict.trajectory.empty()) {
+    verdict.starting = verdict.frames;
+    return verdict;
+  }
+  for (const ListedFrame& frame : frames) {
+    if (frame.time_s < verdict.trajectory.front().time_s - 1e-3) ++verdict.starting;
+    const bool is_after = frame.time_s > verdict.trajectory.back().time_s + 1e-3;
+    if (is_after && !verdict.lost_at) verdict.lost_at = frame.id;
+  }
+  verdict.unplaced = verdict.frames - verdict.starting -
+                     std::min(verdict.trajectory.size(), verdict.frames - verdict.starting);
+  return verdict;
+}
+
+void run(Options options) {
+  if (options.camera.empty()) options.camera = options.folder / "camera.txt";
+  const Camera camera = read_camera(options.camera);
+  Verdict verdict;
+  if (!options.slam.empty()) {
+    if (options.trajectory.empty()) throw std::runtime_error("--slam needs --trajectory");
+    verdict = judge_other(options, options.camera);
+  } else {
+    verdict = options.folder.empty() ? judge_pipe(camera) : judge_folder(options, camera);
+    if (!options.trajectory.empty()) write_trajectory(options.trajectory, verdict.trajectory);
+  }
+  TrajectoryError error;
+  if (!options.truth.empty()) {
+    error = compare(verdict.trajectory, read_trajectory(options.truth), !camera.is_stereo());
+  }
+  fmt::print("{}\n", to_text(verdict, error));
+  fmt::print("RESULT judge.tracked_share {:.4f}\nRESULT judge.lost_at {}\n",
+             verdict.tracked_share(),
+             verdict.lost_at ? static_cast<std::int64_t>(*verdict.lost_at) : -1);
+  if (error.poses >= 3) {
+    fmt::print(
+        "RESULT judge.ate_m {:.4f}\nRESULT judge.ate_share {:.5f}\nRESULT judge.rpe_m {:.4f}\n",
+        error.ate_m, error.path_m > 0 ? error.ate_m / error.path_m : 0, error.rpe_m);
+  }
+}
+
+}  // namespace
+}  // namespace orbbuf::paper
+
+int main(int argc, char** argv) {
+  orbbuf::paper::Options options;
+  CLI::App app("Does SLAM survive on these frames?");
+  app.add_option("folder", options.folder,
+                 "of orbbuf-world or a session; none: frames from [pipe], on the standard input");
+  app.add_option("--camera", options.camera, "camera.txt, if not the folder's");
+  app.add_option("--truth", options.truth, "the true path (TUM)");
+  app.add_option("--trajectory", options.trajectory, "to write what was found to (TUM)");
+  app.add_option("--slam", options.slam,
+                 "a shell command to judge instead; it reads {images}, {calib} and {times} and "
+                 "writes {trajectory} (TUM, the camera's pose in the world)");
+  app.add_option("--without", options.without, "FIRST COUNT: frames to leave out")->expected(2);
+  CLI11_PARSE(app, argc, argv);
+  try {
+    orbbuf::paper::run(options);
+  } catch (const std::exception& error) {
+    fmt::print(stderr, "orbbuf-judge: {}\n", error.what());
+    return 1;
+  }
+  return 0;
+}

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "bench/paper/judge/odometry.hpp"
+#include "bench/paper/judge/trajectory.hpp"
+
+namespace orbbuf::paper {
+
+/// What came of a run of the odometry over frames.
+struct Verdict {
+  std::size_t frames = 0;
+  std::size_t starting = 0;              ///< before there was a first map: nobody's fault
+  std::size_t unplaced = 0;              ///< after it
+  std::optional<std::uint64_t> lost_at;  ///< the first of the frames that it never came back from
+  Trajectory trajectory;
+
+  bool is_lost() const { return lost_at.has_value(); }
+  double tracked_share() const;
+};
+
+/// An odometry and its verdict so far. A copy goes on by itself.
+class Judge {
+ public:
+  explicit Judge(const Camera& camera) : odometry_(camera) {}
+
+  /// id: named should it be lost there.
+  void see(const JudgedFrame& frame, std::uint64_t id);
+
+  const Verdict& verdict() const { return verdict_; }
+
+ private:
+  Odometry odometry_;
+  Verdict verdict_;
+  std::uint64_t failing_since_ = 0;
+  bool is_failing_ = false;
+};
+
+/// One line, for people.
+std::string to_text(const Verdict& verdict, const TrajectoryError& error);
+
+}  // namespace orbbuf::paper

@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+# Draws what orbbuf-trial wrote. Usage: gnuplot -c plots.gp FOLDER
+out = ARG1
+there(name) = int(system("test -s '" . out . "/" . name . "' && echo 1 || echo 0"))
+set terminal svg size 760,420 font "sans-serif,13" background "#ffffff"
+set grid lc rgb "#dddddd"
+set border 3 lc rgb "#666666"
+set tics nomirror
+
+set output out . "/paper_interruption.svg"
+set ylabel "outages survived (95 % interval)"
+set yrange [0:1]
+set style fill solid 0.9
+set boxwidth 0.6
+if (there("interruption.dat")) plot out . "/interruption.dat" using 0:2:xtic(1) with boxes lc rgb "#0072b2" notitle, \
+  "" using 0:2:3:4 with yerrorbars lc rgb "#222222" pt 0 notitle
+
+set datafile separator comma
+set output out . "/paper_tolerance.svg"
+set xlabel "first missing frame"
+set ylabel "missing frames in a row that lose the judge"
+set yrange [0:80]
+if (there("tolerance.csv")) plot out . "/tolerance.csv" every ::1 using 1:2 with linespoints pt 7 ps 0.5 lc rgb "#d55e00" notitle
+
+set output out . "/paper_similarity.svg"
+set xlabel "distance in frames"
+set ylabel "M(a, b)"
+set yrange [0:*]
+if (there("similarity.csv")) plot out . "/similarity.csv" every ::1 using 1:3 with linespoints pt 7 ps 0.5 lc rgb "#009e73" title "mean", \
+  "" every ::1 using 1:4 with linespoints pt 7 ps 0.5 lc rgb "#cc79a7" title "lowest"

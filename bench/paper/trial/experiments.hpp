@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "bench/paper/trial/scene.hpp"
+
+namespace orbbuf::paper {
+
+struct TrialOptions {
+  std::filesystem::path out;  ///< folder for NAME.csv and NAME.md
+  std::uint64_t seed = 1;
+  std::size_t places = 20;
+  std::vector<double> outages_s = {1, 2, 3, 4};
+  std::size_t capacity = 25;
+  double rate = 2;                          ///< of the link, as a multiple of what the stream needs
+  std::size_t repeats = 3;                  ///< starts within each trace
+  std::vector<double> needs = {0.5, 1, 2};  ///< of the stream, as multiples of a trace's mean
+  std::filesystem::path traces;             ///< folder with ghent/ and mahimahi/
+};
+
+/// Each runs an experiment on a simulated link with the policies of orbbufd, judges what came
+/// through, writes its files to options.out and returns RESULT lines. The same for the same seed.
+
+/// Sec. IV-A: one outage, its beginning at `places` evenly along the way.
+std::string try_interruptions(Scene& scene, const TrialOptions& options);
+/// Sec. IV-B, fig. "buf": the smallest buffer with which 95 % of the places survive each outage.
+std::string try_buffers(Scene& scene, const TrialOptions& options);
+/// Sec. IV-B: the links of moving cars, a buffer of two seconds.
+std::string try_traces(Scene& scene, const TrialOptions& options);
+/// Sec. III-F: similarity by distance, and how many missing frames in a row the judge does not
+/// stand, by the first.
+std::string try_tolerance(Scene& scene, const TrialOptions& options);
+
+/// What real processes have delivered: judged around each outage. outages: a file with a line
+/// NAME FIRST LAST for each, frames captured as the link went and came back. `sessions`:
+/// NAME=FOLDER, with a times.txt as orbbuf-server writes it; NAME is CONTENDER or CONTENDER@RUN.
+/// Returns no results.
+std::string judge_sessions(Scene& scene, const TrialOptions& options,
+                           const std::filesystem::path& outages,
+                           const std::vector<std::string>& sessions);
+
+}  // namespace orbbuf::paper
