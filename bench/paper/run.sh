@@ -64,14 +64,14 @@ fi
 run=(--run tolerance --run interruption --run buffer)
 [ ${#sessions[@]} -eq 0 ] || run+=(--run sessions --outage-list "$work/outages" "${sessions[@]}")
 "$trial" "$work/corridor" "${run[@]}" --outages "${outages[@]}" --seed "$seed" --out "$out" |
-  tee "$out/corridor.log"
+  tee "$out/corridor.log" | grep -v ^RESULT
 "$trial" "$work/street" --run traces --needs "${needs[@]}" --repeats $repeats --seed "$seed" \
-  --traces "$traces" --out "$out" | tee "$out/street.log"
+  --traces "$traces" --out "$out" | tee "$out/street.log" | grep -v ^RESULT
 if [ -n "$full" ]; then # sec. IV-A: smaller images through compression do not help
   "$world" "$work/poor" --seed "$seed" --quality 10
   "$trial" "$work/poor" --run interruption --outages "${outages[@]}" --seed "$seed" \
     --out "$out/quality10" | sed 's/paper\.interruption/paper.interruption_quality10/' |
-    tee "$out/poor.log"
+    tee "$out/poor.log" | grep -v ^RESULT
 fi
 peer_table >"$out/peers.md"
 gnuplot -c "$here/plots.gp" "$out"

@@ -24,10 +24,10 @@ void write_trajectory(const std::filesystem::path& file, const Trajectory& traje
 struct TrajectoryError {
   std::size_t poses = 0;  ///< that have a true one of the same time (within 1 ms)
   double ate_m = 0;       ///< root mean square of the places' distances, once aligned
-  double rpe_m = 0;    ///< the same of the motion over a second, its length's share that is wrong
-  double rpe_deg = 0;  ///< and of its rotation
-  double path_m = 0;   ///< length of the true path under these poses
-  double scale = 1;    ///< that the estimate was multiplied with
+  double rpe_m = 0;       ///< the same of the motion over a second
+  double rpe_deg = 0;     ///< and of its rotation
+  double path_m = 0;      ///< length of the true path under these poses
+  double scale = 1;       ///< that the estimate was multiplied with
 };
 
 /// Aligned by Umeyama's method; with_scale: for estimates of one camera, which cannot know it. With

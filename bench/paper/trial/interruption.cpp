@@ -130,6 +130,7 @@ std::string table(const std::vector<Run>& runs, const TrialOptions& options) {
 bool is_enough(Scene& scene, std::string_view policy, const std::vector<Place>& places,
                std::size_t capacity, double rate) {
   std::vector<Run> runs;
+  runs.reserve(places.size());
   for (const Place& place : places) {
     runs.push_back(simulate_run(scene, policy, place, capacity, rate));
   }

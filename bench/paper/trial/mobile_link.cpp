@@ -18,10 +18,10 @@ void read_ghent(std::ifstream& in, RateTrace& trace) {
   while (std::getline(in, line)) {
     double duration_ms = 0;
     double kbit_s = 0;
-    const auto at = line.find("\"duration_ms\"");
+    const auto at = line.find(R"("duration_ms")");
     if (at == std::string::npos) continue;
-    if (std::sscanf(line.c_str() + at, "\"duration_ms\": %lf, \"bandwidth_kbps\": %lf",
-                    &duration_ms, &kbit_s) != 2) {
+    if (std::sscanf(line.c_str() + at, R"("duration_ms": %lf, "bandwidth_kbps": %lf)", &duration_ms,
+                    &kbit_s) != 2) {
       throw std::runtime_error(trace.name + ": cannot read \"" + line + '"');
     }
     trace.steps.push_back({duration_ms * 1e-3, kbit_s * 1000 / 8});
