@@ -92,8 +92,8 @@ TEST(Changelog, BeginsWithThisVersion) {
 INSTANTIATE_TEST_SUITE_P(Programs, ManualTest,
                          ::testing::Values(Program{"orbbufd", ORBBUFD, 30},
                                            Program{"orbbuf-server", ORBBUF_SERVER, 20}),
-                         [](const auto& info) {
-                           return std::string(info.index == 0 ? "orbbufd" : "server");
+                         [](const auto& program) {
+                           return std::string(program.index == 0 ? "orbbufd" : "server");
                          });
 
 }  // namespace
