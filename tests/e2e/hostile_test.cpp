@@ -22,7 +22,9 @@ namespace asio = boost::asio;
 using Bytes = std::vector<std::uint8_t>;
 using Random = std::mt19937_64;
 
-std::size_t below(Random& random, std::size_t limit) { return random() % limit; }
+std::size_t below(Random& random, std::size_t limit) {
+  return static_cast<std::size_t>(random() % limit);
+}
 
 /// Sends `bytes` and reads until the server closes the connection; what it said.
 Bytes talk(const std::string& address, const Bytes& bytes, bool half_close = true) {

@@ -36,7 +36,7 @@ TEST(Descriptors, MoreThanTheHardLimitIsWarnedOf) {
   const test::ResourceLimit low(RLIMIT_NOFILE, 100);
   test::CapturedLog log;
   const rlim_t most = open_files().rlim_max;
-  allow_descriptors_for(most / 2);
+  allow_descriptors_for(static_cast<std::size_t>(most / 2));
   EXPECT_EQ(open_files().rlim_cur, most);
   EXPECT_THAT(log.lines("warning"), ElementsAre(HasSubstr("open files")));
 }

@@ -187,7 +187,7 @@ class FrameBufferRunTest : public testing::TestWithParam<std::string_view> {
     if (choice < 8) return capture();
     if (choice < 24) return push_or_lose();
     if (choice < 36) return take();
-    if (choice < 46) return server_.take(random_() % 3);
+    if (choice < 46) return server_.take(static_cast<std::size_t>(random_() % 3));
     if (choice < 54) return acknowledge();
     if (choice < 56) return break_connection();
     if (choice < 58) return connect();
@@ -218,7 +218,9 @@ void expect_each_once(Sequences taken, const Sequences& dropped, Sequence count)
   taken.insert(taken.end(), dropped.begin(), dropped.end());
   std::ranges::sort(taken);
   ASSERT_EQ(taken.size(), count);
-  for (Sequence sequence = 0; sequence < count; ++sequence) ASSERT_EQ(taken[sequence], sequence);
+  for (Sequence sequence = 0; sequence < count; ++sequence) {
+    ASSERT_EQ(taken[static_cast<std::size_t>(sequence)], sequence);
+  };
 }
 
 TEST_P(FrameBufferRunTest, AccountsForEveryFrameAfterEveryOperation) {
@@ -250,7 +252,7 @@ TEST_P(FrameBufferRunTest, LosesNothingBetweenTwoThreads) {
   for (bool is_done = false; !is_done;) {
     const FramePtr frame = buffer.take();
     if (frame) server_.write(frame->sequence);
-    server_.take(random_() % 3);
+    server_.take(static_cast<std::size_t>(random_() % 3));
     if (random_() % 2 == 0) buffer.acknowledge(server_.next);
     if (random_() % 64 == 0) {
       buffer.return_in_flight();

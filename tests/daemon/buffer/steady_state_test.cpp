@@ -23,7 +23,8 @@ constexpr Sequence kMeasured = 2'000;
 /// Up to 500 features, of which the first is the sequence number.
 void fill_features(const EncodedFrame& frame, FeatureSet& features) {
   features.descriptors.reserve(500);
-  features.descriptors.assign(500 - frame.sequence % 7, Descriptor{frame.sequence});
+  features.descriptors.assign(static_cast<std::size_t>(500 - frame.sequence % 7),
+                              Descriptor{frame.sequence});
 }
 
 int fake_similarity(const FeatureSet& a, const FeatureSet& b) {
