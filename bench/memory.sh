@@ -27,7 +27,8 @@ kib() { awk -v key="$2:" '$1 == key { print $2 }' "/proc/$1/status"; } # PID KEY
 serve() { # SETTING...: into $work/server.log; its address is in $address
   local settings=() setting
   for setting in "$@"; do settings+=(--set "$setting"); done
-  "$server" --set listen.address=127.0.0.1:0 "${settings[@]}" >"$work/server.log" 2>&1 &
+  : >"$work/server.log" # before the new server does: the last one's address is in it
+  "$server" --set listen.address=127.0.0.1:0 "${settings[@]}" >>"$work/server.log" 2>&1 &
   programs+=($!)
   await "$work/server.log" 'listening on '
   address=$(sed -n 's/.*listening on //p' "$work/server.log")
