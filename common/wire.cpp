@@ -127,16 +127,22 @@ std::vector<std::uint8_t> encode(const Dropped& dropped) {
     message.put(record.sequence);
     message.put(record.capture_time_ns);
     message.put(static_cast<std::uint8_t>(record.reason));
+    message.put(record.similarity);
   }
   return std::move(message).take();
 }
 
-std::vector<std::uint8_t> encode(const Stats& stats) {
+std::vector<std::uint8_t> encode(const Report& report) {
   Message message(Type::kStats);
+  const Stats& stats = report.account;
   for (const std::uint64_t count : {stats.captured, stats.skipped, stats.failed, stats.dropped,
                                     stats.acknowledged, stats.waiting, stats.in_flight}) {
     message.put(count);
   }
+  message.put(report.capacity);
+  message.put(report.waiting_bytes);
+  message.put(report.link_rate);
+  message.put(report.round_trip_us);
   return std::move(message).take();
 }
 

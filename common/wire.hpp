@@ -107,6 +107,17 @@ struct Stats {
   friend bool operator==(const Stats&, const Stats&) = default;
 };
 
+/// What a stats message says: the account, and how buffer and link do at that moment.
+struct Report {
+  Stats account;
+  std::uint32_t capacity = 0;       ///< of the buffer, in frames
+  std::uint64_t waiting_bytes = 0;  ///< JPEGs in the buffer
+  std::uint64_t link_rate = 0;      ///< bytes a second that the peer's kernel took, lately
+  std::uint32_t round_trip_us = 0;  ///< TCP's smoothed one; 0: unknown
+
+  friend bool operator==(const Report&, const Report&) = default;
+};
+
 /// From the robot: the session is over, and its record ends before `position`. From the server: the
 /// record reaches `position`, all of it or as much as there is when the server goes down.
 struct Bye {
@@ -143,7 +154,7 @@ std::vector<std::uint8_t> encode(const Hello& hello);
 std::vector<std::uint8_t> encode(const Welcome& welcome);
 std::vector<std::uint8_t> encode(const Ack& ack);
 std::vector<std::uint8_t> encode(const Dropped& dropped);
-std::vector<std::uint8_t> encode(const Stats& stats);
+std::vector<std::uint8_t> encode(const Report& report);
 std::vector<std::uint8_t> encode(const Bye& bye);
 std::vector<std::uint8_t> encode(const ErrorMessage& error);
 
@@ -174,7 +185,7 @@ Parsed<Hello> parse_hello(const Header& header, std::span<const std::uint8_t> bo
 Parsed<Welcome> parse_welcome(const Header& header, std::span<const std::uint8_t> body);
 Parsed<Ack> parse_ack(const Header& header, std::span<const std::uint8_t> body);
 Parsed<Dropped> parse_dropped(const Header& header, std::span<const std::uint8_t> body);
-Parsed<Stats> parse_stats(const Header& header, std::span<const std::uint8_t> body);
+Parsed<Report> parse_stats(const Header& header, std::span<const std::uint8_t> body);
 Parsed<Bye> parse_bye(const Header& header, std::span<const std::uint8_t> body);
 Parsed<ErrorMessage> parse_error(const Header& header, std::span<const std::uint8_t> body);
 

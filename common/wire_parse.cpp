@@ -14,7 +14,7 @@ namespace orbbuf::wire {
 namespace {
 
 constexpr std::size_t kHeaderCrcOffset = 16;
-constexpr std::size_t kDropRecordBytes = 17;
+constexpr std::size_t kDropRecordBytes = 19;
 
 /// One below this is the last usable number, so that a position after it can be expressed.
 constexpr std::uint64_t kEndOfNumbers = std::numeric_limits<std::uint64_t>::max();
@@ -161,6 +161,7 @@ DropRecord take_drop_record(Body& in) {
   } else {
     record.reason = static_cast<DropReason>(reason);
   }
+  record.similarity = in.take<std::uint16_t>();
   return record;
 }
 
@@ -239,15 +240,20 @@ Parsed<Dropped> parse_dropped(const Header& header, std::span<const std::uint8_t
   return in.finish(std::move(dropped));
 }
 
-Parsed<Stats> parse_stats(const Header& header, std::span<const std::uint8_t> body) {
+Parsed<Report> parse_stats(const Header& header, std::span<const std::uint8_t> body) {
   assert(header.type == Type::kStats);
   Body in(header, body);
-  Stats stats;
+  Report report;
+  Stats& stats = report.account;
   for (std::uint64_t* const count : {&stats.captured, &stats.skipped, &stats.failed, &stats.dropped,
                                      &stats.acknowledged, &stats.waiting, &stats.in_flight}) {
     *count = in.take<std::uint64_t>();
   }
-  return in.finish(stats);
+  report.capacity = in.take<std::uint32_t>();
+  report.waiting_bytes = in.take<std::uint64_t>();
+  report.link_rate = in.take<std::uint64_t>();
+  report.round_trip_us = in.take<std::uint32_t>();
+  return in.finish(report);
 }
 
 Parsed<Bye> parse_bye(const Header& header, std::span<const std::uint8_t> body) {

@@ -134,9 +134,9 @@ void Connection::handle(Message message) {
     case wire::Type::kDropped:
       return handle_dropped(message);
     case wire::Type::kStats: {
-      const auto stats = wire::parse_stats(message.header, message.body);
-      if (!stats) return fail(stats.error());
-      session_->note(stats.value());
+      const auto report = wire::parse_stats(message.header, message.body);
+      if (!report) return fail(report.error());
+      session_->note(report.value());
       return read();
     }
     case wire::Type::kBye: {

@@ -104,8 +104,8 @@ void Session::write_drops(wire::Dropped dropped, Taken taken) {
   begin({nullptr, std::move(records), then, std::move(taken)});
 }
 
-void Session::note(const wire::Stats& stats) {
-  stats_ = stats;
+void Session::note(const wire::Report& report) {
+  const wire::Stats& stats = report.account;
   spdlog::debug(
       "{}: captured {} = skipped {} + failed {} + dropped {} + acknowledged {} + waiting {} + "
       "in flight {}",

@@ -72,7 +72,7 @@ class Session : public std::enable_shared_from_this<Session> {
   /// Requires that the last call was taken. Repeats are taken without writing them again.
   void write(FramePtr frame, Taken taken);
   void write_drops(wire::Dropped dropped, Taken taken);
-  void note(const wire::Stats& stats);
+  void note(const wire::Report& report);
 
   /// Ends the session when the sinks are done with what they have begun, or when `drain` is over.
   void close(SessionEnd end);
@@ -110,7 +110,6 @@ class Session : public std::enable_shared_from_this<Session> {
   boost::asio::steady_timer retry_;
 
   wire::Position position_;
-  std::optional<wire::Stats> stats_;
   std::weak_ptr<SessionPeer> peer_;
   bool is_peer_waiting_ = false;  // for attached()
   std::optional<Job> job_;

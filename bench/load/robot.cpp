@@ -66,7 +66,7 @@ void Robot::account_at(Clock::time_point due) {
   account_timer_.expires_at(due);
   account_timer_.async_wait([this, due](const error_code& failed) {
     if (failed) return;  // at the end
-    say(wire::encode(account()));
+    say(wire::encode(wire::Report{account()}));
     account_at(due + account_interval());
   });
 }

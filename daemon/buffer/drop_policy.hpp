@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
+#include <optional>
 #include <vector>
 
 #include "common/frame.hpp"
@@ -51,6 +52,9 @@ class DropPolicy {
   /// The index in view.waiting of the frame to give up, never the last. Requires two frames
   /// waiting.
   virtual std::size_t victim(const BufferView& view) = 0;
+
+  /// M of the two frames that giving up victim()'s last answer makes neighbours, if it looked.
+  virtual std::optional<int> last_score() const { return std::nullopt; }
 };
 
 }  // namespace orbbuf

@@ -12,8 +12,14 @@
 namespace orbbuf {
 namespace {
 
-DropRecord record_of(const EncodedFrame& frame, DropReason reason) {
-  return {frame.sequence, frame.capture_time_ns, reason};
+DropRecord record_of(const EncodedFrame& frame, DropReason reason,
+                     std::uint16_t similarity = kUnknownSimilarity) {
+  return {frame.sequence, frame.capture_time_ns, reason, similarity};
+}
+
+std::uint16_t to_similarity(std::optional<int> score) {
+  return score ? static_cast<std::uint16_t>(std::clamp(*score, 0, kUnknownSimilarity - 1))
+               : kUnknownSimilarity;
 }
 
 }  // namespace
@@ -68,7 +74,9 @@ void FrameBuffer::push(FramePtr frame) {
     assert(choice + 1 < view_.waiting.size());
     lock.lock();
     // The network went on meanwhile: there may be room now, or the victim may be on its way.
-    if (waiting_.size() > capacity_) drop_if_waiting(view_.waiting[choice]);
+    if (waiting_.size() > capacity_) {
+      drop_if_waiting({view_.waiting[choice], to_similarity(policy_->last_score())});
+    }
   }
   lock.unlock();
   view_.clear();
@@ -129,12 +137,12 @@ void FrameBuffer::resume(Sequence next) {
   }
   waiting_.erase(waiting_.begin(), first);
   for (Entry& entry : waiting_) entry.was_taken = false;
-  for (FramePtr& frame : unconfirmed_drops_) {
+  for (auto& [frame, similarity] : unconfirmed_drops_) {
     if (frame->sequence < next) {
       --counts_.dropped;
       count_delivered(std::move(frame));
     } else {
-      final_drops_.push_back(record_of(*frame, DropReason::kPolicy));
+      final_drops_.push_back(record_of(*frame, DropReason::kPolicy, similarity));
     }
   }
   unconfirmed_drops_.clear();
@@ -160,8 +168,8 @@ void FrameBuffer::give_up_waiting() {
 
 void FrameBuffer::give_up() {
   const std::lock_guard lock(mutex_);
-  for (const FramePtr& frame : unconfirmed_drops_) {
-    final_drops_.push_back(record_of(*frame, DropReason::kPolicy));
+  for (const auto& [frame, similarity] : unconfirmed_drops_) {
+    final_drops_.push_back(record_of(*frame, DropReason::kPolicy, similarity));
   }
   for (const FramePtr& frame : in_flight_) {
     final_drops_.push_back(record_of(*frame, DropReason::kShutdown));
@@ -178,6 +186,17 @@ void FrameBuffer::give_up() {
 
 wire::Stats FrameBuffer::stats() const {
   const std::lock_guard lock(mutex_);
+  return account();
+}
+
+wire::Report FrameBuffer::report() const {
+  const std::lock_guard lock(mutex_);
+  wire::Report report{account(), static_cast<std::uint32_t>(capacity_)};
+  for (const Entry& entry : waiting_) report.waiting_bytes += entry.frame->jpeg.size();
+  return report;
+}
+
+wire::Stats FrameBuffer::account() const {
   wire::Stats stats = counts_;
   stats.waiting = waiting_.size() + entering_;
   stats.in_flight = in_flight_.size();
@@ -190,14 +209,14 @@ void FrameBuffer::update_view() {
   for (const Entry& entry : waiting_) view_.waiting.push_back(entry.frame);
 }
 
-void FrameBuffer::drop_if_waiting(const FramePtr& victim) {
-  const auto entry = std::ranges::find(waiting_, victim, &Entry::frame);
+void FrameBuffer::drop_if_waiting(const Drop& victim) {
+  const auto entry = std::ranges::find(waiting_, victim.frame, &Entry::frame);
   if (entry == waiting_.end()) return;
   ++counts_.dropped;
   if (entry->was_taken) {
     unconfirmed_drops_.push_back(victim);
   } else {
-    final_drops_.push_back(record_of(*victim, DropReason::kPolicy));
+    final_drops_.push_back(record_of(*victim.frame, DropReason::kPolicy, victim.similarity));
   }
   waiting_.erase(entry);
 }

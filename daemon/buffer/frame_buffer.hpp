@@ -3,6 +3,7 @@
 
 #include <condition_variable>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <mutex>
 #include <stop_token>
@@ -78,6 +79,8 @@ class FrameBuffer {
 
   /// Any thread. A consistent snapshot: captured = the sum of the rest.
   wire::Stats stats() const;
+  /// Any thread. Those, the capacity and the bytes that wait, of one moment; nothing of the link.
+  wire::Report report() const;
 
  private:
   struct Entry {
@@ -85,9 +88,15 @@ class FrameBuffer {
     bool was_taken = false;  ///< by a connection that broke; the server may have it
   };
 
-  // All three require mutex_.
+  struct Drop {
+    FramePtr frame;
+    std::uint16_t similarity;  ///< DropRecord's
+  };
+
+  // All four require mutex_.
+  wire::Stats account() const;
   void update_view();
-  void drop_if_waiting(const FramePtr& victim);
+  void drop_if_waiting(const Drop& victim);
   void count_delivered(FramePtr frame);
 
   const std::size_t capacity_;
@@ -101,7 +110,7 @@ class FrameBuffer {
   std::vector<FramePtr> in_flight_;
   FramePtr last_acknowledged_;  // the newest of them: the head's neighbour when none is in flight
   std::vector<DropRecord> final_drops_;
-  std::vector<FramePtr> unconfirmed_drops_;  // at most as many as were in flight at once
+  std::vector<Drop> unconfirmed_drops_;  // at most as many as were in flight at once
   wire::Stats counts_;          // waiting and in_flight are taken from the containers, see stats()
   std::uint64_t entering_ = 0;  // captured, neither pushed nor lost yet
 };

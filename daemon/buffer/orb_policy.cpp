@@ -27,6 +27,7 @@ bool OrbPolicy::prepare(const BufferView& view) {
 }
 
 std::size_t OrbPolicy::victim(const BufferView& view) {
+  last_score_.reset();
   if (!view.previous) return 0;  // free to go, whatever the others are worth
   const Sequence newest = view.waiting.back()->sequence;
   if (std::exchange(arrival_, newest) != newest) {
@@ -44,6 +45,7 @@ std::size_t OrbPolicy::victim(const BufferView& view) {
       best_score = score;
     }
   }
+  last_score_ = best_score;
   return best;
 }
 

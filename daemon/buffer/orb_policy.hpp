@@ -55,6 +55,8 @@ class OrbPolicy final : public DropPolicy {
   /// neighbours, as with UniformPolicy. An arrival is a newest frame not seen by victim() before.
   std::size_t victim(const BufferView& view) override;
 
+  std::optional<int> last_score() const override { return last_score_; }
+
   /// The score of each waiting frame but the newest, which has none yet. Computes whatever is
   /// missing; for tests.
   std::vector<int> scores(const BufferView& view);
@@ -89,6 +91,7 @@ class OrbPolicy final : public DropPolicy {
   std::vector<Slot> slots_;  // by sequence; as many as frames were ever alive at once
   std::optional<Sequence> arrival_;
   Budget budget_;  // what is left of arrival_'s
+  std::optional<int> last_score_;
 };
 
 }  // namespace orbbuf

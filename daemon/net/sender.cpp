@@ -17,8 +17,6 @@ namespace {
 constexpr milliseconds kShortestRetryDelay{125};
 constexpr milliseconds kLongestRetryDelay{375};
 constexpr milliseconds kTick{100};
-constexpr std::chrono::seconds kStatsInterval{1};
-constexpr std::chrono::seconds kQuietStatsInterval{4};
 constexpr std::chrono::seconds kByeTimeout{2};
 constexpr unsigned kAttemptsBeforeResolvingAgain = 20;
 
@@ -56,7 +54,7 @@ void Sender::start() {
         "docs/security.md says how to set up [tls]",
         to_string(settings_.server));
   }
-  stats_time_ = Clock::now() + kStatsInterval;
+  reporter_.start(Clock::now());
   resolve();
   tick();
 }
@@ -182,11 +180,7 @@ void Sender::wake() {
 
 void Sender::write_next() {
   collect_drops();
-  if (std::exchange(is_stats_due_, false)) {
-    told_ = buffer_.stats();
-    told_time_ = Clock::now();
-    return connection_->write(wire::encode(told_));
-  }
+  if (reporter_.is_due()) return connection_->write(next_report());
   // After an outage the drop records are many: frames first, then turn by turn.
   const bool is_drops_turn = std::exchange(is_drops_turn_, false) && drops_.has_unsent();
   if (FramePtr frame = is_drops_turn ? nullptr : buffer_.take()) {
@@ -210,9 +204,17 @@ bool Sender::is_settled() const {
   return stats.waiting == 0 && stats.in_flight == 0 && drops_.is_settled();
 }
 
+std::vector<std::uint8_t> Sender::next_report() {
+  return wire::encode(reporter_.take(Clock::now(), buffer_.report()));
+}
+
+/// After a last report, so that the server's figures end where ours do.
 void Sender::say_bye() {
   is_bye_sent_ = true;
-  connection_->write(wire::encode(wire::Bye{{buffer_.stats().captured, drops_.next_drop()}}));
+  auto message = next_report();
+  const auto bye = wire::encode(wire::Bye{{buffer_.stats().captured, drops_.next_drop()}});
+  message.insert(message.end(), bye.begin(), bye.end());
+  connection_->write(std::move(message));
 }
 
 void Sender::tick() {
@@ -220,11 +222,11 @@ void Sender::tick() {
   tick_timer_.async_wait([this](const error_code& error) {
     if (!error && !is_ended_) tick();
   });
-  if (connection_) check_stall();
-  if (Clock::now() < stats_time_) return;
-  stats_time_ += kStatsInterval;
+  const auto progress = connection_ ? connection_->progress() : std::nullopt;
+  if (connection_) check_stall(progress);
+  if (!reporter_.is_time(Clock::now())) return;
   const wire::Stats stats = buffer_.stats();
-  is_stats_due_ = stats != told_ || Clock::now() >= told_time_ + kQuietStatsInterval;
+  reporter_.look(Clock::now(), stats, progress);
   spdlog::info(
       "captured {} skipped {} failed {} dropped {} acknowledged {} waiting {} in flight {}{}",
       stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged, stats.waiting,
@@ -235,8 +237,8 @@ void Sender::tick() {
   wake();
 }
 
-void Sender::check_stall() {
-  stall_watch_.look(connection_->progress(), Clock::now());
+void Sender::check_stall(const std::optional<TcpProgress>& progress) {
+  stall_watch_.look(progress, Clock::now());
   if (stall_watch_.is_moving()) return moved();
   if (is_stalled_ || !stall_watch_.is_stalled()) return;
   is_stalled_ = true;

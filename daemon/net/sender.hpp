@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <random>
 #include <string>
 #include <vector>
@@ -18,6 +19,7 @@
 #include "common/wire.hpp"
 #include "daemon/buffer/frame_buffer.hpp"
 #include "daemon/net/drop_log.hpp"
+#include "daemon/net/reporter.hpp"
 #include "daemon/net/server_connection.hpp"
 #include "daemon/net/stall_watch.hpp"
 
@@ -86,9 +88,10 @@ class Sender final : private ServerConnection::Owner {
   void write_next();
   void collect_drops();
   bool is_settled() const;
+  std::vector<std::uint8_t> next_report();
   void say_bye();
   void tick();
-  void check_stall();
+  void check_stall(const std::optional<TcpProgress>& progress);
   void moved();
   bool is_wanting_attempt() const;
   std::chrono::nanoseconds retry_delay();
@@ -115,12 +118,9 @@ class Sender final : private ServerConnection::Owner {
   boost::asio::steady_timer tick_timer_;
   boost::asio::steady_timer drain_timer_;
 
-  StallWatch stall_watch_;                            // of connection_
-  bool is_stalled_ = false;                           // another connection is being tried
-  std::chrono::steady_clock::time_point stats_time_;  // next stats message and log line
-  bool is_stats_due_ = false;
-  wire::Stats told_;  // the last stats message, which is repeated less often while it holds
-  std::chrono::steady_clock::time_point told_time_;
+  StallWatch stall_watch_;   // of connection_
+  bool is_stalled_ = false;  // another connection is being tried
+  Reporter reporter_;
   bool is_drops_turn_ = false;
   bool is_bye_sent_ = false;
   std::function<void(bool)> done_;  // set: finishing

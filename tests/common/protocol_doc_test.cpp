@@ -43,7 +43,7 @@ std::vector<Example> conversation() {
           {"dropped", hex(encode(Dropped{0, {record}}))},
           {"frame", hex(encode_whole(frame))},
           {"ack", hex(encode(Ack{{2, 1}}))},
-          {"stats", hex(encode(Stats{2, 1, 0, 0, 1, 0, 0}))},
+          {"stats", hex(encode(Report{{2, 1, 0, 0, 1, 0, 0}, 25, 0, 1'000'000, 40'000}))},
           {"bye", hex(encode(Bye{{2, 1}}))},
           {"error", hex(encode(ErrorMessage{ErrorCode::kReplaced, "replaced"}))}};
 }

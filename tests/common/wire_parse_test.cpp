@@ -184,7 +184,7 @@ TEST(WireParse, DroppedFieldsAreChecked) {
   EXPECT_EQ(fault_of(altered(Type::kDropped, 8, std::uint16_t{1025})),
             "dropped: 1025 records, not 1 to 1024");
   EXPECT_EQ(fault_of(altered(Type::kDropped, 8, std::uint16_t{5})),
-            "dropped: 68 bytes are not 5 records");
+            "dropped: 76 bytes are not 5 records");
   EXPECT_EQ(fault_of(altered(Type::kDropped, 26, std::uint8_t{0})),
             "dropped: unknown drop reason 0");
   EXPECT_EQ(fault_of(altered(Type::kDropped, 26, std::uint8_t{5})),

@@ -52,7 +52,7 @@ inline Bytes encode_whole(const EncodedFrame& frame) {
 inline std::map<Type, Bytes> sample_messages() {
   const Hello hello{1, 1, "tb3-07", "20201024T101500Z", "orbbufd 0.1.0", "0.5\t0.5\n"};
   const Dropped dropped{5,
-                        {{10, -1, DropReason::kPolicy},
+                        {{10, -1, DropReason::kPolicy, 257},
                          {11, 0, DropReason::kBusy},
                          {12, 1, DropReason::kFailed},
                          {13, 2, DropReason::kShutdown}}};
@@ -61,7 +61,7 @@ inline std::map<Type, Bytes> sample_messages() {
           {Type::kFrame, encode_whole(sample_frame())},
           {Type::kAck, encode(Ack{{7, 3}})},
           {Type::kDropped, encode(dropped)},
-          {Type::kStats, encode(Stats{21, 1, 2, 3, 4, 5, 6})},
+          {Type::kStats, encode(Report{{21, 1, 2, 3, 4, 5, 6}, 25, 80'000, 1'000'000, 40'000})},
           {Type::kBye, encode(Bye{{8, 4}})},
           {Type::kError, encode(ErrorMessage{ErrorCode::kVersion, "no version in common"})}};
 }

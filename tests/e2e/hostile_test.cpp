@@ -61,7 +61,7 @@ std::vector<Bytes> valid_session(Random& random) {
     append(messages.back(), frame.jpeg);
   }
   messages.push_back(wire::encode(wire::Dropped{0, {{3, 3, DropReason::kPolicy}}}));
-  messages.push_back(wire::encode(wire::Stats{}));
+  messages.push_back(wire::encode(wire::Report{}));
   messages.push_back(wire::encode(wire::Bye{{4, 1}}));
   return messages;
 }

@@ -31,7 +31,7 @@ Bytes life(const std::string& session) {
                  wire::encode_whole(test::plain_frame(0)), wire::encode_whole(stereo_frame(2)),
                  wire::encode_whole(test::plain_frame(0)),
                  wire::encode(wire::Dropped{0, {{1, 0, DropReason::kPolicy}}}),
-                 wire::encode(wire::Stats{3, 0, 0, 1, 2, 0, 0}), wire::encode(wire::Bye{{3, 1}})});
+                 wire::encode(wire::Report{{3, 0, 0, 1, 2, 0, 0}}), wire::encode(wire::Bye{{3, 1}})});
 }
 
 void write(const fs::path& file, const Bytes& bytes) {

@@ -76,7 +76,7 @@ TEST_F(ConnectionTest, ARepeatIsAckedAndNotWrittenTwice) {
 TEST_F(ConnectionTest, DropRecordsAreAckedAndStatsAreNot) {
   const auto robot = connect();
   ASSERT_TRUE(robot.hello("r1", "s1"));
-  robot.send(wire::encode(wire::Stats{5, 1, 1, 1, 1, 1, 0}));
+  robot.send(wire::encode(wire::Report{{5, 1, 1, 1, 1, 1, 0}}));
   robot.send(
       wire::encode(wire::Dropped{0, {{3, 0, DropReason::kPolicy}, {4, 0, DropReason::kBusy}}}));
   EXPECT_EQ(robot.ack(), (wire::Position{0, 2}));

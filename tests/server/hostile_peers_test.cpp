@@ -37,7 +37,7 @@ class HostilePeers : public testing::Test {
       add(frame.jpeg);
     }
     add(wire::encode(wire::Dropped{0, {{3, 0, DropReason::kPolicy}}}));
-    add(wire::encode(wire::Stats{4, 0, 0, 1, 3, 0, 0}));
+    add(wire::encode(wire::Report{{4, 0, 0, 1, 3, 0, 0}}));
     add(wire::encode(wire::Bye{{4, 1}}));
     return stream;
   }

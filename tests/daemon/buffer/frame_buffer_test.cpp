@@ -156,6 +156,16 @@ TEST_F(FrameBufferTest, CountsLostFramesByTheirReason) {
   EXPECT_THAT(drops(), ElementsAre(0, 1, 2));
 }
 
+TEST_F(FrameBufferTest, ReportsItsCapacityAndWhatWaits) {
+  EXPECT_EQ(buffer_.report(), (wire::Report{{}, kCapacity}));
+  push(0, 2);
+  take(1);
+  const wire::Report report = buffer_.report();
+  EXPECT_EQ(report.account, buffer_.stats());
+  EXPECT_EQ(report.waiting_bytes, 2 * make_frame_ptr(0)->jpeg.size());
+  EXPECT_GT(report.waiting_bytes, 0U);
+}
+
 TEST_F(FrameBufferTest, GivingUpNamesEveryUndeliveredFrame) {
   push(0, 3);
   take(2);

@@ -26,6 +26,19 @@ TEST_F(OrbPolicyTest, NamesTheFrameWhoseNeighboursAreMostAlike) {
   EXPECT_EQ(policy->victim(view), 2U);
 }
 
+TEST_F(OrbPolicyTest, SaysHowAlikeTheVictimLeavesItsNeighbours) {
+  table_ = [](Sequence a, Sequence b) { return a == 2 && b == 4 ? 50 : 10; };
+  BufferView view = view_of({0U, 1U, 2U, 3U, 4U, 5U});
+  const auto policy = make();
+  EXPECT_EQ(policy->last_score(), std::nullopt);
+  policy->scores(view);
+  policy->victim(view);
+  EXPECT_EQ(policy->last_score(), 50);
+  view.previous = nullptr;
+  policy->victim(view);
+  EXPECT_EQ(policy->last_score(), std::nullopt);
+}
+
 TEST_F(OrbPolicyTest, NamesAHeadWithNothingBeforeItWithoutLookingAtIt) {
   BufferView view{nullptr, {make_frame_ptr(0), make_frame_ptr(1)}};
   const auto policy = make();

@@ -198,12 +198,27 @@ TEST_F(SenderTest, AnAccountThatDoesNotChangeIsToldLessOften) {
   EXPECT_GT(std::chrono::steady_clock::now() - told, std::chrono::seconds(3));
 }
 
+TEST_F(SenderTest, TheLastStatsComeJustBeforeTheBye) {
+  push(0, 1);
+  start();
+  server_.welcome({});
+  std::future<bool> done = finish();
+  for (int frame = 0; frame < 2; ++frame) server_.read(Type::kFrame);
+  server_.ack({2, 0});
+  const Message last = server_.read(Type::kStats);
+  const wire::Report report = wire::parse_stats(last.header, last.body).value();
+  EXPECT_EQ(report.account, (wire::Stats{.captured = 2, .acknowledged = 2}));
+  server_.read(Type::kBye);
+  server_.send(wire::encode(wire::Bye{{2, 0}}));
+  EXPECT_TRUE(done.get());
+}
+
 TEST_F(SenderTest, StatsAddUp) {
   start();
   push(0, 9);
   server_.welcome({});
   const Message message = server_.read(Type::kStats);
-  const wire::Stats s = wire::parse_stats(message.header, message.body).value();
+  const wire::Stats s = wire::parse_stats(message.header, message.body).value().account;
   EXPECT_EQ(s.captured, 10U);
   EXPECT_EQ(s.captured,
             s.skipped + s.failed + s.dropped + s.acknowledged + s.waiting + s.in_flight);

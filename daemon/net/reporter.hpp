@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+
+#include "common/wire.hpp"
+#include "daemon/net/tcp_progress.hpp"
+
+namespace orbbuf {
+
+/// When the server is told how the robot does, and how fast the link is: a report is due once a
+/// second, or every four while the account stands still. Knows no clock and no socket. Reentrant.
+class Reporter {
+ public:
+  using Time = std::chrono::steady_clock::time_point;
+
+  void start(Time now) { next_look_ = now + kInterval; }
+  /// Whether a second has passed since the last look().
+  bool is_time(Time now) const { return now >= next_look_; }
+  /// `account` as it is `now`, and what the kernel says of the connection; nothing without one.
+  void look(Time now, const wire::Stats& account, const std::optional<TcpProgress>& progress);
+
+  bool is_due() const { return is_due_; }
+  /// `report`, of the buffer, with what is known of the link: to be sent `now`.
+  wire::Report take(Time now, wire::Report report);
+
+ private:
+  static constexpr std::chrono::seconds kInterval{1};
+  static constexpr std::chrono::seconds kQuietInterval{4};
+
+  void measure(Time now, const std::optional<TcpProgress>& progress);
+
+  Time next_look_;
+  bool is_due_ = false;
+  wire::Stats told_;  // the last account that was taken
+  Time told_time_;
+  Time measured_time_;
+  std::uint64_t acked_bytes_ = 0;  // by then, of the connection that there was
+  std::uint64_t link_rate_ = 0;
+  std::uint32_t round_trip_us_ = 0;
+};
+
+}  // namespace orbbuf
