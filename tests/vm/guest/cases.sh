@@ -50,11 +50,26 @@ film() {
   daemon=$!
 }
 
+# ends_with STATUS: whether the daemon ends so, soon. One that hangs is killed, and where each of its
+# threads stood is printed.
+ends_with() {
+  local task
+  if ! wait_for 60 daemon_has_ended; then
+    for task in /proc/"$daemon"/task/*; do
+      echo "    hangs: $(cat "$task/comm"), $(cat "$task/syscall")"
+      sed 's/^/        /' "$task/stack"
+    done
+    kill -KILL "$daemon"
+  fi
+  wait "$daemon"
+  [ $? -eq "$1" ]
+}
+daemon_has_ended() { ! kill -0 "$daemon" 2>/dev/null || grep -q '^State:.Z' "/proc/$daemon/status"; }
+
 # end_film: the daemon stops as it should.
 end_film() {
   kill -TERM "$daemon"
-  wait "$daemon"
-  expect "exit status" [ $? -eq 0 ]
+  expect 'exit status' ends_with 0
 }
 
 session_of() { echo "$frames/$1"/*; }

@@ -79,8 +79,7 @@ refuses() {
   local text=$1
   shift
   film refused "$@"
-  wait $daemon
-  expect "exit status of: $text" [ $? -eq 1 ]
+  expect "exit status of: $text" ends_with 1
   expect "$text" logged 1 "$text"
   cat "$log" >>refusals.log
 }
