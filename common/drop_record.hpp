@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -39,8 +40,12 @@ std::string_view to_string(DropReason reason);
 
 /// One line of a drop record file, without the line end: `17,policy,1.633012000`.
 std::string to_csv(const DropRecord& record);
+/// to_csv() read back; nothing if it is not that.
+std::optional<DropRecord> drop_from_csv(std::string_view line);
 
 /// Exact decimal seconds with nine digits after the point; negative times keep their sign.
 std::string format_seconds(std::int64_t time_ns);
+/// format_seconds() read back; nothing if it is not that.
+std::optional<std::int64_t> parse_seconds(std::string_view text);
 
 }  // namespace orbbuf

@@ -4,39 +4,96 @@
 #include <CLI/CLI.hpp>
 #include <cstdlib>
 #include <exception>
+#include <functional>
 #include <iostream>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "common/config.hpp"
 #include "common/log.hpp"
+#include "server/dataset/check_session.hpp"
 #include "server/serve.hpp"
 #include "server/settings.hpp"
 
-int main(int argc, char** argv) try {
-  CLI::App app("Receives frames from robots and hands them to SLAM programs.", "orbbuf-server");
+namespace {
+
+/// What the command line asks for, to be run when all of it has been read: the exit status.
+using Command = std::function<int()>;
+
+struct ServeOptions {
   std::string config;
   std::vector<std::string> overrides;
   bool is_check = false;
-  app.add_option("--config", config, "Configuration file (TOML); without one, the defaults")
-      ->type_name("FILE");
-  app.add_option("--set", overrides, "Lay a value over the configuration; repeatable")
-      ->type_name("TABLE.KEY=VALUE")
-      ->allow_extra_args(false);
-  app.add_flag("--check-config", is_check, "Check the configuration and exit");
-  app.set_version_flag("--version", "orbbuf-server " ORBBUF_VERSION);
-  CLI11_PARSE(app, argc, argv);
+};
 
-  orbbuf::set_up_log("info");
-  orbbuf::ConfigReader reader(config, overrides);
+int serve(const ServeOptions& options) {
+  orbbuf::ConfigReader reader(options.config, options.overrides);
   const orbbuf::Settings settings = orbbuf::load_settings(reader);
-  if (is_check) {
-    std::cout << (config.empty() ? "defaults" : config) << ": OK\n";
+  if (options.is_check) {
+    std::cout << (options.config.empty() ? "defaults" : options.config) << ": OK\n";
     return EXIT_SUCCESS;
   }
   spdlog::set_level(spdlog::level::from_str(settings.log_level));
   orbbuf::serve(settings);
   return EXIT_SUCCESS;
+}
+
+/// Without a subcommand.
+void add_serve(CLI::App& app, Command& command) {
+  const auto options = std::make_shared<ServeOptions>();
+  app.add_option("--config", options->config,
+                 "Configuration file (TOML); without one, the defaults")
+      ->type_name("FILE");
+  app.add_option("--set", options->overrides, "Lay a value over the configuration; repeatable")
+      ->type_name("TABLE.KEY=VALUE")
+      ->allow_extra_args(false);
+  app.add_flag("--check-config", options->is_check, "Check the configuration and exit");
+  command = [options] { return serve(*options); };
+}
+
+int check(const std::vector<std::string>& sessions) {
+  bool is_good = true;
+  for (const std::string& session : sessions) {
+    const auto report = orbbuf::check_session(session);
+    if (!report) {
+      spdlog::error("{}", report.error().text);
+      is_good = false;
+      continue;
+    }
+    for (const std::string& problem : report.value().problems) {
+      std::cout << session << ": " << problem << '\n';
+    }
+    std::cout << session << ": " << summary(report.value()) << std::endl;
+    is_good = is_good && report.value().problems.empty();
+  }
+  return is_good ? EXIT_SUCCESS : EXIT_FAILURE;
+}
+
+void add_check(CLI::App& app, Command& command) {
+  CLI::App& check_app = *app.add_subcommand(
+      "check", "Compare recorded sessions with what was received: checksums, order, times, drops");
+  const auto sessions = std::make_shared<std::vector<std::string>>();
+  check_app.add_option("SESSION", *sessions, "Folder of a session, PATH/ROBOT/SESSION")
+      ->required()
+      ->type_name("");
+  check_app.footer("A line for each problem and one for each session; exit status 0: no problem.");
+  check_app.callback([&command, sessions] { command = [sessions] { return check(*sessions); }; });
+}
+
+}  // namespace
+
+int main(int argc, char** argv) try {
+  CLI::App app("Receives frames from robots and hands them to SLAM programs.", "orbbuf-server");
+  app.set_version_flag("--version", "orbbuf-server " ORBBUF_VERSION);
+  app.require_subcommand(0, 1);
+  Command command;
+  add_serve(app, command);
+  add_check(app, command);
+  CLI11_PARSE(app, argc, argv);
+
+  orbbuf::set_up_log("info");
+  return command();
 } catch (const std::exception& error) {
   spdlog::error("{}", error.what());
   return EXIT_FAILURE;

@@ -11,6 +11,7 @@
 #include <system_error>
 #include <utility>
 
+#include "server/sink/session_names.hpp"
 #include "server/sink/write_file.hpp"
 
 namespace orbbuf {
@@ -27,8 +28,6 @@ std::optional<std::uint64_t> leading_number(std::string_view text, std::string_v
   if (!suffix.starts_with(end)) return std::nullopt;
   return number;
 }
-
-std::string image_name(Sequence sequence) { return fmt::format("{:06}.jpg", sequence); }
 
 std::string times_line(const EncodedFrame& frame) {
   constexpr std::uint32_t kNsPerMs = 1'000'000;
@@ -60,12 +59,12 @@ std::optional<Error> remove_images_from(const fs::path& folder, Sequence first) 
 
 SessionFiles::SessionFiles(fs::path folder, std::string calibration)
     : folder_(std::move(folder)),
-      images_(folder_ / "images"),
-      images_right_(folder_ / "images_right"),
-      temporary_(folder_ / "incoming.tmp"),
+      images_(folder_ / session_names::kImages),
+      images_right_(folder_ / session_names::kRightImages),
+      temporary_(folder_ / session_names::kIncoming),
       calibration_(std::move(calibration)),
-      times_(folder_ / "times.txt"),
-      drops_(folder_ / "drops.csv", std::string(kDropCsvHeader)) {}
+      times_(folder_ / session_names::kTimes),
+      drops_(folder_ / session_names::kDrops, std::string(kDropCsvHeader)) {}
 
 Result<wire::Position> SessionFiles::recover() {
   auto times = times_.recover();
@@ -93,7 +92,7 @@ Result<wire::Position> SessionFiles::recover() {
 
 std::optional<Error> SessionFiles::write(const EncodedFrame& frame) {
   if (auto error = prepare()) return error;
-  const std::string name = image_name(frame.sequence);
+  const std::string name = session_names::image(frame.sequence);
   auto error = write_file(images_ / name, temporary_, frame.left());
   if (!error && frame.is_stereo()) error = write_right(frame);
   if (!error) error = times_.append(times_line(frame));
@@ -110,7 +109,8 @@ std::optional<Error> SessionFiles::write_right(const EncodedFrame& frame) {
   std::error_code failed;
   fs::create_directory(images_right_, failed);
   if (failed) return system_error("create " + images_right_.string(), failed.value());
-  return write_file(images_right_ / image_name(frame.sequence), temporary_, frame.right());
+  return write_file(images_right_ / session_names::image(frame.sequence), temporary_,
+                    frame.right());
 }
 
 std::optional<Error> SessionFiles::write_drops(std::span<const DropRecord> records) {
@@ -131,7 +131,7 @@ std::optional<Error> SessionFiles::prepare() {
   if (!calibration_.empty()) {
     const std::span bytes(reinterpret_cast<const std::uint8_t*>(calibration_.data()),
                           calibration_.size());
-    if (auto error = write_file(folder_ / "camera.txt", temporary_, bytes)) return error;
+    if (auto error = write_file(folder_ / session_names::kCamera, temporary_, bytes)) return error;
   }
   is_prepared_ = true;
   return std::nullopt;

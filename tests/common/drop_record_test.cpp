@@ -23,5 +23,32 @@ TEST(DropRecord, SecondsAreExactToTheLastDigit) {
   EXPECT_EQ(format_seconds(std::numeric_limits<std::int64_t>::min()), "-9223372036.854775808");
 }
 
+TEST(DropRecord, CsvLinesAreReadBack) {
+  for (const auto reason :
+       {DropReason::kPolicy, DropReason::kBusy, DropReason::kFailed, DropReason::kShutdown}) {
+    const DropRecord drop{std::numeric_limits<Sequence>::max(), -5, reason};
+    EXPECT_EQ(drop_from_csv(to_csv(drop)), drop);
+  }
+  for (const char* line :
+       {"", "17", "17,policy", "17,policy,1.633012", "-17,policy,1.633012000",
+        "17,unknown,1.633012000", "17,policy,1.633012000,", "17,busy,policy,1.633012000"}) {
+    EXPECT_FALSE(drop_from_csv(line)) << line;
+  }
+}
+
+TEST(DropRecord, SecondsAreReadBackToTheLastDigit) {
+  for (const std::int64_t time_ns :
+       {std::int64_t{0}, std::int64_t{-1}, std::int64_t{1'600'000'000'033'333'333},
+        std::numeric_limits<std::int64_t>::max(), std::numeric_limits<std::int64_t>::min()}) {
+    EXPECT_EQ(parse_seconds(format_seconds(time_ns)), time_ns);
+  }
+  for (const char* text :
+       {"", "-", "1", "1.", ".5", "1.5", "1.0000000000", "1.00000000x", " 1.000000000",
+        "+1.000000000", "--1.000000000", "1.-00000000", "9223372036.854775808",
+        "-9223372036.854775809", "9223372037.000000000", "99999999999999999999.000000000"}) {
+    EXPECT_FALSE(parse_seconds(text)) << text;
+  }
+}
+
 }  // namespace
 }  // namespace orbbuf

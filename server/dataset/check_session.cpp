@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/dataset/check_session.hpp"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <set>
+#include <span>
+#include <system_error>
+#include <utility>
+
+#include "common/jpeg.hpp"
+#include "common/log.hpp"
+#include "common/wire.hpp"
+#include "server/dataset/calibration.hpp"
+#include "server/dataset/read_file.hpp"
+#include "server/dataset/recorded_session.hpp"
+#include "server/sink/session_names.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace fs = std::filesystem;
+
+class Check {
+ public:
+  explicit Check(RecordedSession session) : session_(std::move(session)) {
+    report_.frames = session_.frames.size();
+    report_.dropped = session_.drops.size();
+    report_.problems = session_.problems;
+  }
+
+  SessionReport run() && {
+    check_order();
+    check_drops();
+    check_gaps();
+    check_calibration();
+    check_strays(session_names::kImages);
+    if (session_.is_stereo) check_strays(session_names::kRightImages);
+    for (const RecordedFrame& frame : session_.frames) {
+      check_image(RecordedSession::left_image(frame.sequence));
+      if (session_.is_stereo) check_image(RecordedSession::right_image(frame.sequence));
+    }
+    return std::move(report_);
+  }
+
+ private:
+  template <class... Values>
+  void problem(fmt::format_string<Values...> form, Values&&... values) {
+    report_.problems.push_back(fmt::format(form, std::forward<Values>(values)...));
+  }
+
+  void check_order() {
+    for (std::size_t i = 1; i < session_.frames.size(); ++i) {
+      const RecordedFrame& before = session_.frames[i - 1];
+      const RecordedFrame& frame = session_.frames[i];
+      if (frame.sequence <= before.sequence) {
+        problem("times.txt: frame {} comes after frame {}", frame.sequence, before.sequence);
+      } else if (frame.capture_time_ns <= before.capture_time_ns) {
+        problem("times.txt: frame {} was taken at {} s, not after frame {} at {} s", frame.sequence,
+                format_seconds(frame.capture_time_ns), before.sequence,
+                format_seconds(before.capture_time_ns));
+      }
+    }
+  }
+
+  void check_drops() {
+    for (const RecordedFrame& frame : session_.frames) delivered_.insert(frame.sequence);
+    for (const DropRecord& drop : session_.drops) {
+      if (!dropped_.insert(drop.sequence).second) {
+        problem("drops.csv: frame {} is there twice", drop.sequence);
+      }
+      if (delivered_.contains(drop.sequence)) {
+        problem("drops.csv: frame {} was delivered", drop.sequence);
+      }
+    }
+  }
+
+  void check_gaps() {
+    std::set<Sequence> known = delivered_;
+    known.insert(dropped_.begin(), dropped_.end());
+    Sequence next = 0;
+    for (const Sequence sequence : known) {
+      if (sequence == next + 1) {
+        problem("frame {} was neither delivered nor dropped", next);
+      } else if (sequence > next) {
+        problem("frames {} to {} were neither delivered nor dropped", next, sequence - 1);
+      }
+      next = sequence + 1;
+    }
+  }
+
+  void check_calibration() {
+    if (session_.calibration.empty()) return;
+    const auto camera = parse_calibration(session_.calibration);
+    if (!camera) problem("camera.txt: {}", camera.error().text);
+  }
+
+  /// DSO opens whatever is among the images.
+  void check_strays(const char* folder) {
+    std::set<std::string> expected;
+    for (const Sequence sequence : delivered_) expected.insert(session_names::image(sequence));
+    std::error_code failed;
+    fs::directory_iterator entry(session_.folder / folder, failed);
+    for (; !failed && entry != fs::directory_iterator(); entry.increment(failed)) {
+      const std::string name = entry->path().filename().string();
+      if (!expected.contains(name)) {
+        problem("{}/{}: without a line in times.txt", folder, printable(name));
+      }
+    }
+    if (failed) problem("{}: {}", folder, failed.message());
+  }
+
+  void check_image(const std::string& name) {
+    const fs::path path = session_.folder / name;
+    std::error_code ignored;  // then reading says why
+    if (!fs::exists(path, ignored) && !ignored) return problem("{}: missing", name);
+    const auto content = read_file(path);
+    if (!content) return problem("{}", content.error().text);
+    const std::span bytes(reinterpret_cast<const std::uint8_t*>(content.value().data()),
+                          content.value().size());
+    report_.image_bytes += bytes.size();
+    const auto checksum = session_.checksums.find(name);
+    if (checksum != session_.checksums.end() && wire::crc32(bytes) != checksum->second) {
+      return problem("{}: not as it was received, by its checksum", name);
+    }
+    if (checksum == session_.checksums.end() && !session_.checksums.empty()) {
+      problem("{}: without a checksum", name);
+    }
+    const auto info = codec_.inspect(bytes);
+    if (!info) return problem("{}: {}", name, info.error().text);
+    if (checksum != session_.checksums.end()) return;
+    const auto pixels = codec_.decode_gray(bytes, 8);
+    if (!pixels) problem("{}: {}", name, pixels.error().text);
+  }
+
+  const RecordedSession session_;
+  SessionReport report_;
+  std::set<Sequence> delivered_;
+  std::set<Sequence> dropped_;
+  JpegCodec codec_;
+};
+
+}  // namespace
+
+std::string summary(const SessionReport& report) {
+  const std::size_t problems = report.problems.size();
+  constexpr double kMiB = 1024.0 * 1024.0;
+  return fmt::format(
+      "{}: {} frames, {} dropped, {:.1f} MiB of images",
+      problems == 0 ? "OK" : fmt::format("{} problem{}", problems, problems == 1 ? "" : "s"),
+      report.frames, report.dropped, static_cast<double>(report.image_bytes) / kMiB);
+}
+
+Result<SessionReport> check_session(const fs::path& folder) {
+  auto session = read_recorded_session(folder);
+  if (!session) return std::move(session).error();
+  return Check(std::move(session).value()).run();
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <spdlog/fmt/fmt.h>
+
+#include <string>
+
+#include "common/frame.hpp"
+
+/// What things are called in a session's folder (session_files.hpp says what they are).
+namespace orbbuf::session_names {
+
+inline constexpr const char* kImages = "images";
+inline constexpr const char* kRightImages = "images_right";
+inline constexpr const char* kTimes = "times.txt";
+inline constexpr const char* kCamera = "camera.txt";
+inline constexpr const char* kDrops = "drops.csv";
+inline constexpr const char* kIncoming = "incoming.tmp";
+
+inline std::string image(Sequence sequence) { return fmt::format("{:06}.jpg", sequence); }
+
+}  // namespace orbbuf::session_names

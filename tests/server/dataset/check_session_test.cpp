@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/dataset/check_session.hpp"
+
+#include <gmock/gmock.h>
+
+#include <filesystem>
+
+#include "tests/server/dataset/recording.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace fs = std::filesystem;
+using test::read_file;
+using test::write_file;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::StartsWith;
+
+class CheckSession : public test::Recording {
+ protected:
+  std::vector<std::string> problems() const {
+    const auto report = check_session(session_);
+    EXPECT_TRUE(report);
+    return report ? report.value().problems : std::vector<std::string>{"an error"};
+  }
+  void append(const char* file, const std::string& text) const {
+    write_file(session_ / file, read_file(session_ / file) + text);
+  }
+  void replace(const char* file, const std::string& from, const std::string& to) const {
+    std::string text = read_file(session_ / file);
+    const auto at = text.find(from);
+    ASSERT_NE(at, std::string::npos) << from;
+    write_file(session_ / file, text.replace(at, from.size(), to));
+  }
+  void flip_a_byte(const char* file, std::size_t at) const {
+    std::string bytes = read_file(session_ / file);
+    ASSERT_LT(at, bytes.size());
+    bytes[at] = static_cast<char>(bytes[at] ^ 4);
+    write_file(session_ / file, bytes);
+  }
+};
+
+TEST_F(CheckSession, FindsNothingInASoundOne) {
+  record(false, "FOV 0.5 0.7 0.5 0.5 0.9\n64 48\ncrop\n64 48\n");
+  const auto report = check_session(session_);
+  ASSERT_TRUE(report);
+  EXPECT_THAT(report.value().problems, IsEmpty());
+  EXPECT_EQ(report.value().frames, 7U);
+  EXPECT_EQ(report.value().dropped, 3U);
+  EXPECT_THAT(summary(report.value()), StartsWith("OK: 7 frames, 3 dropped, 0.0 MiB"));
+}
+
+TEST_F(CheckSession, FindsNothingInASoundPair) {
+  record(true);
+  EXPECT_THAT(problems(), IsEmpty());
+}
+
+TEST_F(CheckSession, FindsNothingInOneOfWhichAllWasDropped) {
+  SessionFiles files(session_, "");
+  ASSERT_FALSE(files.write_drops(std::vector<DropRecord>{{0, 0, DropReason::kShutdown}}));
+  EXPECT_THAT(problems(), IsEmpty());
+}
+
+TEST_F(CheckSession, NamesAMissingImageOfEitherSide) {
+  record(true);
+  fs::remove(session_ / "images/000005.jpg");
+  fs::remove(session_ / "images_right/000008.jpg");
+  EXPECT_THAT(problems(),
+              ElementsAre("images/000005.jpg: missing", "images_right/000008.jpg: missing"));
+}
+
+TEST_F(CheckSession, NamesAnImageThatIsCutShort) {
+  record();
+  const fs::path image = session_ / "images/000005.jpg";
+  fs::resize_file(image, fs::file_size(image) - 10);
+  fs::resize_file(session_ / "images/000006.jpg", 0);
+  EXPECT_THAT(problems(),
+              ElementsAre(StartsWith("images/000005.jpg: "), StartsWith("images/000006.jpg: ")));
+}
+
+TEST_F(CheckSession, NamesAStrayAmongTheImagesOfEitherSide) {
+  record(true);
+  write_file(session_ / "images/000004.jpg", read_file(session_ / "images/000005.jpg"));
+  write_file(session_ / "images_right/notes.txt", "mine");
+  EXPECT_THAT(problems(), ElementsAre("images/000004.jpg: without a line in times.txt",
+                                      "images_right/notes.txt: without a line in times.txt"));
+}
+
+TEST_F(CheckSession, FilesBesideTheImagesAreSomebodysOwn) {
+  record();
+  write_file(session_ / "trajectory.txt", "mine");
+  EXPECT_THAT(problems(), IsEmpty());
+}
+
+TEST_F(CheckSession, NamesATornLine) {
+  record();
+  append("times.txt", "10 0.4000");
+  append("drops.csv", "11,pol");
+  EXPECT_THAT(problems(),
+              ElementsAre("times.txt:8: torn, \"10 0.4000\"", "drops.csv:5: torn, \"11,pol\""));
+}
+
+TEST_F(CheckSession, NamesALineThatIsNoneOfOurs) {
+  record();
+  append("times.txt", "# \x1b[2Jnotes\n");
+  replace("drops.csv", "busy", "lazy");
+  EXPECT_THAT(problems(), ElementsAre("times.txt:8: cannot be read, \"# ?[2Jnotes\"",
+                                      "drops.csv:3: cannot be read, \"3,lazy,0.120000000\"",
+                                      "frame 3 was neither delivered nor dropped"));
+}
+
+TEST_F(CheckSession, NamesWhatIsOutOfOrder) {
+  record();
+  replace("times.txt", "1 0.040000000 8.500000\n2 0.080000000 8.500000\n",
+          "2 0.080000000 8.500000\n1 0.040000000 8.500000\n");
+  EXPECT_THAT(problems(), ElementsAre("times.txt: frame 1 comes after frame 2"));
+}
+
+TEST_F(CheckSession, NamesATimeThatDoesNotIncrease) {
+  record();
+  replace("times.txt", "2 0.080000000", "2 0.040000000");
+  EXPECT_THAT(problems(),
+              ElementsAre("times.txt: frame 2 was taken at 0.040000000 s, not after frame 1 at "
+                          "0.040000000 s"));
+}
+
+TEST_F(CheckSession, NamesAFrameThatWasDeliveredAndDropped) {
+  record();
+  append("drops.csv", "5,policy,0.200000000\n4,policy,0.160000000\n");
+  EXPECT_THAT(problems(),
+              ElementsAre("drops.csv: frame 5 was delivered", "drops.csv: frame 4 is there twice"));
+}
+
+TEST_F(CheckSession, NamesFramesOfWhichNothingIsKnown) {
+  record();
+  replace("drops.csv", "4,policy,0.160000000\n3,busy,0.120000000\n", "");
+  replace("drops.csv", "7,failed", "12,failed");
+  EXPECT_THAT(problems(), ElementsAre("frames 3 to 4 were neither delivered nor dropped",
+                                      "frame 7 was neither delivered nor dropped",
+                                      "frames 10 to 11 were neither delivered nor dropped"));
+}
+
+TEST_F(CheckSession, NamesACalibrationThatDsoWouldNotRead) {
+  record(false, "Pinhole 1 2 3\n64 48\ncrop\n64 48\n");
+  EXPECT_THAT(problems(), ElementsAre(HasSubstr("camera.txt: line 1: expected Pinhole")));
+}
+
+TEST_F(CheckSession, WithoutTheFolderOfImagesEachIsNamed) {
+  record();
+  fs::remove_all(session_ / "images");
+  const auto found = problems();
+  ASSERT_EQ(found.size(), 1U + kFrames);
+  EXPECT_EQ(found[0], "images: No such file or directory");
+}
+
+TEST_F(CheckSession, AFolderThatIsNoSessionIsAnError) {
+  fs::create_directories(session_ / "images");
+  const auto report = check_session(session_);
+  ASSERT_FALSE(report);
+  EXPECT_EQ(report.error().text,
+            session_.string() + ": not a session: neither times.txt nor drops.csv in it");
+  EXPECT_FALSE(check_session(folder_ / "nowhere"));
+}
+
+TEST_F(CheckSession, ARecordThatCannotBeReadIsAnError) {
+  fs::create_directories(session_ / "times.txt");
+  const auto report = check_session(session_);
+  ASSERT_FALSE(report);
+  EXPECT_THAT(report.error().text, HasSubstr("times.txt: Is a directory"));
+}
+
+}  // namespace
+}  // namespace orbbuf

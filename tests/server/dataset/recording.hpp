@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <string>
+#include <vector>
+
+#include "server/sink/session_files.hpp"
+#include "tests/server/frames.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace orbbuf::test {
+
+/// A folder with one session in it, of real JPEGs: frames 0 to 9, of which 3, 4 and 7 were dropped.
+class Recording : public testing::Test {
+ protected:
+  static constexpr int kWidth = 64;
+  static constexpr int kHeight = 48;
+  static constexpr int kFrames = 7;
+
+  static const std::vector<Sequence>& delivered() {
+    static const std::vector<Sequence> numbers = {0, 1, 2, 5, 6, 8, 9};
+    return numbers;
+  }
+
+  void record(bool is_stereo = false, const std::string& calibration = "") const {
+    SessionFiles files(session_, calibration);
+    for (const Sequence sequence : delivered()) {
+      auto frame = jpeg_frame_ptr(sequence, kWidth, kHeight);
+      if (is_stereo) {
+        frame = stereo_frame_ptr(frame, jpeg_frame_ptr(sequence + 100, kWidth, kHeight));
+      }
+      ASSERT_FALSE(files.write(*frame));
+    }
+    const std::vector<DropRecord> drops = {{4, 4 * kFrameNs, DropReason::kPolicy},
+                                           {3, 3 * kFrameNs, DropReason::kBusy},
+                                           {7, 7 * kFrameNs, DropReason::kFailed}};
+    ASSERT_FALSE(files.write_drops(drops));
+  }
+
+  TemporaryFolder folder_;
+  std::filesystem::path session_ = folder_ / "session";
+};
+
+}  // namespace orbbuf::test
