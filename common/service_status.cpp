@@ -3,6 +3,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <system_error>
 #include <utility>
@@ -19,6 +20,12 @@ std::chrono::microseconds ServiceStatus::watchdog() const {
   if (::sd_watchdog_enabled(0, &period_us) <= 0) return {};
 #endif
   return std::chrono::microseconds(period_us);
+}
+
+std::chrono::microseconds ServiceStatus::interval() const {
+  constexpr std::chrono::microseconds kLongest = std::chrono::seconds(1);
+  const auto period = watchdog();
+  return period.count() == 0 ? kLongest : std::min(kLongest, period / 4);
 }
 
 void ServiceStatus::ready() {

@@ -15,6 +15,8 @@ class ServiceStatus {
   /// The unit's WatchdogSec=: how long the manager waits for feed() before it kills this process.
   /// Zero: it does not watch, or not this process.
   std::chrono::microseconds watchdog() const;
+  /// How often to call the others: each second, or more often for a short watchdog.
+  std::chrono::microseconds interval() const;
 
   /// The service does what it is for. Only the first call counts.
   void ready();

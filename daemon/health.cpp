@@ -29,11 +29,6 @@ std::string describe(const Sender& link) {
 Health::Health(ServiceStatus& service, std::size_t capacity)
     : service_(service), capacity_(capacity), watchdog_(service.watchdog()) {}
 
-nanoseconds Health::interval() const {
-  if (watchdog_ == nanoseconds(0)) return kTellInterval;
-  return std::min<nanoseconds>(kTellInterval, watchdog_ / 4);
-}
-
 void Health::report(const wire::Stats& stats, const Sender& sender) {
   if (Clock::now() >= told_time_ + kTellInterval) tell(stats, sender);
   if (stats.captured > 0 && sender.has_tried()) service_.ready();

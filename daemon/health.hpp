@@ -22,9 +22,6 @@ class Health {
   /// `service` must outlive it. capacity: the buffer's, in frames.
   Health(ServiceStatus& service, std::size_t capacity);
 
-  /// How often to report: each second, or more often for a short watchdog.
-  std::chrono::nanoseconds interval() const;
-
   void report(const wire::Stats& stats, const Sender& sender);
 
  private:

@@ -115,7 +115,7 @@ void Robot::on_source_ended(bool failed) {
 void Robot::report() {
   if (is_over_) return;
   health_.report(buffer_.stats(), sender_);
-  report_timer_.expires_after(health_.interval());
+  report_timer_.expires_after(service_.interval());
   report_timer_.async_wait([this](const boost::system::error_code& /*error*/) { report(); });
 }
 

@@ -3,23 +3,11 @@
 
 #include <spdlog/fmt/fmt.h>
 
-#include <algorithm>
 #include <boost/asio/post.hpp>
 #include <utility>
 
 namespace orbbuf {
 namespace asio = boost::asio;
-using std::chrono::nanoseconds;
-
-namespace {
-
-constexpr std::chrono::seconds kInterval{1};
-
-nanoseconds interval_for(nanoseconds watchdog) {
-  return watchdog == nanoseconds(0) ? kInterval : std::min<nanoseconds>(kInterval, watchdog / 4);
-}
-
-}  // namespace
 
 Health::Health(asio::io_context& main, asio::thread_pool& files, ServiceStatus& service,
                const Listener& listener)
@@ -29,7 +17,7 @@ Health::Health(asio::io_context& main, asio::thread_pool& files, ServiceStatus& 
       listener_(listener),
       address_(to_text(listener.endpoint())),
       timer_(main),
-      interval_(interval_for(service.watchdog())) {}
+      interval_(service.interval()) {}
 
 void Health::start() {
   service_.ready();

@@ -35,7 +35,7 @@ class Health {
   const Listener& listener_;
   const std::string address_;
   boost::asio::steady_timer timer_;
-  const std::chrono::nanoseconds interval_;
+  const std::chrono::microseconds interval_;
   bool is_asking_ = false;
   bool is_stopped_ = false;
 };

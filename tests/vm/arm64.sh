@@ -6,6 +6,8 @@
 # case, PASS or FAIL; all of it is in build/vm-arm64/console.log. Usage: tests/vm/arm64.sh FOLDER
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+# shellcheck source=tests/vm/parts.sh
+. "$here/parts.sh"
 packages=$(cd "$1" && pwd)
 vm=$here/../../build/vm-arm64
 mkdir -p "$vm"
@@ -39,40 +41,24 @@ set_up() {
   rm -rf "${1:?}"/boot/* "$1"/var/cache/apt/* "$1"/var/lib/apt/lists/*
 }
 
-# modules NAME...: the files that have to be loaded for them, in the order of loading.
-modules() {
-  local name
-  for name in "$@"; do
-    modprobe -d "$PWD/debian" -S "$version" --show-depends "$name"
-  done | awk '$1 == "insmod" && !seen[$2]++ {print $2}'
-}
-
 make_image() {
   local version
-  rm -rf debian initrd
+  rm -rf debian
   mmdebstrap --quiet --variant=extract --architectures=arm64 --include="$INCLUDE" \
-    --dpkgopt='path-exclude=/usr/share/doc/*' --dpkgopt='path-exclude=/usr/share/man/*' \
-    --dpkgopt='path-exclude=/usr/share/locale/*' bookworm debian "${sources[@]}"
+    "${SLIM[@]}" bookworm debian "${sources[@]}"
   version=$(ls debian/lib/modules)
   depmod -b "$PWD/debian" "$version"
   cp "debian/boot/vmlinuz-$version" kernel
-  mkdir -p initrd/{bin,dev,proc,sys,new}
-  cp debian/bin/busybox initrd/bin/
-  cp "$here/init" initrd/init
-  modules virtio_pci virtio_blk ext4 9p 9pnet_virtio | while read -r file; do
-    cp "$file" initrd/
-    basename "$file" >>initrd/modules
-  done
-  (cd initrd && find . | cpio --quiet -o -H newc | gzip -1) >initrd.gz
+  initrd "$PWD/debian" "$here/init"
   # Of the kernel's modules only what the camera and the link need.
-  modules vivid | xargs cp -t .
+  modules "$PWD/debian" vivid | xargs cp -t .
   rm -rf debian/lib/modules
   mkdir -p "debian/lib/modules/$version"
   mv ./*.ko "debian/lib/modules/$version"
   depmod -b "$PWD/debian" "$version" 2>/dev/null
   set_up debian
   mke2fs -q -t ext4 -O ^has_journal -d debian root.ext4 "$(($(du -sm debian | cut -f1) * 5 / 4 + 60))M" >/dev/null
-  rm -rf debian initrd
+  rm -rf debian
 }
 
 # boot GUEST [OPTION...]: with GUEST, of tests/vm/guest, as the first process.
@@ -90,7 +76,7 @@ boot() {
     tr -d '\r' | tee -a console.log | grep --line-buffered -E '^(PASS|FAIL|RESULT|DONE) ' || true
 }
 
-stamp=$(printf '%s\n' "$INCLUDE" "${sources[@]}" | cat - "$here/arm64.sh" "$here/init" | sha256sum)
+stamp=$(printf '%s\n' "$INCLUDE" "${sources[@]}" | cat - "$here/arm64.sh" "$here/parts.sh" "$here/init" | sha256sum)
 if [ "$(cat stamp 2>/dev/null)" != "$stamp" ]; then
   make_image
   echo "$stamp" >stamp

@@ -6,16 +6,16 @@
 # $VM_PACKAGES: further packages, separated by commas.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+# shellcheck source=tests/vm/parts.sh
+. "$here/parts.sh"
 folder=$1
 shift
 PACKAGES=busybox-static,bash,kmod,udev,v4l-utils,libcamera-ipa,linux-image-amd64${VM_PACKAGES:+,$VM_PACKAGES}
-BOOT_MODULES=(virtio_pci virtio_blk ext4 9p 9pnet_virtio)
 CAMERA_MODULES=(vivid uvcvideo vhci-hcd vimc)
 mkdir -p "$folder"
 cd "$folder"
 
-sources=(/etc/apt/sources.list /etc/apt/sources.list.d/*.list /etc/apt/sources.list.d/*.sources)
-mapfile -t sources < <(ls -d "${sources[@]}" 2>/dev/null)
+mapfile -t sources < <(own_sources)
 
 # keep STAMP FILE...: whether FILEs were made from what STAMP says; if not, they are removed.
 keep() {
@@ -31,8 +31,7 @@ debian() {
   stamp=$(echo "$PACKAGES" | cat - "${sources[@]}" | sha256sum)
   ! keep "$stamp" debian || return 0
   mmdebstrap --quiet --variant=extract --include="$PACKAGES" \
-    --dpkgopt='path-exclude=/usr/share/doc/*' --dpkgopt='path-exclude=/usr/share/man/*' \
-    --dpkgopt='path-exclude=/usr/share/locale/*' bookworm debian "${sources[@]}"
+    "${SLIM[@]}" bookworm debian "${sources[@]}"
   echo "$stamp" >debian.stamp
 }
 
@@ -46,26 +45,6 @@ vimc() {
   mkdir -p "debian/lib/modules/$version/extra"
   strip -g -o "debian/lib/modules/$version/extra/vimc.ko" "$drivers/vimc/vimc.ko"
   rm -rf linux-source-6.1
-}
-
-# modules NAME...: the files that have to be loaded for them, in the order of loading.
-modules() {
-  local name
-  for name in "$@"; do
-    modprobe -d "$PWD/debian" -S "$version" --show-depends "$name"
-  done | awk '$1 == "insmod" && !seen[$2]++ {print $2}'
-}
-
-initrd() {
-  rm -rf initrd
-  mkdir -p initrd/{bin,dev,proc,sys,new}
-  cp debian/bin/busybox initrd/bin/
-  cp "$here/init" initrd/init
-  modules "${BOOT_MODULES[@]}" | while read -r file; do
-    cp "$file" initrd/
-    basename "$file" >>initrd/modules
-  done
-  (cd initrd && find . | cpio --quiet -o -H newc | gzip -1) >initrd.gz
 }
 
 # What the programs are linked to and Debian's root does not have.
@@ -84,7 +63,7 @@ root() {
   mkdir -p root/{share,proc,sys,dev,tmp,run} "root/lib/modules/$version"
   ln -sf bash root/bin/sh
   cp "debian/lib/modules/$version"/modules.{builtin*,order} "root/lib/modules/$version/"
-  modules "${CAMERA_MODULES[@]}" | xargs cp -t "root/lib/modules/$version"
+  modules "$PWD/debian" "${CAMERA_MODULES[@]}" | xargs cp -t "root/lib/modules/$version"
   depmod -b "$PWD/root" "$version"
   libraries "$@"
   mke2fs -q -t ext4 -O ^has_journal -d root root.ext4 \
@@ -99,9 +78,9 @@ if [ ! -e "debian/lib/modules/$version/modules.dep" ]; then
   depmod -b "$PWD/debian" "$version"
 fi
 stamp=$(ldd "$@" | awk '$2 == "=>" {print $3}' | sort -u | xargs stat -L -c '%n %s %Y' |
-  cat - debian.stamp "$here/image.sh" "$here/init" | sha256sum)
+  cat - debian.stamp "$here/image.sh" "$here/parts.sh" "$here/init" | sha256sum)
 keep "$stamp" root.ext4 && exit
 cp "debian/boot/vmlinuz-$version" kernel
-initrd
+initrd "$PWD/debian" "$here/init"
 root "$@"
 echo "$stamp" >root.ext4.stamp

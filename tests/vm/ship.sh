@@ -6,9 +6,11 @@
 # wrote, where every frame is. Usage: tests/vm/ship.sh BUILD PACKAGES
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+# shellcheck source=tests/vm/parts.sh
+. "$here/parts.sh"
 build=$(cd "$1" && pwd)
 vm=$build/../vm
-packages=("$(cd "$2" && pwd)"/{orbbufd,orbbuf-server}_*_amd64.deb)
+packages=("$(cd "$2" && pwd)"/{orbbufd,orbbuf-server}_*.deb)
 
 # The kernel and its modules are those of the films.
 "$here/image.sh" "$vm" "$build/daemon/orbbufd" "$build/server/orbbuf-server"
@@ -25,10 +27,9 @@ bare() {
   [ "$(cat bare.stamp 2>/dev/null)" != "$stamp" ] || return 0
   rm -rf bare bare.stamp
   local sources
-  mapfile -t sources < <(ls -d /etc/apt/sources.list /etc/apt/sources.list.d/*.{list,sources} 2>/dev/null)
+  mapfile -t sources < <(own_sources)
   mmdebstrap --quiet --variant=apt --include="systemd-sysv,dbus,udev,kmod,busybox-static,libcamera-ipa,$needed" \
-    --dpkgopt='path-exclude=/usr/share/doc/*' --dpkgopt='path-exclude=/usr/share/man/*' \
-    --dpkgopt='path-exclude=/usr/share/locale/*' bookworm bare "${sources[@]}"
+    "${SLIM[@]}" bookworm bare "${sources[@]}"
   mkdir bare/share
   echo 0123456789abcdef0123456789abcdef >bare/etc/machine-id
   echo ship >bare/etc/hostname
@@ -47,14 +48,13 @@ UNIT
 
 # disk: the bare root, and the cameras' modules.
 disk() {
-  local version modules module
+  local version modules
   version=$(ls "$vm/debian/lib/modules")
   modules=bare/lib/modules/$version
   rm -rf "$modules"
   mkdir -p "$modules"
   cp "$vm/debian/lib/modules/$version"/modules.{builtin*,order} "$modules/"
-  for module in vivid vimc; do modprobe -d "$vm/debian" -S "$version" --show-depends $module; done |
-    awk '$1 == "insmod" && !seen[$2]++ { print $2 }' | xargs cp -t "$modules"
+  modules "$vm/debian" vivid vimc | xargs cp -t "$modules"
   depmod -b "$PWD/bare" "$version"
   mke2fs -q -t ext4 -F -d bare disk.ext4 "$(($(du -sm bare | cut -f1) * 5 / 4 + 100))M" >/dev/null
 }
