@@ -13,7 +13,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kMillisecond = 1'000'000;
 
 /// The times in ms of the pairs that came, and of nothing else.
 using Pairs = std::vector<std::pair<std::int64_t, std::int64_t>>;
@@ -22,7 +22,7 @@ class StereoPairerTest : public testing::Test {
  protected:
   void add(Side side, std::int64_t time_ms) {
     RawFrame frame;
-    frame.monotonic_ns = time_ms * kMs;
+    frame.monotonic_ns = time_ms * kMillisecond;
     frame.capture_time_ns = side == Side::kLeft ? 1 : 2;
     const auto pair = pairer_.add(side, std::move(frame));
     if (!pair) return;
@@ -30,7 +30,7 @@ class StereoPairerTest : public testing::Test {
     EXPECT_EQ(pair->capture_time_ns, 1);
     EXPECT_EQ(pair->right->capture_time_ns, 2);
     EXPECT_EQ(pair->right->right, nullptr);
-    pairs_.emplace_back(pair->monotonic_ns / kMs, pair->right->monotonic_ns / kMs);
+    pairs_.emplace_back(pair->monotonic_ns / kMillisecond, pair->right->monotonic_ns / kMillisecond);
   }
   void left(std::int64_t time_ms) { add(Side::kLeft, time_ms); }
   void right(std::int64_t time_ms) { add(Side::kRight, time_ms); }
