@@ -13,7 +13,7 @@ namespace {
 using libcamera::CameraConfiguration;
 using libcamera::StreamRole;
 
-constexpr unsigned kLeastRequests = 4;  // one lent, two with the camera, one on its way
+constexpr unsigned kLeastBuffersWanted = 4;  // one lent, two with the camera, one on its way
 
 constexpr std::array<libcamera::PixelFormat, kCameraFormats.size()> kPixelFormats = {
     libcamera::formats::R8,     libcamera::formats::NV12, libcamera::formats::YUV420,
@@ -136,7 +136,7 @@ LibcameraSetup set_up(libcamera::Camera& camera, const SourceSettings& settings)
   wanted.pixelFormat = pixel_format_of(format.value());
   wanted.size = {static_cast<unsigned>(settings.width_px),
                  static_cast<unsigned>(settings.height_px)};
-  wanted.bufferCount = std::max(wanted.bufferCount, kLeastRequests);
+  wanted.bufferCount = std::max(wanted.bufferCount, kLeastBuffersWanted);
   LibcameraSetup setup;
   setup.mode = validate(camera, *config, offers, settings.color);
   if (const int status = camera.configure(config.get()); status != 0) {
