@@ -37,8 +37,8 @@ class Check {
     check_strays(session_names::kImages);
     if (session_.is_stereo) check_strays(session_names::kRightImages);
     for (const RecordedFrame& frame : session_.frames) {
-      check_image(RecordedSession::left_image(frame.sequence));
-      if (session_.is_stereo) check_image(RecordedSession::right_image(frame.sequence));
+      check_image(session_names::left_image(frame.sequence));
+      if (session_.is_stereo) check_image(session_names::right_image(frame.sequence));
     }
     return std::move(report_);
   }

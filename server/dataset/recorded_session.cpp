@@ -90,15 +90,21 @@ void parse_drops(std::string_view text, RecordedSession& session) {
   for_each_line(session_names::kDrops, text, take, session.problems);
 }
 
+/// IMAGE CRC, of two lines for one image the last.
+void parse_checksums(std::string_view text, RecordedSession& session) {
+  constexpr std::size_t kDigits = 8;
+  const auto take = [&](std::string_view line) {
+    const auto blank = line.rfind(' ');
+    if (blank == std::string_view::npos || line.size() - blank - 1 != kDigits) return false;
+    std::uint32_t crc = 0;
+    if (!parse_whole(line.substr(blank + 1), crc, 16)) return false;
+    session.checksums.insert_or_assign(std::string(line.substr(0, blank)), crc);
+    return true;
+  };
+  for_each_line(session_names::kChecksums, text, take, session.problems);
+}
+
 }  // namespace
-
-std::string RecordedSession::left_image(Sequence sequence) {
-  return fmt::format("{}/{}", session_names::kImages, session_names::image(sequence));
-}
-
-std::string RecordedSession::right_image(Sequence sequence) {
-  return fmt::format("{}/{}", session_names::kRightImages, session_names::image(sequence));
-}
 
 Result<RecordedSession> read_recorded_session(const fs::path& folder) {
   std::error_code ignored;  // what is not there is no session
@@ -115,8 +121,11 @@ Result<RecordedSession> read_recorded_session(const fs::path& folder) {
   if (!drops) return std::move(drops).error();
   auto calibration = read_text(folder / session_names::kCamera);
   if (!calibration) return std::move(calibration).error();
+  auto checksums = read_text(folder / session_names::kChecksums);
+  if (!checksums) return std::move(checksums).error();
   parse_times(times.value(), session);
   parse_drops(drops.value(), session);
+  parse_checksums(checksums.value(), session);
   session.calibration = std::move(calibration).value();
   return session;
 }

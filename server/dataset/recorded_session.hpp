@@ -33,10 +33,6 @@ struct RecordedSession {
   std::map<std::string, std::uint32_t> checksums;
   /// Lines that cannot be read, a torn last one among them; such are in none of the above.
   std::vector<std::string> problems;
-
-  /// `images/000123.jpg`, `images_right/000123.jpg`.
-  static std::string left_image(Sequence sequence);
-  static std::string right_image(Sequence sequence);
 };
 
 /// An error if `folder` is not a session's: it has neither times.txt nor drops.csv, or one of the

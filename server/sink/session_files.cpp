@@ -35,6 +35,16 @@ std::string times_line(const EncodedFrame& frame) {
                      frame.exposure_ns / kNsPerMs, frame.exposure_ns % kNsPerMs);
 }
 
+std::string checksum_lines(const EncodedFrame& frame) {
+  const auto line = [](const std::string& image, std::uint32_t crc) {
+    return fmt::format("{} {:08X}\n", image, crc);
+  };
+  const std::string left = session_names::left_image(frame.sequence);
+  if (!frame.is_stereo()) return line(left, frame.jpeg_crc);
+  return line(left, wire::crc32(frame.left())) +
+         line(session_names::right_image(frame.sequence), wire::crc32(frame.right()));
+}
+
 /// Only what is named as a frame of ours; anything else in the folder is somebody's.
 std::optional<Error> remove_images_from(const fs::path& folder, Sequence first) {
   std::error_code failed;
@@ -64,13 +74,17 @@ SessionFiles::SessionFiles(fs::path folder, std::string calibration)
       temporary_(folder_ / session_names::kIncoming),
       calibration_(std::move(calibration)),
       times_(folder_ / session_names::kTimes),
-      drops_(folder_ / session_names::kDrops, std::string(kDropCsvHeader)) {}
+      drops_(folder_ / session_names::kDrops, std::string(kDropCsvHeader)),
+      checksums_(folder_ / session_names::kChecksums) {}
 
 Result<wire::Position> SessionFiles::recover() {
   auto times = times_.recover();
   if (!times) return std::move(times).error();
   auto drops = drops_.recover();
   if (!drops) return std::move(drops).error();
+
+  auto checksums = checksums_.recover();
+  if (!checksums) return std::move(checksums).error();
 
   wire::Position position;
   if (times.value().lines > 0) {
@@ -95,13 +109,18 @@ std::optional<Error> SessionFiles::write(const EncodedFrame& frame) {
   const std::string name = session_names::image(frame.sequence);
   auto error = write_file(images_ / name, temporary_, frame.left());
   if (!error && frame.is_stereo()) error = write_right(frame);
-  if (!error) error = times_.append(times_line(frame));
+  if (!error) error = append_lines(frame);
   if (error) {
     ::unlink((images_ / name).c_str());
     ::unlink((images_right_ / name).c_str());
     is_prepared_ = false;
   }
   return error;
+}
+
+std::optional<Error> SessionFiles::append_lines(const EncodedFrame& frame) {
+  if (auto error = checksums_.append(checksum_lines(frame))) return error;
+  return times_.append(times_line(frame));
 }
 
 /// The folder is made anew if need be, since it is not known beforehand that frames are stereo.

@@ -21,9 +21,13 @@ namespace orbbuf {
 ///   times.txt           `123 1.633012000 0.000000`: sequence, seconds, exposure in ms (0: unknown)
 ///   camera.txt          the robot's calibration, if it sent one
 ///   drops.csv           the frames that will not come, kDropCsvHeader first
+///   checksums.sfv       `images/000123.jpg 8C4F21D3`: each image's CRC-32, as cksfv and rhash read
+///   it
 ///
 /// The line in times.txt is what makes a frame accepted: whatever is found without one was in the
-/// middle of being written. Each file appears by rename and each line by one append, without fsync:
+/// middle of being written. Its checksums are written before, so that each accepted frame has them;
+/// those of a frame that was not accepted after all are no matter, and of two for one image the
+/// last counts. Each file appears by rename and each line by one append, without fsync:
 /// an accepted frame survives the death of this process, not of the machine.
 /// Blocking; reentrant. Called by one thread at a time; recover() is the first call.
 class SessionFiles {
@@ -33,7 +37,7 @@ class SessionFiles {
 
   /// How far the record in the folder reaches. Removes what lies beyond: a torn last line, images
   /// of either side at or past the position, a temporary file. No folder is an empty record. Reads
-  /// both lists.
+  /// all three lists.
   Result<wire::Position> recover();
 
   /// On error nothing of the frame remains.
@@ -43,6 +47,7 @@ class SessionFiles {
  private:
   std::optional<Error> prepare();
   std::optional<Error> write_right(const EncodedFrame& frame);
+  std::optional<Error> append_lines(const EncodedFrame& frame);
 
   std::filesystem::path folder_;
   std::filesystem::path images_;
@@ -51,6 +56,7 @@ class SessionFiles {
   std::string calibration_;
   LineFile times_;
   LineFile drops_;
+  LineFile checksums_;
   bool is_prepared_ = false;
 };
 

@@ -15,8 +15,17 @@ inline constexpr const char* kRightImages = "images_right";
 inline constexpr const char* kTimes = "times.txt";
 inline constexpr const char* kCamera = "camera.txt";
 inline constexpr const char* kDrops = "drops.csv";
+inline constexpr const char* kChecksums = "checksums.sfv";
 inline constexpr const char* kIncoming = "incoming.tmp";
 
 inline std::string image(Sequence sequence) { return fmt::format("{:06}.jpg", sequence); }
+
+/// Of an image in the folder: `images/000123.jpg`, `images_right/000123.jpg`.
+inline std::string left_image(Sequence sequence) {
+  return fmt::format("{}/{}", kImages, image(sequence));
+}
+inline std::string right_image(Sequence sequence) {
+  return fmt::format("{}/{}", kRightImages, image(sequence));
+}
 
 }  // namespace orbbuf::session_names

@@ -80,6 +80,53 @@ TEST_F(CheckSession, NamesAnImageThatIsCutShort) {
               ElementsAre(StartsWith("images/000005.jpg: "), StartsWith("images/000006.jpg: ")));
 }
 
+TEST_F(CheckSession, NamesAnImageWithAFlippedByteWhereverItIs) {
+  record(true);
+  const auto bytes = fs::file_size(session_ / "images/000005.jpg");
+  flip_a_byte("images/000005.jpg", 0);
+  flip_a_byte("images/000006.jpg", bytes / 2);
+  flip_a_byte("images_right/000006.jpg", bytes - 1);
+  EXPECT_THAT(problems(),
+              ElementsAre("images/000005.jpg: not as it was received, by its checksum",
+                          "images/000006.jpg: not as it was received, by its checksum",
+                          "images_right/000006.jpg: not as it was received, by its checksum"));
+}
+
+TEST_F(CheckSession, WithoutChecksumsTheJpegsAreDecoded) {
+  record();
+  fs::remove(session_ / "checksums.sfv");
+  EXPECT_THAT(problems(), IsEmpty());
+  const fs::path image = session_ / "images/000005.jpg";
+  const std::string bytes = read_file(image);
+  write_file(image, bytes.substr(0, bytes.size() / 2) + "\xFF\xD9");
+  EXPECT_THAT(problems(), ElementsAre(StartsWith("images/000005.jpg: cannot decode a JPEG")));
+}
+
+TEST_F(CheckSession, NamesAnImageThatWasNoJpegWhenItCame) {
+  record();
+  SessionFiles files(session_, "");
+  ASSERT_FALSE(files.write(test::plain_frame(10)));
+  EXPECT_THAT(problems(), ElementsAre(StartsWith("images/000010.jpg: cannot read the header")));
+}
+
+TEST_F(CheckSession, NamesAnImageWithoutAChecksum) {
+  record();
+  const std::string first = read_file(session_ / "checksums.sfv").substr(0, 27);
+  replace("checksums.sfv", first, "");
+  append("checksums.sfv", "images/000010.jpg 123\nimages/000011.jpg 1234");
+  EXPECT_THAT(problems(), ElementsAre("checksums.sfv:7: cannot be read, \"images/000010.jpg 123\"",
+                                      "checksums.sfv:8: torn, \"images/000011.jpg 1234\"",
+                                      "images/000000.jpg: without a checksum"));
+}
+
+TEST_F(CheckSession, OfTwoChecksumsTheLastCounts) {
+  record();
+  write_file(session_ / "checksums.sfv",
+             "images/000005.jpg 00000000\nimages/000077.jpg 00000000\n" +
+                 read_file(session_ / "checksums.sfv"));
+  EXPECT_THAT(problems(), IsEmpty());
+}
+
 TEST_F(CheckSession, NamesAStrayAmongTheImagesOfEitherSide) {
   record(true);
   write_file(session_ / "images/000004.jpg", read_file(session_ / "images/000005.jpg"));

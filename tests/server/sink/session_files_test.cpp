@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cstdio>
 #include <string>
 #include <vector>
 
@@ -49,7 +50,7 @@ TEST_F(SessionFilesTest, LaysFramesOutAsDsoReadsThem) {
   EXPECT_FALSE(out.write(plain_frame(7)));
   EXPECT_FALSE(out.write(plain_frame(1234567)));
   using Names = std::vector<std::string>;
-  EXPECT_EQ(names(folder_), (Names{"camera.txt", "images", "times.txt"}));
+  EXPECT_EQ(names(folder_), (Names{"camera.txt", "checksums.sfv", "images", "times.txt"}));
   EXPECT_EQ(names(folder_ / "images"), (Names{"000000.jpg", "000007.jpg", "1234567.jpg"}));
   EXPECT_EQ(read_file(folder_ / "images/000007.jpg"), as_text(plain_frame(7).jpeg));
   EXPECT_EQ(read_file(folder_ / "times.txt"),
@@ -62,11 +63,28 @@ TEST_F(SessionFilesTest, RightImagesOfStereoFramesHaveTheirOwnFolder) {
   EXPECT_FALSE(out.write(plain_pair(0, 10, 20)));
   EXPECT_FALSE(out.write(plain_pair(7, 30, 40)));
   using Names = std::vector<std::string>;
-  EXPECT_EQ(names(folder_), (Names{"camera.txt", "images", "images_right", "times.txt"}));
+  EXPECT_EQ(names(folder_),
+            (Names{"camera.txt", "checksums.sfv", "images", "images_right", "times.txt"}));
   EXPECT_EQ(names(folder_ / "images"), (Names{"000000.jpg", "000007.jpg"}));
   EXPECT_EQ(names(folder_ / "images_right"), names(folder_ / "images"));
   EXPECT_EQ(read_file(folder_ / "images/000007.jpg"), as_text(plain_pair(7, 30, 40).left()));
   EXPECT_EQ(read_file(folder_ / "images_right/000007.jpg"), as_text(plain_pair(7, 30, 40).right()));
+}
+
+TEST_F(SessionFilesTest, EachImageHasAChecksum) {
+  auto out = files();
+  auto pair = plain_pair(0, 9, 9);
+  const std::string left = "123456789";  // whose CRC-32 is CBF43926 by definition
+  std::copy(left.begin(), left.end(), pair.jpeg.begin());
+  std::fill(pair.jpeg.begin() + 9, pair.jpeg.end(), '\0');
+  EXPECT_FALSE(out.write(pair));
+  const auto mono = plain_frame(7);
+  EXPECT_FALSE(out.write(mono));
+  char crc[9];
+  std::snprintf(crc, sizeof crc, "%08X", static_cast<unsigned>(mono.jpeg_crc));
+  EXPECT_EQ(read_file(folder_ / "checksums.sfv"),
+            std::string("images/000000.jpg CBF43926\nimages_right/000000.jpg E60914AE\n") +
+                "images/000007.jpg " + crc + "\n");
 }
 
 TEST_F(SessionFilesTest, NothingIsMadeBeforeTheFirstWrite) {
@@ -103,6 +121,8 @@ TEST_F(SessionFilesTest, ResumeRemovesWhatWasInTheMiddleOfBeingWritten) {
   const std::string drops = read_file(folder_ / "drops.csv");
   test::write_file(folder_ / "times.txt", times + "2 0.0800");
   test::write_file(folder_ / "drops.csv", drops + "3,pol");
+  const std::string checksums = read_file(folder_ / "checksums.sfv");
+  test::write_file(folder_ / "checksums.sfv", checksums + "images/000002.jpg 12");
   test::write_file(folder_ / "images/000002.jpg", "whole, but not accepted");
   test::write_file(folder_ / "images/notes.txt", "somebody's");
   test::write_file(folder_ / "incoming.tmp", "torn");
@@ -110,6 +130,7 @@ TEST_F(SessionFilesTest, ResumeRemovesWhatWasInTheMiddleOfBeingWritten) {
   EXPECT_EQ(recovered(), (wire::Position{1, 1}));
   EXPECT_EQ(read_file(folder_ / "times.txt"), times);
   EXPECT_EQ(read_file(folder_ / "drops.csv"), drops);
+  EXPECT_EQ(read_file(folder_ / "checksums.sfv"), checksums);
   EXPECT_EQ(names(folder_ / "images"), (std::vector<std::string>{"000000.jpg", "notes.txt"}));
   EXPECT_FALSE(std::filesystem::exists(folder_ / "incoming.tmp"));
   EXPECT_EQ(log.lines("removed 1 without a line").size(), 1U);
@@ -176,19 +197,22 @@ TEST_F(SessionFilesTest, WhenTheRightImageDoesNotFitTheLeftOneGoesToo) {
 
 TEST_F(SessionFilesTest, WhenTheLineDoesNotFitTheImagesGoToo) {
   auto out = files();
-  EXPECT_FALSE(out.write(plain_pair(0, 10, 10)));
+  for (Sequence sequence = 0; sequence < 5; ++sequence) {
+    EXPECT_FALSE(out.write(plain_pair(sequence, 10, 10)));
+  }
+  std::filesystem::remove(folder_ / "checksums.sfv");  // of all lines the longest
   const std::string times = read_file(folder_ / "times.txt");
   {
     const test::ResourceLimit full(RLIMIT_FSIZE, times.size() + 5);
-    const auto error = out.write(plain_pair(1, 10, 10));
+    const auto error = out.write(plain_pair(5, 10, 10));
     ASSERT_TRUE(error);
     EXPECT_NE(error->text.find("times.txt: File too large"), std::string::npos);
   }
-  EXPECT_EQ(names(folder_ / "images").size(), 1U);
-  EXPECT_EQ(names(folder_ / "images_right").size(), 1U);
+  EXPECT_EQ(names(folder_ / "images").size(), 5U);
+  EXPECT_EQ(names(folder_ / "images_right").size(), 5U);
   EXPECT_EQ(read_file(folder_ / "times.txt"), times);
-  EXPECT_FALSE(out.write(plain_pair(1, 10, 10)));
-  EXPECT_EQ(recovered(), (wire::Position{2, 0}));
+  EXPECT_FALSE(out.write(plain_pair(5, 10, 10)));
+  EXPECT_EQ(recovered(), (wire::Position{6, 0}));
 }
 
 TEST_F(SessionFilesTest, AFolderThatSomebodyRemovedComesBackWithTheNextTry) {
