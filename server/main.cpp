@@ -2,17 +2,20 @@
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdlib>
 #include <exception>
 #include <functional>
 #include <iostream>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "common/config.hpp"
 #include "common/log.hpp"
 #include "server/dataset/check_session.hpp"
+#include "server/dataset/export_session.hpp"
 #include "server/serve.hpp"
 #include "server/settings.hpp"
 
@@ -81,6 +84,52 @@ void add_check(CLI::App& app, Command& command) {
   check_app.callback([&command, sessions] { command = [sessions] { return check(*sessions); }; });
 }
 
+struct ExportOptions {
+  std::string layout;
+  bool has_png_names = false;
+  std::string session;
+  std::string out;
+};
+
+int export_session(const ExportOptions& options) {
+  const auto at = std::ranges::find(orbbuf::kLayouts, options.layout) - orbbuf::kLayouts.begin();
+  const auto report =
+      orbbuf::export_session(options.session, options.out, static_cast<orbbuf::Layout>(at),
+                             options.has_png_names ? "png" : "jpg");
+  if (!report) throw std::runtime_error(report.error().text);
+  for (const std::string& note : report.value().notes) spdlog::warn("{}", note);
+  std::cout << options.out << ": " << options.layout << ", " << report.value().frames
+            << " frames; images linked: " << report.value().linked
+            << ", copied: " << report.value().copied << '\n';
+  return EXIT_SUCCESS;
+}
+
+void add_export(CLI::App& app, Command& command) {
+  CLI::App& export_app = *app.add_subcommand(
+      "export", "Make a data set of a recorded session: EuRoC, KITTI, TUM RGB-D, TUM monoVO");
+  const auto options = std::make_shared<ExportOptions>();
+  const std::vector<std::string> layouts(orbbuf::kLayouts.begin(), orbbuf::kLayouts.end());
+  export_app.add_option("--layout", options->layout, "tum-mono, euroc, kitti or tum-rgbd")
+      ->required()
+      ->type_name("LAYOUT")
+      ->check(CLI::IsMember(layouts).description(""));
+  export_app.add_flag("--png-names", options->has_png_names,
+                      "Name the images .png, JPEG as they are: for loaders that look for nothing "
+                      "else and open them with OpenCV, which goes by the content");
+  export_app.add_option("SESSION", options->session, "Folder of a session, PATH/ROBOT/SESSION")
+      ->required()
+      ->type_name("");
+  export_app.add_option("OUT", options->out, "Folder to make; it must not be there, or be empty")
+      ->required()
+      ->type_name("");
+  export_app.footer(
+      "Images are hard links to the session's where the file system allows it, else copies; do "
+      "not\n"
+      "edit them in place. The session may still be recorded: what it has by then is exported.");
+  export_app.callback(
+      [&command, options] { command = [options] { return export_session(*options); }; });
+}
+
 }  // namespace
 
 int main(int argc, char** argv) try {
@@ -90,6 +139,7 @@ int main(int argc, char** argv) try {
   Command command;
   add_serve(app, command);
   add_check(app, command);
+  add_export(app, command);
   CLI11_PARSE(app, argc, argv);
 
   orbbuf::set_up_log("info");

@@ -30,7 +30,7 @@ class Check {
   }
 
   SessionReport run() && {
-    check_order();
+    for (auto& text : problems_of_order(session_)) report_.problems.push_back(std::move(text));
     check_drops();
     check_gaps();
     check_calibration();
@@ -47,20 +47,6 @@ class Check {
   template <class... Values>
   void problem(fmt::format_string<Values...> form, Values&&... values) {
     report_.problems.push_back(fmt::format(form, std::forward<Values>(values)...));
-  }
-
-  void check_order() {
-    for (std::size_t i = 1; i < session_.frames.size(); ++i) {
-      const RecordedFrame& before = session_.frames[i - 1];
-      const RecordedFrame& frame = session_.frames[i];
-      if (frame.sequence <= before.sequence) {
-        problem("times.txt: frame {} comes after frame {}", frame.sequence, before.sequence);
-      } else if (frame.capture_time_ns <= before.capture_time_ns) {
-        problem("times.txt: frame {} was taken at {} s, not after frame {} at {} s", frame.sequence,
-                format_seconds(frame.capture_time_ns), before.sequence,
-                format_seconds(before.capture_time_ns));
-      }
-    }
   }
 
   void check_drops() {

@@ -130,4 +130,22 @@ Result<RecordedSession> read_recorded_session(const fs::path& folder) {
   return session;
 }
 
+std::vector<std::string> problems_of_order(const RecordedSession& session) {
+  std::vector<std::string> problems;
+  for (std::size_t i = 1; i < session.frames.size(); ++i) {
+    const RecordedFrame& before = session.frames[i - 1];
+    const RecordedFrame& frame = session.frames[i];
+    if (frame.sequence <= before.sequence) {
+      problems.push_back(fmt::format("{}: frame {} comes after frame {}", session_names::kTimes,
+                                     frame.sequence, before.sequence));
+    } else if (frame.capture_time_ns <= before.capture_time_ns) {
+      problems.push_back(fmt::format("{}: frame {} was taken at {} s, not after frame {} at {} s",
+                                     session_names::kTimes, frame.sequence,
+                                     format_seconds(frame.capture_time_ns), before.sequence,
+                                     format_seconds(before.capture_time_ns)));
+    }
+  }
+  return problems;
+}
+
 }  // namespace orbbuf

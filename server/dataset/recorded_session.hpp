@@ -39,4 +39,7 @@ struct RecordedSession {
 /// files cannot be read. Reads all of them. Blocking; reentrant.
 Result<RecordedSession> read_recorded_session(const std::filesystem::path& folder);
 
+/// Frames whose number or time is not above that of the frame before them, one line each.
+std::vector<std::string> problems_of_order(const RecordedSession& session);
+
 }  // namespace orbbuf

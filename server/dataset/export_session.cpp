@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/dataset/export_session.hpp"
+
+#include <spdlog/fmt/fmt.h>
+#include <unistd.h>
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <system_error>
+#include <utility>
+
+#include "server/dataset/read_file.hpp"
+#include "server/sink/write_file.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// `out` while it is being filled: emptied again at the end of life unless it was kept.
+class Output {
+ public:
+  explicit Output(fs::path folder) : folder_(std::move(folder)) {}
+  ~Output() {
+    if (!is_ours_) return;
+    std::error_code ignored;  // there is nothing more to be done
+    std::vector<fs::path> entries;
+    fs::directory_iterator entry(folder_, ignored);
+    for (; !ignored && entry != fs::directory_iterator(); entry.increment(ignored)) {
+      entries.push_back(entry->path());
+    }
+    for (const fs::path& path : entries) fs::remove_all(path, ignored);
+    if (is_new_) fs::remove(folder_, ignored);
+  }
+  Output(const Output&) = delete;
+  Output& operator=(const Output&) = delete;
+
+  std::optional<Error> begin() {
+    std::error_code failed;
+    is_new_ = fs::create_directories(folder_, failed);
+    const bool is_empty = !failed && fs::is_empty(folder_, failed);
+    if (failed) return system_error("create " + folder_.string(), failed.value());
+    if (!is_empty) return Error{folder_.string() + ": not empty; export makes a new folder"};
+    is_ours_ = true;
+    return std::nullopt;
+  }
+
+  /// True: by a hard link.
+  Result<bool> add_image(const fs::path& from, const std::string& to) {
+    if (auto error = make_folder_of(to)) return std::move(*error);
+    if (::link(from.c_str(), (folder_ / to).c_str()) == 0) return true;
+    const auto content = read_file(from);  // says why, if it was not the link
+    if (!content) return content.error();
+    if (auto error = add_text(to, content.value())) return std::move(*error);
+    return false;
+  }
+
+  std::optional<Error> add_text(const std::string& to, const std::string& content) {
+    if (auto error = make_folder_of(to)) return error;
+    const std::span bytes(reinterpret_cast<const std::uint8_t*>(content.data()), content.size());
+    return write_file(folder_ / to, folder_ / "incoming.tmp", bytes);
+  }
+
+  void keep() { is_ours_ = false; }
+
+ private:
+  std::optional<Error> make_folder_of(const std::string& to) {
+    const fs::path parent = (folder_ / to).parent_path();
+    if (parent == made_) return std::nullopt;
+    std::error_code failed;
+    fs::create_directories(parent, failed);
+    if (failed) return system_error("create " + parent.string(), failed.value());
+    made_ = parent;
+    return std::nullopt;
+  }
+
+  const fs::path folder_;
+  bool is_new_ = false;
+  bool is_ours_ = false;
+  fs::path made_;  // the last one
+};
+
+std::optional<Error> reason_to_refuse(const RecordedSession& session, const Dataset& dataset) {
+  if (session.frames.empty()) return Error{session.folder.string() + ": no frames"};
+  const auto problems = problems_of_order(session);
+  if (!problems.empty()) return Error{session.folder.string() + ": " + problems.front()};
+  std::size_t missing = 0;
+  std::string first;
+  for (const Dataset::Image& image : dataset.images) {
+    std::error_code ignored;  // then opening it says why
+    if (fs::exists(session.folder / image.from, ignored) || ignored) continue;
+    if (missing++ == 0) first = image.from;
+  }
+  if (missing == 0) return std::nullopt;
+  return Error{fmt::format("{}: {} of its images are missing, {} first", session.folder.string(),
+                           missing, first)};
+}
+
+}  // namespace
+
+Result<ExportReport> export_session(const fs::path& folder, const fs::path& out, Layout layout,
+                                    std::string_view extension) {
+  auto session = read_recorded_session(folder);
+  if (!session) return std::move(session).error();
+  Dataset dataset = lay_out(session.value(), layout, extension);
+  if (auto error = reason_to_refuse(session.value(), dataset)) return std::move(*error);
+
+  ExportReport report;
+  report.frames = session.value().frames.size();
+  report.notes = session.value().problems;
+  report.notes.insert(report.notes.end(), dataset.notes.begin(), dataset.notes.end());
+  Output output(out);
+  if (auto error = output.begin()) return std::move(*error);
+  for (const Dataset::Image& image : dataset.images) {
+    const auto is_linked = output.add_image(folder / image.from, image.to);
+    if (!is_linked) return is_linked.error();
+    ++(is_linked.value() ? report.linked : report.copied);
+  }
+  for (const Dataset::Text& text : dataset.texts) {
+    if (auto error = output.add_text(text.to, text.content)) return std::move(*error);
+  }
+  output.keep();
+  return report;
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/dataset/layouts.hpp"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <string>
+#include <utility>
+
+#include "server/dataset/camera_files.hpp"
+#include "server/sink/session_names.hpp"
+
+namespace orbbuf {
+namespace {
+
+/// What all layouts need; each fills in `made`.
+struct Work {
+  const RecordedSession& session;
+  std::string_view extension;
+  Dataset made;
+
+  void note(std::string text) { made.notes.push_back(std::move(text)); }
+  void text(std::string to, std::string content) {
+    made.texts.push_back({std::move(to), std::move(content)});
+  }
+  void image(std::string from, const std::string& folder, const std::string& stem) {
+    made.images.push_back({std::move(from), fmt::format("{}/{}.{}", folder, stem, extension)});
+  }
+};
+
+void lay_out_tum_mono(Work& work) {
+  std::string times;
+  std::string checksums;
+  const auto add = [&](const std::string& from, const char* folder, Sequence sequence) {
+    work.image(from, folder, fmt::format("{:06}", sequence));
+    const auto checksum = work.session.checksums.find(from);
+    if (checksum == work.session.checksums.end()) return;
+    checksums += fmt::format("{} {:08X}\n", work.made.images.back().to, checksum->second);
+  };
+  for (const RecordedFrame& frame : work.session.frames) {
+    add(session_names::left_image(frame.sequence), session_names::kImages, frame.sequence);
+    if (work.session.is_stereo) {
+      add(session_names::right_image(frame.sequence), session_names::kRightImages, frame.sequence);
+    }
+    times += fmt::format("{} {} {}\n", frame.sequence, format_seconds(frame.capture_time_ns),
+                         frame.exposure_ms);
+  }
+  std::string drops = std::string(kDropCsvHeader) + '\n';
+  for (const DropRecord& drop : work.session.drops) drops += to_csv(drop) + '\n';
+  if (!work.session.drops.empty()) work.text(session_names::kDrops, std::move(drops));
+  if (!checksums.empty()) work.text(session_names::kChecksums, std::move(checksums));
+  if (!work.session.calibration.empty()) {
+    work.text(session_names::kCamera, work.session.calibration);
+  }
+  work.text(session_names::kTimes, std::move(times));
+}
+
+void lay_out_euroc(Work& work) {
+  std::string index = "#timestamp [ns],filename\n";
+  for (const RecordedFrame& frame : work.session.frames) {
+    const std::string stem = std::to_string(frame.capture_time_ns);
+    work.image(session_names::left_image(frame.sequence), "mav0/cam0/data", stem);
+    if (work.session.is_stereo) {
+      work.image(session_names::right_image(frame.sequence), "mav0/cam1/data", stem);
+    }
+    index += fmt::format("{},{}.{}\n", frame.capture_time_ns, stem, work.extension);
+  }
+  work.text("mav0/cam0/data.csv", index);
+  if (work.session.is_stereo) work.text("mav0/cam1/data.csv", std::move(index));
+  add_euroc_camera(work.session, work.made);
+}
+
+void lay_out_kitti(Work& work) {
+  std::string times;
+  std::size_t number = 0;
+  for (const RecordedFrame& frame : work.session.frames) {
+    const std::string stem = fmt::format("{:06}", number++);
+    work.image(session_names::left_image(frame.sequence), "image_0", stem);
+    if (work.session.is_stereo) {
+      work.image(session_names::right_image(frame.sequence), "image_1", stem);
+    }
+    times += format_seconds(frame.capture_time_ns) + '\n';
+  }
+  work.text("times.txt", std::move(times));
+  add_kitti_camera(work.session, work.made);
+}
+
+void lay_out_tum_rgbd(Work& work) {
+  std::string index = "# color images\n# by orbbuf-server export\n# timestamp filename\n";
+  for (const RecordedFrame& frame : work.session.frames) {
+    const std::string stem = format_seconds(frame.capture_time_ns);
+    work.image(session_names::left_image(frame.sequence), "rgb", stem);
+    index += fmt::format("{} {}\n", stem, work.made.images.back().to);
+  }
+  work.text("rgb.txt", std::move(index));
+  if (work.session.is_stereo) work.note("TUM RGB-D has one camera: the right images are left out");
+  if (work.session.calibration.empty()) return;
+  work.note("TUM RGB-D has no file for a calibration: camera.txt is left out");
+}
+
+}  // namespace
+
+Dataset lay_out(const RecordedSession& session, Layout layout, std::string_view extension) {
+  Work work{session, extension, {}};
+  if (session.calibration.empty()) work.note("no calibration: the robot sent none");
+  switch (layout) {
+    case Layout::kTumMono:
+      lay_out_tum_mono(work);
+      break;
+    case Layout::kEuroc:
+      lay_out_euroc(work);
+      break;
+    case Layout::kKitti:
+      lay_out_kitti(work);
+      break;
+    case Layout::kTumRgbd:
+      lay_out_tum_rgbd(work);
+      break;
+  }
+  return std::move(work.made);
+}
+
+}  // namespace orbbuf
