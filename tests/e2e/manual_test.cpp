@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <iterator>
 #include <regex>
+#include <set>
 
 #include "tests/e2e/rig.hpp"
 
@@ -40,6 +41,26 @@ struct Program {
   std::size_t keys;  // at least: that they are found at all
 };
 
+/// Of a program and of its subcommands.
+std::set<std::string> options_of(const std::string& program) {
+  static const std::regex kOption(R"(\n  (?:-h,)?--([a-z-]+))");
+  static const std::regex kSubcommand(R"(\n  ([a-z]+) )");
+  const std::string help = run({program, "--help"}).output;
+  std::set<std::string> options;
+  const auto add = [&](const std::string& text) {
+    for (std::sregex_iterator at(text.begin(), text.end(), kOption), end; at != end; ++at) {
+      options.insert((*at)[1]);
+    }
+  };
+  add(help);
+  const auto subcommands = help.substr(std::min(help.find("\nSubcommands:"), help.size()));
+  for (std::sregex_iterator at(subcommands.begin(), subcommands.end(), kSubcommand), end; at != end;
+       ++at) {
+    add(run({program, (*at)[1], "--help"}).output);
+  }
+  return options;
+}
+
 class ManualTest : public ::testing::TestWithParam<Program> {};
 
 TEST_P(ManualTest, TellsOfEveryKeyWithItsDefaultAndOfNoOther) {
@@ -59,26 +80,22 @@ TEST_P(ManualTest, TellsOfEveryKeyWithItsDefaultAndOfNoOther) {
 
 TEST_P(ManualTest, AndTheCompletionTellOfEveryOptionAndOfNoOther) {
   const std::string name = GetParam().name;
-  const std::string help = run({GetParam().path, "--help"}).output;
   const std::string page = read_file(kSource + "docs/man/" + name + ".8");
   const std::string completion = read_file(ORBBUF_BINARY_DIR "/debian/" + name + "/completion");
-  static const std::regex kOption(R"(\n  (?:-h,)?--([a-z-]+))");
-  std::size_t options = 0;
-  for (std::sregex_iterator at(help.begin(), help.end(), kOption), end; at != end;
-       ++at, ++options) {
-    const std::string option = (*at)[1];
+  const std::set<std::string> options = options_of(GetParam().path);
+  for (const std::string& option : options) {
     EXPECT_TRUE(std::regex_search(page, std::regex("\n\\.It .*Fl -" + option + "( |\n)")))
         << option;
     EXPECT_TRUE(std::regex_search(completion, std::regex("[ ']--" + option + "[ ']"))) << option;
   }
-  EXPECT_GE(options, 5U);
+  EXPECT_GE(options.size(), 5U);
   const auto count = [](const std::string& text, const std::string& what) {
     const std::regex pattern(what);
     return static_cast<std::size_t>(
         std::distance(std::sregex_iterator(text.begin(), text.end(), pattern), {}));
   };
-  EXPECT_EQ(count(page, "\n\\.It .*Fl -[a-z]"), options);
-  EXPECT_EQ(count(completion, "[ ']--[a-z-]+(?=[ '])"), options);
+  EXPECT_EQ(count(page, "\n\\.It .*Fl -[a-z]"), options.size());
+  EXPECT_EQ(count(completion, "[ ']--[a-z-]+(?=[ '])"), options.size());
 }
 
 TEST(Changelog, BeginsWithThisVersion) {

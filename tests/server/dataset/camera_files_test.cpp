@@ -16,7 +16,7 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::Pointwise;
 
-const std::string kRest = "\n640 480\nnone\n640 480\n";
+const std::string kSizes = "\n640 480\nnone\n640 480\n";
 
 /// Four frames at 25 a second, then a gap.
 RecordedSession session_with(const std::string& calibration, bool is_stereo = false) {
@@ -58,7 +58,7 @@ class EurocCamera : public testing::TestWithParam<Lens> {};
 
 TEST_P(EurocCamera, SaysEveryLens) {
   Dataset made;
-  add_euroc_camera(session_with(GetParam().camera_txt + kRest), made);
+  add_euroc_camera(session_with(GetParam().camera_txt + kSizes), made);
   EXPECT_THAT(made.notes, IsEmpty());
   ASSERT_EQ(made.texts.size(), 1U);
   EXPECT_EQ(made.texts[0].to, "mav0/cam0/sensor.yaml");
@@ -93,7 +93,7 @@ INSTANTIATE_TEST_SUITE_P(
 
 TEST(EurocCameraTest, OfAPairTheRightOneIsABaselineAway) {
   Dataset made;
-  add_euroc_camera(session_with("Pinhole 500 500 320 240 0" + kRest + "0.125\n", true), made);
+  add_euroc_camera(session_with("Pinhole 500 500 320 240 0" + kSizes + "0.125\n", true), made);
   EXPECT_THAT(made.notes, IsEmpty());
   ASSERT_EQ(made.texts.size(), 2U);
   EXPECT_EQ(made.texts[1].to, "mav0/cam1/sensor.yaml");
@@ -103,13 +103,13 @@ TEST(EurocCameraTest, OfAPairTheRightOneIsABaselineAway) {
 
 TEST(EurocCameraTest, WithoutABaselineTheRightOneIsNotMadeUp) {
   Dataset made;
-  add_euroc_camera(session_with("Pinhole 500 500 320 240 0" + kRest, true), made);
+  add_euroc_camera(session_with("Pinhole 500 500 320 240 0" + kSizes, true), made);
   EXPECT_EQ(made.texts.size(), 1U);
   EXPECT_THAT(made.notes, ElementsAre(HasSubstr("no cam1/sensor.yaml")));
 }
 
 TEST(EurocCameraTest, OneFrameHasNoRate) {
-  RecordedSession session = session_with("Pinhole 500 500 320 240 0" + kRest);
+  RecordedSession session = session_with("Pinhole 500 500 320 240 0" + kSizes);
   session.frames.resize(1);
   Dataset made;
   add_euroc_camera(session, made);
@@ -118,7 +118,7 @@ TEST(EurocCameraTest, OneFrameHasNoRate) {
 
 TEST(KittiCamera, IsAProjectionInPixels) {
   Dataset made;
-  add_kitti_camera(session_with("Pinhole 0.5 0.75 0.25 0.5 0" + kRest + "0.5\n", true), made);
+  add_kitti_camera(session_with("Pinhole 0.5 0.75 0.25 0.5 0" + kSizes + "0.5\n", true), made);
   EXPECT_THAT(made.notes, IsEmpty());
   ASSERT_EQ(made.texts.size(), 1U);
   EXPECT_EQ(made.texts[0].to, "calib.txt");
@@ -131,13 +131,13 @@ TEST(KittiCamera, IsAProjectionInPixels) {
 
 TEST(KittiCamera, OfOneCameraThereIsOneProjection) {
   Dataset made;
-  add_kitti_camera(session_with("Pinhole 500 500 320 240 0" + kRest + "0.5\n"), made);
+  add_kitti_camera(session_with("Pinhole 500 500 320 240 0" + kSizes + "0.5\n"), made);
   EXPECT_EQ(value_of(made.texts.at(0).content, "P1"), "no P1");
 }
 
 TEST(KittiCamera, WithoutABaselineTheRightOneIsNotMadeUp) {
   Dataset made;
-  add_kitti_camera(session_with("Pinhole 500 500 320 240 0" + kRest, true), made);
+  add_kitti_camera(session_with("Pinhole 500 500 320 240 0" + kSizes, true), made);
   EXPECT_EQ(value_of(made.texts.at(0).content, "P1"), "no P1");
   EXPECT_THAT(made.notes, ElementsAre(HasSubstr("no P1 in calib.txt")));
 }
@@ -146,7 +146,7 @@ TEST(KittiCamera, ALensThatBendsIsLeftOutByName) {
   for (const char* camera : {"RadTan 500 500 320 240 0 0 0 0", "FOV 500 500 320 240 0.9",
                              "EquiDistant 500 500 320 240 0 0 0 0"}) {
     Dataset made;
-    add_kitti_camera(session_with(camera + kRest), made);
+    add_kitti_camera(session_with(camera + kSizes), made);
     EXPECT_THAT(made.texts, IsEmpty());
     const std::string name = std::string(camera).substr(0, std::string(camera).find(' '));
     EXPECT_THAT(made.notes, ElementsAre("no calib.txt: KITTI's knows no lens distortion, and "

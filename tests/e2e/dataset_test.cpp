@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the server recorded of a real robot, checked and exported by the real program.
+#include <gtest/gtest.h>
+
+#include "tests/e2e/rig.hpp"
+
+namespace orbbuf::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+class DatasetTest : public testing::Test {
+ protected:
+  static constexpr int kFrames = 10;
+
+  void SetUp() override {
+    Server server(out_);
+    Process robot(robot_command("r", server.address(),
+                                {"source.width=160", "source.height=120", "source.realtime=false",
+                                 "source.frames=" + std::to_string(kFrames)}));
+    ASSERT_EQ(robot.wait(), 0) << robot.output();
+    session_ = read_record(out_, "r").folder;
+  }
+
+  TemporaryFolder folder_;
+  const fs::path out_ = folder_ / "frames";
+  fs::path session_;
+};
+
+TEST_F(DatasetTest, WhatWasRecordedIsSoundUntilAByteFlips) {
+  const Finished sound = run({ORBBUF_SERVER, "check", session_});
+  EXPECT_EQ(sound.status, 0) << sound.output;
+  EXPECT_NE(sound.output.find(session_.string() + ": OK: "), std::string::npos) << sound.output;
+
+  const fs::path image = fs::directory_iterator(session_ / "images")->path();
+  std::string bytes = read_file(image);
+  bytes[bytes.size() / 2] = static_cast<char>(bytes[bytes.size() / 2] ^ 1);
+  write_file(image, bytes);
+  const Finished damaged = run({ORBBUF_SERVER, "check", "/nowhere", session_});
+  EXPECT_EQ(damaged.status, 1);
+  EXPECT_NE(damaged.output.find("/nowhere: not a session"), std::string::npos) << damaged.output;
+  EXPECT_NE(damaged.output.find(session_.string() + ": images/" + image.filename().string() +
+                                ": not as it was received"),
+            std::string::npos)
+      << damaged.output;
+}
+
+TEST_F(DatasetTest, IsExportedOnce) {
+  const fs::path made = folder_ / "made";
+  const std::vector<std::string> command = {ORBBUF_SERVER, "export", "--layout",
+                                            "euroc",       session_, made};
+  const Finished first = run(command);
+  EXPECT_EQ(first.status, 0) << first.output;
+  EXPECT_NE(first.output.find("no calibration"), std::string::npos) << first.output;
+  EXPECT_EQ(read_lines(made / "mav0/cam0/data.csv").size(),
+            read_lines(session_ / "times.txt").size() + 1);
+  const Finished again = run(command);
+  EXPECT_EQ(again.status, 1);
+  EXPECT_NE(again.output.find(made.string() + ": not empty"), std::string::npos) << again.output;
+}
+
+TEST(DatasetCommands, RefuseWhatTheyDoNotKnow) {
+  const Finished layout = run({ORBBUF_SERVER, "export", "--layout", "tum", "a", "b"});
+  EXPECT_NE(layout.status, 0);
+  EXPECT_NE(layout.output.find("tum-rgbd"), std::string::npos) << layout.output;
+  EXPECT_NE(run({ORBBUF_SERVER, "check"}).status, 0);
+  EXPECT_NE(run({ORBBUF_SERVER, "import"}).status, 0);
+}
+
+}  // namespace
+}  // namespace orbbuf::test
