@@ -59,6 +59,7 @@ void serve(const Settings& settings) {
   main.run();
   main.restart();
   main.run_for(kLastReaping);  // commands that end soon after their input leave their status
+  files.join();                // recordings get their index
 }
 
 }  // namespace orbbuf

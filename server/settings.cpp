@@ -71,6 +71,7 @@ void load_sinks(ConfigReader& reader, SinkSettings& sinks) {
   sinks.files_enabled = reader.flag("files.enabled", sinks.files_enabled);
   sinks.files_path = reader.path("files.path", sinks.files_path);
   if (sinks.files_path.empty()) reader.fail("files.path", "must not be empty");
+  sinks.mcap_enabled = reader.flag("mcap.enabled", sinks.mcap_enabled);
   sinks.fifo = reader.path("pipe.fifo", sinks.fifo);
   sinks.command = reader.text("pipe.command", sinks.command);
   sinks.pipe_format = reader.choice("pipe.format", kFormats[0], kFormats) == kFormats[0]
@@ -79,8 +80,8 @@ void load_sinks(ConfigReader& reader, SinkSettings& sinks) {
   if (!sinks.fifo.empty() && !sinks.command.empty()) {
     reader.fail("pipe.command", "excludes pipe.fifo: a session has one pipe");
   }
-  if (!sinks.files_enabled && sinks.fifo.empty() && sinks.command.empty()) {
-    reader.fail("files.enabled", "frames need a sink: files, pipe.fifo or pipe.command");
+  if (!sinks.files_enabled && !sinks.mcap_enabled && sinks.fifo.empty() && sinks.command.empty()) {
+    reader.fail("files.enabled", "frames need a sink: files, mcap, pipe.fifo or pipe.command");
   }
 }
 

@@ -10,6 +10,7 @@
 #include "server/sink/child_process.hpp"
 #include "server/sink/fifo.hpp"
 #include "server/sink/file_sink.hpp"
+#include "server/sink/mcap_recording.hpp"
 #include "server/sink/session_files.hpp"
 
 namespace orbbuf {
@@ -41,10 +42,34 @@ std::unique_ptr<PipeReader> make_reader(const SinkSettings& settings, const Sess
       std::vector{"ORBBUF_ROBOT=" + info.robot_id, "ORBBUF_SESSION=" + info.session_id});
 }
 
+/// The recording before the files: McapRecording::recover() relies on it.
+std::optional<Error> add_records(const SinkSettings& settings, const SessionInfo& info,
+                                 asio::io_context& main, asio::thread_pool& pool,
+                                 std::vector<std::shared_ptr<FrameSink>>& sinks) {
+  const auto folder = settings.files_path / info.robot_id / info.session_id;
+  std::shared_ptr<FrameSink> files_sink;
+  std::optional<wire::Position> held;
+  if (settings.files_enabled) {
+    auto files = std::make_unique<SessionFiles>(folder, info.calibration);
+    auto position = files->recover();
+    if (!position) return std::move(position).error();
+    held = position.value();
+    files_sink = std::make_shared<FileSink>(main, pool, std::move(files), *held);
+  }
+  if (settings.mcap_enabled) {
+    auto recording = std::make_unique<McapRecording>(folder / (info.session_id + ".mcap"), info);
+    auto position = recording->recover(held);
+    if (!position) return std::move(position).error();
+    sinks.push_back(std::make_shared<FileSink>(main, pool, std::move(recording), position.value()));
+  }
+  if (files_sink) sinks.push_back(std::move(files_sink));
+  return std::nullopt;
+}
+
 }  // namespace
 
 void check_sinks(const SinkSettings& settings) {
-  if (!settings.files_enabled) return;
+  if (!settings.files_enabled && !settings.mcap_enabled) return;
   std::error_code ignored;  // access() says why
   std::filesystem::create_directories(settings.files_path, ignored);
   if (::access(settings.files_path.c_str(), W_OK | X_OK) != 0) {
@@ -57,12 +82,7 @@ Result<std::vector<std::shared_ptr<FrameSink>>> make_sinks(const SinkSettings& s
                                                            asio::io_context& main,
                                                            asio::thread_pool& pool) {
   std::vector<std::shared_ptr<FrameSink>> sinks;
-  if (settings.files_enabled) {
-    SessionFiles files(settings.files_path / info.robot_id / info.session_id, info.calibration);
-    auto position = files.recover();
-    if (!position) return std::move(position).error();
-    sinks.push_back(std::make_shared<FileSink>(main, pool, std::move(files), position.value()));
-  }
+  if (auto error = add_records(settings, info, main, pool, sinks)) return std::move(*error);
   if (!settings.fifo.empty() || !settings.command.empty()) {
     auto pipe = std::make_shared<PipeSink>(
         main, pool, info.robot_id + " " + info.session_id, make_reader(settings, info, main),

@@ -18,7 +18,8 @@ namespace orbbuf {
 /// session's ids.
 struct SinkSettings {
   bool files_enabled = true;
-  std::filesystem::path files_path = "orbbuf-data";
+  std::filesystem::path files_path = "orbbuf-data";  ///< of the recordings, too
+  bool mcap_enabled = false;
   std::filesystem::path fifo;  ///< empty: none; excludes `command`
   std::string command;         ///< empty: none
   PipeFormat pipe_format = PipeFormat::kPgm;
@@ -29,10 +30,10 @@ struct SinkSettings {
 /// For the start: throws std::runtime_error if the folder for files cannot be made or written to.
 void check_sinks(const SinkSettings& settings);
 
-/// The sinks of a new or resumed session, the one that keeps frames before the one that shows them.
-/// With files, a pipe lets frames pass while nobody reads it; alone, it holds them.
-/// Reads what the files hold (see SessionFiles::recover()), so it may block for as long as that
-/// takes. An error if it cannot be read. `main` and `pool` as in FileSink.
+/// The sinks of a new or resumed session, those that keep frames before the one that shows them.
+/// With files or a recording, a pipe lets frames pass while nobody reads it; alone, it holds them.
+/// Reads what these hold (see SessionFiles::recover(), mcap::scan()), so it may block for as long
+/// as that takes. An error if it cannot be read. `main` and `pool` as in FileSink.
 Result<std::vector<std::shared_ptr<FrameSink>>> make_sinks(const SinkSettings& settings,
                                                            const SessionInfo& info,
                                                            boost::asio::io_context& main,

@@ -11,6 +11,7 @@
 #include "common/frame.hpp"
 #include "common/wire.hpp"
 #include "server/sink/line_file.hpp"
+#include "server/sink/session_record.hpp"
 
 namespace orbbuf {
 
@@ -30,7 +31,7 @@ namespace orbbuf {
 /// last counts. Each file appears by rename and each line by one append, without fsync:
 /// an accepted frame survives the death of this process, not of the machine.
 /// Blocking; reentrant. Called by one thread at a time; recover() is the first call.
-class SessionFiles {
+class SessionFiles final : public SessionRecord {
  public:
   /// Touches nothing: the folder is made by the first write.
   SessionFiles(std::filesystem::path folder, std::string calibration);
@@ -40,9 +41,8 @@ class SessionFiles {
   /// all three lists.
   Result<wire::Position> recover();
 
-  /// On error nothing of the frame remains.
-  std::optional<Error> write(const EncodedFrame& frame);
-  std::optional<Error> write_drops(std::span<const DropRecord> records);
+  std::optional<Error> write(const EncodedFrame& frame) override;
+  std::optional<Error> write_drops(std::span<const DropRecord> records) override;
 
  private:
   std::optional<Error> prepare();

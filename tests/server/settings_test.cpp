@@ -44,6 +44,7 @@ TEST(Settings, EveryKeyIsRead) {
                              "session.drain_timeout=3 s",
                              "files.enabled=false",
                              "files.path=/out",
+                             "mcap.enabled=true",
                              "pipe.fifo=/run/{robot}",
                              "pipe.format=mjpeg"});
   Settings expected;
@@ -61,7 +62,7 @@ TEST(Settings, EveryKeyIsRead) {
                      0};
   expected.session_timeout = std::chrono::minutes(1);
   expected.drain_timeout = std::chrono::seconds(3);
-  expected.sinks = {false, "/out", "/run/{robot}", "", PipeFormat::kMjpeg};
+  expected.sinks = {false, "/out", true, "/run/{robot}", "", PipeFormat::kMjpeg};
   EXPECT_EQ(got, expected);
 }
 

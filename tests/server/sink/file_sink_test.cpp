@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/sink/file_sink.hpp"
 
+#include <memory>
 #include <thread>
 
+#include "server/sink/session_files.hpp"
+#include "tests/server/captured_log.hpp"
 #include "tests/server/frames.hpp"
 #include "tests/server/sink/event_loop.hpp"
 #include "tests/support/temporary_folder.hpp"
@@ -15,8 +18,8 @@ using test::plain_frame_ptr;
 class FileSinkTest : public test::EventLoop {
  protected:
   std::unique_ptr<FileSink> sink() {
-    SessionFiles session(folder_ / "s", "");
-    const auto position = session.recover();
+    auto session = std::make_unique<SessionFiles>(folder_ / "s", "");
+    const auto position = session->recover();
     return std::make_unique<FileSink>(main_, files_, std::move(session), position.value());
   }
 
@@ -50,11 +53,39 @@ TEST_F(FileSinkTest, RemembersHowFarItGot) {
 
 TEST_F(FileSinkTest, TellsWhyAFrameWasNotTaken) {
   test::write_file(folder_ / "s", "a file where the folder should be");
-  SessionFiles session(folder_ / "s", "");
-  FileSink files(main_, files_, std::move(session), {});
+  FileSink files(main_, files_, std::make_unique<SessionFiles>(folder_ / "s", ""), {});
   const auto error = write(files, plain_frame_ptr(0));
   ASSERT_TRUE(error);
   EXPECT_EQ(error->text, "create " + (folder_ / "s/images").string() + ": Not a directory");
+}
+
+TEST_F(FileSinkTest, IsFinishedBehindWhatWasBegunAndOnce) {
+  struct Calls final : SessionRecord {
+    explicit Calls(std::string& log) : log_(log) {}
+    std::optional<Error> write(const EncodedFrame& /*frame*/) override {
+      log_ += "write ";
+      return std::nullopt;
+    }
+    std::optional<Error> write_drops(std::span<const DropRecord> /*records*/) override {
+      return std::nullopt;
+    }
+    std::optional<Error> finish() override {
+      log_ += "finish ";
+      return Error{"it failed"};
+    }
+    std::string& log_;
+  };
+  const test::CapturedLog log;
+  std::string calls;
+  auto files =
+      std::make_unique<FileSink>(main_, files_, std::make_unique<Calls>(calls), wire::Position{});
+  files->async_write(plain_frame_ptr(5), [](const auto&) {});
+  files->close();
+  files->close();
+  files.reset();
+  files_.join();
+  EXPECT_EQ(calls, "write finish ");
+  EXPECT_EQ(log.lines("it failed").size(), 1U);
 }
 
 TEST_F(FileSinkTest, MayBeDestroyedWhileItWrites) {

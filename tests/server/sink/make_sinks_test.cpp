@@ -38,6 +38,19 @@ TEST_F(MakeSinksTest, FilesGoToAFolderForTheRobotAndTheSession) {
   EXPECT_EQ(sinks_[0]->position(), (wire::Position{3, 0}));
 }
 
+TEST_F(MakeSinksTest, ARecordingIsInTheSessionsFolderAndWrittenBeforeTheFiles) {
+  settings_.mcap_enabled = true;
+  ASSERT_EQ(make(), 2U);
+  EXPECT_FALSE(write(*sinks_[0], test::plain_frame_ptr(2)));
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "data/r1/s1/s1.mcap"));
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "data/r1/s1/times.txt"));
+  ASSERT_EQ(make(), 2U);
+  EXPECT_EQ(sinks_[0]->position(), wire::Position{});  // the files have not got it
+  settings_.files_enabled = false;
+  ASSERT_EQ(make(), 1U);
+  EXPECT_EQ(sinks_[0]->position(), (wire::Position{3, 0}));
+}
+
 TEST_F(MakeSinksTest, TheFifoOfASessionIsNamedAfterIt) {
   settings_.fifo = folder_ / "{robot}" / "{session}-{robot}.fifo";
   ASSERT_EQ(make(), 2U);

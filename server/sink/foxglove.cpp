@@ -1,0 +1,208 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sink/foxglove.hpp"
+
+#include <array>
+#include <bit>
+#include <cassert>
+#include <cstddef>
+#include <initializer_list>
+#include <utility>
+
+namespace orbbuf::foxglove {
+namespace {
+
+/// A protobuf message in the making, field after field
+/// (https://protobuf.dev/programming-guides/encoding).
+class Message {
+ public:
+  void put_varint(std::uint32_t field, std::uint64_t value) {
+    put_tag(field, kVarint);
+    put_raw(value);
+  }
+  void put_fixed32(std::uint32_t field, std::uint32_t value) {
+    put_tag(field, kFixed32);
+    put_little_endian(value);
+  }
+  void put_bytes(std::uint32_t field, std::span<const std::uint8_t> bytes) {
+    put_tag(field, kLengthDelimited);
+    put_raw(bytes.size());
+    bytes_.insert(bytes_.end(), bytes.begin(), bytes.end());
+  }
+  void put_text(std::uint32_t field, std::string_view text) {
+    put_bytes(field, {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
+  }
+  void put_message(std::uint32_t field, const Message& message) {
+    put_bytes(field, message.bytes_);
+  }
+  void put_doubles(std::uint32_t field, std::span<const double> values) {
+    put_tag(field, kLengthDelimited);
+    put_raw(values.size() * sizeof(double));
+    for (const double value : values) put_little_endian(std::bit_cast<std::uint64_t>(value));
+  }
+
+  std::vector<std::uint8_t> take() { return std::move(bytes_); }
+
+ private:
+  enum WireType : std::uint8_t { kVarint = 0, kLengthDelimited = 2, kFixed32 = 5 };
+
+  void put_tag(std::uint32_t field, WireType type) { put_raw(field << 3U | type); }
+  void put_raw(std::uint64_t value) {
+    constexpr std::uint64_t kMore = 0x80;
+    for (; value >= kMore; value >>= 7U) {
+      bytes_.push_back(static_cast<std::uint8_t>(value | kMore));
+    }
+    bytes_.push_back(static_cast<std::uint8_t>(value));
+  }
+  template <class T>
+  void put_little_endian(T value) {
+    for (std::size_t i = 0; i < sizeof value; ++i) {
+      bytes_.push_back(static_cast<std::uint8_t>(value >> (8 * i)));
+    }
+  }
+
+  std::vector<std::uint8_t> bytes_;
+};
+
+/// FieldDescriptorProto's types and labels.
+enum class Type : std::uint8_t {
+  kDouble = 1,
+  kInt64 = 3,
+  kInt32 = 5,
+  kFixed32 = 7,
+  kString = 9,
+  kMessage = 11,
+  kBytes = 12,
+};
+enum class Label : std::uint8_t { kOptional = 1, kRepeated = 3 };
+
+struct Field {
+  std::string_view name;
+  std::uint32_t number;
+  Type type;
+  Label label = Label::kOptional;
+};
+
+constexpr std::string_view kTimestampFile = "google/protobuf/timestamp.proto";
+
+/// A FileDescriptorProto of one message. The only message among fields is a Timestamp.
+Message file(std::string_view path, std::string_view package, std::string_view name,
+             std::initializer_list<Field> fields) {
+  Message message;
+  message.put_text(1, name);
+  for (const Field& field : fields) {
+    Message descriptor;
+    descriptor.put_text(1, field.name);
+    descriptor.put_varint(3, field.number);
+    descriptor.put_varint(4, static_cast<std::uint64_t>(field.label));
+    descriptor.put_varint(5, static_cast<std::uint64_t>(field.type));
+    if (field.type == Type::kMessage) descriptor.put_text(6, ".google.protobuf.Timestamp");
+    message.put_message(2, descriptor);
+  }
+  Message file;
+  file.put_text(1, path);
+  file.put_text(2, package);
+  if (path != kTimestampFile) file.put_text(3, kTimestampFile);
+  file.put_message(4, message);
+  file.put_text(12, "proto3");
+  return file;
+}
+
+/// A FileDescriptorSet, what is imported first.
+std::vector<std::uint8_t> with_timestamp(const Message& importing) {
+  Message set;
+  set.put_message(1, file(kTimestampFile, "google.protobuf", "Timestamp",
+                          {{"seconds", 1, Type::kInt64}, {"nanos", 2, Type::kInt32}}));
+  set.put_message(1, importing);
+  return set.take();
+}
+
+Message timestamp(std::int64_t time_ns) {
+  constexpr std::int64_t kNsPerSecond = 1'000'000'000;
+  std::int64_t seconds = time_ns / kNsPerSecond;
+  std::int64_t nanos = time_ns % kNsPerSecond;
+  if (nanos < 0) {  // they count forwards, also before 1970
+    nanos += kNsPerSecond;
+    --seconds;
+  }
+  Message message;
+  message.put_varint(1, static_cast<std::uint64_t>(seconds));
+  message.put_varint(2, static_cast<std::uint64_t>(nanos));
+  return message;
+}
+
+/// The name of a distortion model.
+std::string_view model_of(const Calibration& camera) {
+  switch (camera.model) {
+    case LensModel::kPinhole:
+    case LensModel::kRadTan:
+      return "plumb_bob";
+    case LensModel::kEquidistant:
+      return "kannala_brandt";
+    case LensModel::kFov:
+      break;
+  }
+  return "";
+}
+
+}  // namespace
+
+Schema compressed_image_schema() {
+  return {"foxglove.CompressedImage",
+          with_timestamp(file("foxglove/CompressedImage.proto", "foxglove", "CompressedImage",
+                              {{"timestamp", 1, Type::kMessage},
+                               {"data", 2, Type::kBytes},
+                               {"format", 3, Type::kString},
+                               {"frame_id", 4, Type::kString}}))};
+}
+
+Schema camera_calibration_schema() {
+  return {"foxglove.CameraCalibration",
+          with_timestamp(file("foxglove/CameraCalibration.proto", "foxglove", "CameraCalibration",
+                              {{"timestamp", 1, Type::kMessage},
+                               {"width", 2, Type::kFixed32},
+                               {"height", 3, Type::kFixed32},
+                               {"distortion_model", 4, Type::kString},
+                               {"D", 5, Type::kDouble, Label::kRepeated},
+                               {"K", 6, Type::kDouble, Label::kRepeated},
+                               {"R", 7, Type::kDouble, Label::kRepeated},
+                               {"P", 8, Type::kDouble, Label::kRepeated},
+                               {"frame_id", 9, Type::kString}}))};
+}
+
+std::vector<std::uint8_t> compressed_image(std::int64_t time_ns, std::string_view frame_id,
+                                           std::span<const std::uint8_t> jpeg) {
+  Message message;
+  message.put_message(1, timestamp(time_ns));
+  message.put_bytes(2, jpeg);
+  message.put_text(3, "jpeg");
+  message.put_text(4, frame_id);
+  return message.take();
+}
+
+bool can_express(const Calibration& camera) { return !model_of(camera).empty(); }
+
+std::vector<std::uint8_t> camera_calibration(std::int64_t time_ns, std::string_view frame_id,
+                                             const Calibration& camera, Side side) {
+  assert(can_express(camera));
+  const double fx = camera.fx_px;
+  const double fy = camera.fy_px;
+  const double cx = camera.cx_px;
+  const double cy = camera.cy_px;
+  const double tx = side == Side::kRight ? -fx * camera.baseline_m : 0;
+  // plumb_bob has a k3, which DSO's RadTan has not; a pinhole is one that bends nothing.
+  std::vector<double> distortion = camera.distortion;
+  if (camera.model != LensModel::kEquidistant) distortion.resize(5);
+  Message message;
+  message.put_message(1, timestamp(time_ns));
+  message.put_fixed32(2, static_cast<std::uint32_t>(camera.width_px));
+  message.put_fixed32(3, static_cast<std::uint32_t>(camera.height_px));
+  message.put_text(4, model_of(camera));
+  message.put_doubles(5, distortion);
+  message.put_doubles(6, std::array{fx, 0., cx, 0., fy, cy, 0., 0., 1.});
+  message.put_doubles(7, std::array{1., 0., 0., 0., 1., 0., 0., 0., 1.});
+  message.put_doubles(8, std::array{fx, 0., cx, tx, 0., fy, cy, 0., 0., 0., 1., 0.});
+  message.put_text(9, frame_id);
+  return message.take();
+}
+
+}  // namespace orbbuf::foxglove

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <optional>
+#include <span>
+
+#include "common/drop_record.hpp"
+#include "common/error.hpp"
+#include "common/frame.hpp"
+
+namespace orbbuf {
+
+/// One session as it is kept on disk. Blocking; reentrant, called by one thread at a time.
+class SessionRecord {
+ public:
+  virtual ~SessionRecord() = default;
+
+  /// On error nothing of the frame remains.
+  virtual std::optional<Error> write(const EncodedFrame& frame) = 0;
+  virtual std::optional<Error> write_drops(std::span<const DropRecord> records) = 0;
+
+  /// The session has ended, though it may be continued later.
+  virtual std::optional<Error> finish() { return std::nullopt; }
+};
+
+}  // namespace orbbuf
