@@ -37,6 +37,8 @@ ConfigReader::ConfigReader(const std::filesystem::path& file,
 
 ConfigReader::~ConfigReader() = default;
 
+bool ConfigReader::has(std::string_view key) const { return state_->locate(key).has_value(); }
+
 std::string ConfigReader::text(std::string_view key, std::string_view fallback) {
   const auto setting = state_->ask(key);
   if (!setting) return std::string(fallback);
@@ -145,7 +147,7 @@ std::filesystem::path ConfigReader::path(std::string_view key,
 std::map<std::string, double> ConfigReader::numbers(std::string_view key) {
   std::map<std::string, double> values;
   for (const std::string& name : state_->ask_table(key)) {
-    const std::string path = fmt::format("{}.{}", key, name);
+    const std::string path = fmt::format("{}.{}", key, path_step(name));
     const auto setting = state_->ask(path);
     if (!setting) continue;
     if (const auto number = setting->node->value<double>();
@@ -158,6 +160,14 @@ std::map<std::string, double> ConfigReader::numbers(std::string_view key) {
     }
   }
   return values;
+}
+
+std::map<std::string, std::string> ConfigReader::tables(std::string_view key) {
+  std::map<std::string, std::string> tables;
+  for (const std::string& name : state_->ask_table(key)) {
+    tables[name] = fmt::format("{}.{}", key, path_step(name));
+  }
+  return tables;
 }
 
 void ConfigReader::reject_unknown() const { state_->reject_unknown(); }

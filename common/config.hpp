@@ -34,6 +34,9 @@ class ConfigReader {
   ConfigReader(const ConfigReader&) = delete;
   ConfigReader& operator=(const ConfigReader&) = delete;
 
+  /// Whether anything is set at `key`, of whatever type.
+  bool has(std::string_view key) const;
+
   std::string text(std::string_view key, std::string_view fallback);
   /// An array of strings; none by default. An override may be one bare word.
   std::vector<std::string> texts(std::string_view key);
@@ -59,6 +62,11 @@ class ConfigReader {
   /// A table whose keys are names that only their user knows, with a number each; true and false
   /// are 1 and 0. `--set KEY.NAME=VALUE` adds to the file's.
   std::map<std::string, double> numbers(std::string_view key);
+
+  /// The tables within the table `key`, whose names only their user knows: name -> the key of that
+  /// table, to ask with. `--set KEY.NAME.REST=VALUE` adds to the file's. A name that is no bare
+  /// word is in quotes there, KEY."NAME".
+  std::map<std::string, std::string> tables(std::string_view key);
 
   /// Names the first key that no getter asked for, with the nearest known key if one is near.
   void reject_unknown() const;

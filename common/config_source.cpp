@@ -66,14 +66,17 @@ std::string describe(const toml::node& node) {
   return node.is_array() ? "an array" : "a date or time";
 }
 
-/// `key` as one step of a path; in quotes, so that it matches no real path, if not a bare word.
-std::string step(std::string_view key) {
-  const auto is_bare = [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' ||
-           c == '-';
-  };
-  const bool is_word = !key.empty() && std::all_of(key.begin(), key.end(), is_bare);
-  return is_word ? std::string(key) : quoted(std::string(key));
+/// Where the step of `key` that begins at `begin` ends: at the next dot that is not in quotes.
+std::size_t step_end(std::string_view key, std::size_t begin) {
+  std::size_t end = begin;
+  if (begin < key.size() && key[begin] == '"') end = std::min(key.find('"', begin + 1), key.size());
+  return std::min(key.find('.', end), key.size());
+}
+
+/// The name that a step of a key stands for.
+std::string_view step_name(std::string_view step) {
+  const bool is_quoted = step.size() > 1 && step.front() == '"' && step.back() == '"';
+  return is_quoted ? step.substr(1, step.size() - 2) : step;
 }
 
 [[noreturn]] void refuse_unknown(std::string_view where, std::string_view path,
@@ -117,10 +120,10 @@ std::optional<Setting> ConfigSource::locate(std::string_view key) const {
   }
   const toml::node* node = &root_;
   for (std::size_t begin = 0; begin <= key.size();) {
-    const std::size_t end = std::min(key.find('.', begin), key.size());
+    const std::size_t end = step_end(key, begin);
     const toml::table* const table = node->as_table();
     if (table == nullptr) refuse_type(setting_of(*node), key.substr(0, begin - 1), "a table");
-    node = table->get(key.substr(begin, end - begin));
+    node = table->get(step_name(key.substr(begin, end - begin)));
     if (node == nullptr) return std::nullopt;
     begin = end + 1;
   }
@@ -129,7 +132,7 @@ std::optional<Setting> ConfigSource::locate(std::string_view key) const {
 
 std::optional<Setting> ConfigSource::ask(std::string_view key) {
   known_keys_.emplace(key);
-  for (auto dot = key.find('.'); dot != std::string_view::npos; dot = key.find('.', dot + 1)) {
+  for (auto dot = step_end(key, 0); dot < key.size(); dot = step_end(key, dot + 1)) {
     known_tables_.emplace(key.substr(0, dot));
   }
   return locate(key);
@@ -145,7 +148,9 @@ std::set<std::string> ConfigSource::ask_table(std::string_view key) {
   }
   const std::string prefix = std::string(key) + '.';
   for (const Override& entry : overrides_) {
-    if (entry.key.starts_with(prefix)) names.insert(entry.key.substr(prefix.size()));
+    if (!entry.key.starts_with(prefix)) continue;
+    const std::string_view rest = std::string_view(entry.key).substr(prefix.size());
+    names.emplace(step_name(rest.substr(0, step_end(rest, 0))));
   }
   return names;
 }
@@ -175,7 +180,7 @@ std::string ConfigSource::place(toml::source_position position) const {
 void ConfigSource::look_for_strangers(const toml::table& table, const std::string& prefix,
                                       std::optional<Stranger>& first) const {
   for (const auto& [key, node] : table) {
-    const std::string path = prefix + step(key.str());
+    const std::string path = prefix + path_step(key.str());
     if (known_keys_.contains(path)) continue;
     if (node.is_table() && known_tables_.contains(path)) {
       look_for_strangers(*node.as_table(), path + ".", first);
@@ -186,6 +191,15 @@ void ConfigSource::look_for_strangers(const toml::table& table, const std::strin
 }
 
 std::string quoted(const std::string& text) { return fmt::format("\"{}\"", text); }
+
+std::string path_step(std::string_view name) {
+  const auto is_bare = [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' ||
+           c == '-';
+  };
+  const bool is_word = !name.empty() && std::all_of(name.begin(), name.end(), is_bare);
+  return is_word ? std::string(name) : quoted(std::string(name));
+}
 
 void refuse(std::string_view where, std::string_view key, std::string_view why) {
   throw ConfigError(fmt::format("{}: {}: {}", where, key, why));

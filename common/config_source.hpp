@@ -70,6 +70,9 @@ class ConfigSource {
 /// `text` in quotes.
 std::string quoted(const std::string& text);
 
+/// `name` as one step of a key: in quotes if it is no bare word.
+std::string path_step(std::string_view name);
+
 /// Throw ConfigError: `WHERE: KEY: why`, and `WHERE: KEY: expected ..., got ...`.
 [[noreturn]] void refuse(std::string_view where, std::string_view key, std::string_view why);
 [[noreturn]] void refuse_type(const Setting& setting, std::string_view key,

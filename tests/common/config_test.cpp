@@ -196,6 +196,27 @@ TEST_F(Config, WhatIsNoTableOfNumbersIsRefused) {
             "--set t.k={x = 1}: t.k: expected a table in the file, got a table");
 }
 
+TEST_F(Config, TablesHaveTheNamesThatAreSetAndTheKeysToAskWith) {
+  using Tables = std::map<std::string, std::string>;
+  auto reader = read("[a.one.x]\nk = 1\n[a.\"t.w.o\"]\nk = 2\n",
+                     {"a.three.x.k=3", "a.\"f.our\".k=4", "a.one.x.j=5"});
+  EXPECT_EQ(reader.tables("a"), (Tables{{"one", "a.one"},
+                                        {"t.w.o", "a.\"t.w.o\""},
+                                        {"three", "a.three"},
+                                        {"f.our", "a.\"f.our\""}}));
+  EXPECT_EQ(reader.tables("none"), Tables());
+  EXPECT_TRUE(reader.has("a.one.x.k"));
+  EXPECT_TRUE(reader.has("a.one.x.j"));
+  EXPECT_FALSE(reader.has("a.one.x.i"));
+  const auto number = [&](std::string_view key) { return reader.integer(key, 0, 0, 9); };
+  EXPECT_EQ(number("a.one.x.k"), 1);
+  EXPECT_EQ(number("a.\"t.w.o\".k"), 2);
+  EXPECT_EQ(number("a.three.x.k"), 3);
+  EXPECT_EQ(number("a.\"f.our\".k"), 4);
+  EXPECT_EQ(number("a.one.x.j"), 5);
+  reader.reject_unknown();
+}
+
 TEST_F(Config, FailNamesWhereTheValueWasSet) {
   const auto fail = [](std::string_view key) {
     return [key](const ConfigReader& reader) { reader.fail(key, "no such camera"); };
