@@ -62,7 +62,7 @@ peak() { # WIDTH HEIGHT
 
 growth() {
   jpegs 320 240
-  serve files.enabled=false 'pipe.command=cat >/dev/null' pipe.format=mjpeg
+  serve files.enabled=false 'slam.command=cat >/dev/null' slam.format=mjpeg
   "$orbbufd" --set "link.server=$address" --set robot.id=r --set source.kind=folder \
     --set "source.path=$images" --set source.loop=true --set source.realtime=false >"$work/growth.log" 2>&1 &
   local robot=$! from to

@@ -9,7 +9,7 @@
 namespace orbbuf {
 namespace {
 
-constexpr rlim_t kPerConnection = 2;  // its socket, its session's pipe
+constexpr rlim_t kPerConnection = 4;  // its socket; its session's pipe, SLAM's output and end
 constexpr rlim_t kOthers = 64;
 
 }  // namespace

@@ -181,7 +181,7 @@ void Session::nobody_waits() {
 /// Does what had to wait for the sinks.
 void Session::settle() {
   if (job_) return;
-  if (is_closing()) return finish_close();
+  if (is_closing()) return drain();
   if (!std::exchange(is_peer_waiting_, false)) return;
   if (const auto peer = peer_.lock()) peer->attached(position_);
 }
@@ -204,6 +204,15 @@ void Session::close(SessionEnd end) {
     for (const auto& sink : self->sinks_) sink->close();
   });
   nobody_waits();
+}
+
+/// All that was begun has ended: one sink after the other finishes.
+void Session::drain() {
+  if (drained_ == sinks_.size()) return finish_close();
+  sinks_[drained_]->async_drain([self = shared_from_this()] {
+    ++self->drained_;
+    self->drain();
+  });
 }
 
 /// All that was begun has ended: the sinks are closed before anybody hears of it, so that a

@@ -98,6 +98,7 @@ class Session : public std::enable_shared_from_this<Session> {
   void nobody_waits();
   void settle();
   void start_timeout();
+  void drain();
   void finish_close();
 
   boost::asio::io_context& main_;
@@ -116,6 +117,7 @@ class Session : public std::enable_shared_from_this<Session> {
   bool is_sink_busy_ = false;  // else a job is waiting for retry_
   bool is_failing_ = false;
   std::optional<SessionEnd> end_;
+  std::size_t drained_ = 0;  // sinks
 };
 
 }  // namespace orbbuf

@@ -3,7 +3,9 @@
 
 #include <spdlog/fmt/fmt.h>
 
+#include <algorithm>
 #include <array>
+#include <span>
 #include <string_view>
 #include <utility>
 
@@ -66,22 +68,66 @@ void load_listen(ConfigReader& reader, ListenSettings& listen) {
       reader.bytes("listen.receive_buffer", listen.receive_buffer_bytes, 0, kGiB));
 }
 
+/// `names` are those of Value's enumerators, in their order.
+template <class Value>
+Value load_choice(ConfigReader& reader, const std::string& key, Value fallback,
+                  std::span<const std::string_view> names) {
+  const auto got = reader.choice(key, names[static_cast<std::size_t>(fallback)], names);
+  return static_cast<Value>(std::ranges::find(names, got) - names.begin());
+}
+
+constexpr std::array<std::string_view, 2> kFormats{"pgm", "mjpeg"};
+constexpr std::array<std::string_view, 3> kRestarts{"always", "on-failure", "never"};
+constexpr std::array<std::string_view, 2> kResumes{"live", "backlog"};
+
+/// `table`, with what it does not say taken from `fallback`; of `command` and `fifo`, which are one
+/// choice, from there only if it says neither.
+SlamSettings load_slam(ConfigReader& reader, const std::string& table,
+                       const SlamSettings& fallback) {
+  const std::string command = table + ".command";
+  const std::string fifo = table + ".fifo";
+  SlamSettings slam = fallback;
+  if (reader.has(command) || reader.has(fifo)) slam.command = slam.fifo = "";
+  slam.command = reader.text(command, slam.command);
+  slam.fifo = reader.path(fifo, slam.fifo);
+  slam.format = load_choice(reader, table + ".format", slam.format, kFormats);
+  slam.restart = load_choice(reader, table + ".restart", slam.restart, kRestarts);
+  slam.resume = load_choice(reader, table + ".resume", slam.resume, kResumes);
+  if (!slam.fifo.empty() && !slam.command.empty()) {
+    reader.fail(command, "excludes fifo: a session has one pipe");
+  }
+  return slam;
+}
+
+void check_slam(const ConfigReader& reader, const std::string& table, const SlamSettings& slam,
+                const SinkSettings& sinks) {
+  const bool is_kept = sinks.files_enabled || sinks.mcap_enabled;
+  if (!slam.is_on() && !is_kept) {
+    const auto text =
+        fmt::format("frames need a sink: files, mcap, {0}.command or {0}.fifo", table);
+    reader.fail("files.enabled", text);
+  }
+  if (!slam.command.empty() && slam.restart != Restart::kAlways && !is_kept) {
+    reader.fail(table + ".restart",
+                "without files or mcap only \"always\": the robot's stream would be held for ever");
+  }
+  if (slam.is_on() && slam.resume == Resume::kBacklog && !sinks.files_enabled) {
+    reader.fail(table + ".resume", "\"backlog\" needs files.enabled = true");
+  }
+}
+
 void load_sinks(ConfigReader& reader, SinkSettings& sinks) {
-  constexpr std::array<std::string_view, 2> kFormats{"pgm", "mjpeg"};
   sinks.files_enabled = reader.flag("files.enabled", sinks.files_enabled);
   sinks.files_path = reader.path("files.path", sinks.files_path);
   if (sinks.files_path.empty()) reader.fail("files.path", "must not be empty");
   sinks.mcap_enabled = reader.flag("mcap.enabled", sinks.mcap_enabled);
-  sinks.fifo = reader.path("pipe.fifo", sinks.fifo);
-  sinks.command = reader.text("pipe.command", sinks.command);
-  sinks.pipe_format = reader.choice("pipe.format", kFormats[0], kFormats) == kFormats[0]
-                          ? PipeFormat::kPgm
-                          : PipeFormat::kMjpeg;
-  if (!sinks.fifo.empty() && !sinks.command.empty()) {
-    reader.fail("pipe.command", "excludes pipe.fifo: a session has one pipe");
-  }
-  if (!sinks.files_enabled && !sinks.mcap_enabled && sinks.fifo.empty() && sinks.command.empty()) {
-    reader.fail("files.enabled", "frames need a sink: files, mcap, pipe.fifo or pipe.command");
+  sinks.slam = load_slam(reader, "slam", sinks.slam);
+  check_slam(reader, "slam", sinks.slam, sinks);
+  for (const auto& [robot, table] : reader.tables("robot")) {
+    if (!wire::is_valid_id(robot)) reader.fail(table, "not a robot id");
+    const std::string key = table + ".slam";
+    sinks.slam_of[robot] = load_slam(reader, key, sinks.slam);
+    check_slam(reader, key, sinks.slam_of[robot], sinks);
   }
 }
 

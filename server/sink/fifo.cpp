@@ -3,6 +3,7 @@
 
 #include <fcntl.h>
 #include <sys/file.h>
+#include <sys/ioctl.h>
 #include <sys/stat.h>
 
 #include <cerrno>
@@ -13,7 +14,7 @@ namespace orbbuf {
 
 Fifo::Fifo(std::filesystem::path path) : path_(std::move(path)) {}
 
-Result<UniqueFd> Fifo::open() {
+Result<UniqueFd> Fifo::open(std::function<void()> /*gone*/) {
   std::error_code ignored;  // mkfifo says what is wrong with the folder
   // Every time: somebody may have removed it while it had no reader.
   if (path_.has_parent_path()) std::filesystem::create_directories(path_.parent_path(), ignored);
@@ -33,6 +34,8 @@ Result<UniqueFd> Fifo::open() {
     if (errno == EWOULDBLOCK) return UniqueFd();  // another session writes
     return system_error("lock FIFO " + path_.string(), errno);
   }
+  int left_bytes = 0;
+  if (::ioctl(fd.get(), FIONREAD, &left_bytes) == 0 && left_bytes > 0) return UniqueFd();
   return fd;
 }
 

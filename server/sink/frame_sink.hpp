@@ -41,6 +41,10 @@ class FrameSink {
   /// error. What has begun goes on, at the pace of the disk or of the reader.
   virtual void cancel() {}
 
+  /// Nothing more will be written: `drained` runs, possibly from within the call, when all that was
+  /// answered has gone where it goes. It may take for ever; close() ends it.
+  virtual void async_drain(std::function<void()> drained) { drained(); }
+
   /// Nothing more will be written; readers see the end. An outstanding call ends soon, with an
   /// error if need be, even where that leaves the reader with half a frame. Harmless when repeated.
   virtual void close() {}

@@ -4,25 +4,26 @@
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "common/error.hpp"
 #include "server/sink/frame_sink.hpp"
-#include "server/sink/pipe_sink.hpp"
+#include "server/sink/slam.hpp"
 
 namespace orbbuf {
 
-/// Which sinks every session gets. `{robot}` and `{session}` in `fifo` and `command` stand for the
-/// session's ids.
+/// Which sinks a session gets.
 struct SinkSettings {
   bool files_enabled = true;
   std::filesystem::path files_path = "orbbuf-data";  ///< of the recordings, too
   bool mcap_enabled = false;
-  std::filesystem::path fifo;  ///< empty: none; excludes `command`
-  std::string command;         ///< empty: none
-  PipeFormat pipe_format = PipeFormat::kPgm;
+  SlamSettings slam;
+  std::map<std::string, SlamSettings> slam_of;  ///< robot id -> its own, in place of `slam`
+
+  const SlamSettings& slam_for(const std::string& robot_id) const;
 
   friend bool operator==(const SinkSettings&, const SinkSettings&) = default;
 };
@@ -31,7 +32,6 @@ struct SinkSettings {
 void check_sinks(const SinkSettings& settings);
 
 /// The sinks of a new or resumed session, those that keep frames before the one that shows them.
-/// With files or a recording, a pipe lets frames pass while nobody reads it; alone, it holds them.
 /// Reads what these hold (see SessionFiles::recover(), mcap::scan()), so it may block for as long
 /// as that takes. An error if it cannot be read. `main` and `pool` as in FileSink.
 Result<std::vector<std::shared_ptr<FrameSink>>> make_sinks(const SinkSettings& settings,

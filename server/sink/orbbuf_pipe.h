@@ -1,17 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reads what orbbuf-server writes to a pipe ([pipe] in its configuration), frame by frame, in C or
- * C++.
+/* Reads what orbbuf-server writes to a SLAM program ([slam] in its configuration), image by image,
+ * in C or C++.
  *
  *   struct orbbuf_reader reader;
  *   struct orbbuf_image image;
  *   int got;
  *   orbbuf_reader_init(&reader, stdin);
- *   while ((got = orbbuf_read_pgm(&reader, &image)) == 1)
- *     track(image.t, image.pixels, image.width, image.height);
+ *   while ((got = orbbuf_read(&reader, &image)) == 1)
+ *     track(image.t, image.data, image.width, image.height);
  *   if (got < 0) fprintf(stderr, "%s\n", reader.error);
  *   orbbuf_reader_free(&reader);
  *
- * One reader belongs to one thread at a time. Nothing here is kept between frames but the memory of
+ * A program that is no child of the server reads a FIFO instead, with orbbuf_reader_follow(),
+ * through the ends of sessions and of the server itself. No image of a session is given twice.
+ *
+ * One reader belongs to one thread at a time. Nothing here is kept between images but the memory of
  * the largest one. */
 #ifndef ORBBUF_PIPE_H
 #define ORBBUF_PIPE_H
@@ -30,25 +33,39 @@ extern "C" {
 #define ORBBUF_MAX_IMAGE ((size_t)1 << 28)
 #endif
 
-struct orbbuf_reader {
-  FILE* in;
-  uint8_t* buffer;
-  size_t capacity;
-  const char* error; /* why the last call returned -1: a constant */
-};
-
 enum orbbuf_camera { ORBBUF_MONO = 0, ORBBUF_LEFT = 1, ORBBUF_RIGHT = 2 };
+enum orbbuf_format { ORBBUF_PGM = 0, ORBBUF_JPEG = 1 };
 
-/* One image of the format "pgm". Of a stereo frame the left image comes first, then, with the same
- * seq and t, the right one. */
+/* One image. Of a stereo frame the left image comes first, then, with the same seq and t, the right
+ * one. Pointers are valid until the next call. */
 struct orbbuf_image {
   uint64_t seq; /* the frame's sequence number; one that is missing was dropped */
   double t;     /* capture time, seconds since the epoch, rounded: good to about 0.2 us */
   int64_t t_ns; /* the same in nanoseconds, exact */
   enum orbbuf_camera camera;
-  uint32_t width, height; /* pixels */
-  const uint8_t* pixels;  /* grayscale, row after row without gaps; valid until the next call */
+  char session[65]; /* one run of the robot's daemon; in each, seq begins with 0 */
+  enum orbbuf_format format;
+  uint32_t width, height; /* pixels; of a JPEG 0: its decoder tells */
+  const uint8_t* data;    /* PGM: grayscale, row after row without gaps; JPEG: a whole JPEG file */
+  size_t size;            /* of data, in bytes */
 };
+
+struct orbbuf_reader {
+  FILE* in;
+  const char* path;  /* of the FIFO that is followed, if one is */
+  const char* error; /* why the last call returned -1: a constant */
+  uint8_t* buffer;
+  size_t capacity;
+  int has_last; /* the last image given, to know a repeat by */
+  uint64_t last_seq;
+  enum orbbuf_camera last_camera;
+  char last_session[65];
+};
+
+static inline int orbbuf_fail_(struct orbbuf_reader* reader, const char* why) {
+  reader->error = why;
+  return -1;
+}
 
 /* `in` stays the caller's, and must be readable until the last call. */
 static inline void orbbuf_reader_init(struct orbbuf_reader* reader, FILE* in) {
@@ -56,15 +73,29 @@ static inline void orbbuf_reader_init(struct orbbuf_reader* reader, FILE* in) {
   reader->in = in;
 }
 
-static inline void orbbuf_reader_free(struct orbbuf_reader* reader) {
-  free(reader->buffer);
-  reader->buffer = NULL;
-  reader->capacity = 0;
+/* Opens the FIFO, waiting for a server that writes to it. */
+static inline int orbbuf_open_(struct orbbuf_reader* reader) {
+  if (reader->in) fclose(reader->in);
+  reader->in = fopen(reader->path, "rb");
+  if (!reader->in) return orbbuf_fail_(reader, "the FIFO cannot be opened");
+  if (fseek(reader->in, 0, SEEK_CUR) != 0) return 0;
+  fclose(reader->in);
+  reader->in = NULL;
+  return orbbuf_fail_(reader, "the path is no FIFO");
 }
 
-static inline int orbbuf_fail_(struct orbbuf_reader* reader, const char* why) {
-  reader->error = why;
-  return -1;
+/* Follows the FIFO at `path`, which must stay valid and exist: when its writer goes, even in the
+ * middle of an image, orbbuf_read() waits for the next one. 0, or -1 as orbbuf_read() does. */
+static inline int orbbuf_reader_follow(struct orbbuf_reader* reader, const char* path) {
+  orbbuf_reader_init(reader, NULL);
+  reader->path = path;
+  return orbbuf_open_(reader);
+}
+
+static inline void orbbuf_reader_free(struct orbbuf_reader* reader) {
+  if (reader->path && reader->in) fclose(reader->in);
+  free(reader->buffer);
+  memset(reader, 0, sizeof *reader);
 }
 
 /* At least `size` bytes in the buffer, keeping what is in it. */
@@ -98,20 +129,36 @@ static inline int orbbuf_parse_time_(const char* text, struct orbbuf_image* imag
   return 0;
 }
 
-/* The next image of a pipe with format = "pgm". 1: there is one; 0: the stream has ended between
- * two images; -1: it is broken, see reader->error, and cannot be read on. Blocks until the image is
- * whole. */
-static inline int orbbuf_read_pgm(struct orbbuf_reader* reader, struct orbbuf_image* image) {
+/* What one line tells of the image, bit by bit in *told: 1 its seq, 2 its t, 4 its session. */
+static inline int orbbuf_parse_line_(struct orbbuf_reader* reader, struct orbbuf_image* image,
+                                     const char* line, int* told) {
+  if (strncmp(line, "seq=", 4) == 0) {
+    image->seq = strtoull(line + 4, NULL, 10);
+    *told |= 1;
+  } else if (strncmp(line, "t=", 2) == 0) {
+    if (orbbuf_parse_time_(line + 2, image)) return orbbuf_fail_(reader, "the time is none");
+    *told |= 2;
+  } else if (strncmp(line, "session=", 8) == 0 && strlen(line + 8) < sizeof image->session) {
+    strcpy(image->session, line + 8);
+    *told |= 4;
+  } else if (strcmp(line, "camera=left") == 0) {
+    image->camera = ORBBUF_LEFT;
+  } else if (strcmp(line, "camera=right") == 0) {
+    image->camera = ORBBUF_RIGHT;
+  } /* others: later versions may have more to say */
+  return 0;
+}
+
+static inline int orbbuf_check_told_(struct orbbuf_reader* reader, int told) {
+  return told == 7 ? 0 : orbbuf_fail_(reader, "the image has no seq, no t or no session");
+}
+
+static inline int orbbuf_read_pgm_(struct orbbuf_reader* reader, struct orbbuf_image* image) {
   char line[128];
   unsigned long width = 0, height = 0;
-  size_t bytes;
-  int has_seq = 0, has_time = 0;
-  memset(image, 0, sizeof *image);
-  if (!fgets(line, sizeof line, reader->in)) {
-    return ferror(reader->in) ? orbbuf_fail_(reader, "the pipe cannot be read") : 0;
-  }
-  if (strcmp(line, "P5\n") != 0)
-    return orbbuf_fail_(reader, "this is not where a PGM image begins");
+  int told = 0;
+  if (!fgets(line, sizeof line, reader->in) || strcmp(line, "P5\n") != 0)
+    return orbbuf_fail_(reader, "this is not where an image begins");
   for (;;) {
     if (!fgets(line, sizeof line, reader->in))
       return orbbuf_fail_(reader, "the stream ends in an image");
@@ -119,34 +166,22 @@ static inline int orbbuf_read_pgm(struct orbbuf_reader* reader, struct orbbuf_im
       return orbbuf_fail_(reader, "a line of the head is too long");
     line[strcspn(line, "\n")] = '\0';
     if (line[0] != '#') break;
-    if (strncmp(line, "# seq=", 6) == 0) {
-      image->seq = strtoull(line + 6, NULL, 10);
-      has_seq = 1;
-    } else if (strncmp(line, "# t=", 4) == 0) {
-      if (orbbuf_parse_time_(line + 4, image)) return orbbuf_fail_(reader, "the time is none");
-      has_time = 1;
-    } else if (strcmp(line, "# camera=left") == 0) {
-      image->camera = ORBBUF_LEFT;
-    } else if (strcmp(line, "# camera=right") == 0) {
-      image->camera = ORBBUF_RIGHT;
-    } /* other comments: later versions may have more to say */
+    if (line[1] == ' ' && orbbuf_parse_line_(reader, image, line + 2, &told)) return -1;
   }
-  if (!has_seq || !has_time) return orbbuf_fail_(reader, "the image has no seq or no t");
+  if (orbbuf_check_told_(reader, told)) return -1;
   if (sscanf(line, "%9lu %9lu", &width, &height) != 2 || !width || !height || width > 65535 ||
       height > 65535) {
     return orbbuf_fail_(reader, "the image has no size");
   }
-  if (!fgets(line, sizeof line, reader->in) || strcmp(line, "255\n") != 0) {
+  if (!fgets(line, sizeof line, reader->in) || strcmp(line, "255\n") != 0)
     return orbbuf_fail_(reader, "the image has not 8 bits a pixel");
-  }
-  bytes = (size_t)width * height;
-  if (orbbuf_grow_(reader, bytes)) return -1;
-  if (fread(reader->buffer, 1, bytes, reader->in) != bytes) {
+  image->format = ORBBUF_PGM;
+  image->size = (size_t)width * height;
+  if (orbbuf_grow_(reader, image->size)) return -1;
+  if (fread(reader->buffer, 1, image->size, reader->in) != image->size)
     return orbbuf_fail_(reader, "the stream ends in an image");
-  }
   image->width = (uint32_t)width;
   image->height = (uint32_t)height;
-  image->pixels = reader->buffer;
   return 1;
 }
 
@@ -159,47 +194,104 @@ static inline int orbbuf_next_byte_(struct orbbuf_reader* reader, size_t* size) 
   return byte;
 }
 
-/* The next image of a pipe with format = "mjpeg": a whole JPEG file, in *jpeg until the next call,
- * of *size bytes. Returns as orbbuf_read_pgm does. Of a stereo frame the left image comes first. */
-static inline int orbbuf_read_jpeg(struct orbbuf_reader* reader, const uint8_t** jpeg,
-                                   size_t* size) {
-  int byte = getc(reader->in), is_scan = 0;
-  size_t left;
-  *size = 0;
-  if (byte == EOF) return ferror(reader->in) ? orbbuf_fail_(reader, "the pipe cannot be read") : 0;
-  ungetc(byte, reader->in);
-  if (orbbuf_next_byte_(reader, size) != 0xFF || orbbuf_next_byte_(reader, size) != 0xD8) {
-    return orbbuf_fail_(reader, "this is not where a JPEG image begins");
+/* The rest of the segment whose marker is the last byte by now; where it begins, in *begin. */
+static inline int orbbuf_read_segment_(struct orbbuf_reader* reader, size_t* size, size_t* begin) {
+  size_t left = 0;
+  int i, byte;
+  for (i = 0; i < 2; ++i) {
+    if ((byte = orbbuf_next_byte_(reader, size)) < 0) return -1;
+    left = left << 8 | (size_t)byte;
   }
-  /* From marker to marker: a thumbnail within a segment has an end of its own that is not the
-   * image's. */
+  if (left < 2) return orbbuf_fail_(reader, "a JPEG segment has no length");
+  left -= 2;
+  *begin = *size;
+  if (orbbuf_grow_(reader, *size + left)) return -1;
+  if (fread(reader->buffer + *size, 1, left, reader->in) != left)
+    return orbbuf_fail_(reader, "the stream ends in an image");
+  *size += left;
+  return 0;
+}
+
+/* The server's lines are the first segment, a comment. It stays in the file. */
+static inline int orbbuf_read_comment_(struct orbbuf_reader* reader, struct orbbuf_image* image,
+                                       size_t* size) {
+  char line[128];
+  size_t begin = 0, end;
+  int told = 0;
+  if (orbbuf_next_byte_(reader, size) != 0xFF || orbbuf_next_byte_(reader, size) != 0xD8 ||
+      orbbuf_next_byte_(reader, size) != 0xFF || orbbuf_next_byte_(reader, size) != 0xFE)
+    return feof(reader->in) ? -1 : orbbuf_fail_(reader, "this is not where an image begins");
+  if (orbbuf_read_segment_(reader, size, &begin)) return -1;
+  for (; begin < *size; begin = end + 1) {
+    for (end = begin; end < *size && reader->buffer[end] != '\n';) ++end;
+    if (end - begin >= sizeof line) return orbbuf_fail_(reader, "a line of the head is too long");
+    memcpy(line, reader->buffer + begin, end - begin);
+    line[end - begin] = '\0';
+    if (orbbuf_parse_line_(reader, image, line, &told)) return -1;
+  }
+  return orbbuf_check_told_(reader, told);
+}
+
+/* From marker to marker: a thumbnail within a segment has an end of its own that is not the
+ * image's. */
+static inline int orbbuf_read_jpeg_(struct orbbuf_reader* reader, struct orbbuf_image* image) {
+  int byte, is_scan = 0;
+  size_t size = 0, begin;
+  if (orbbuf_read_comment_(reader, image, &size)) return -1;
   for (;;) {
     do {
-      if ((byte = orbbuf_next_byte_(reader, size)) < 0) return -1;
+      if ((byte = orbbuf_next_byte_(reader, &size)) < 0) return -1;
       if (byte != 0xFF && !is_scan) return orbbuf_fail_(reader, "a JPEG marker is missing");
     } while (byte != 0xFF);
     do {
-      if ((byte = orbbuf_next_byte_(reader, size)) < 0) return -1;
+      if ((byte = orbbuf_next_byte_(reader, &size)) < 0) return -1;
     } while (byte == 0xFF);
     if (byte == 0xD9) break; /* the end of the image */
     if (byte == 0x00 || byte == 0x01 || (byte & 0xF8) == 0xD0)
       continue; /* in the scan; no length */
-    left = 0;
-    for (int i = 0; i < 2; ++i) {
-      if ((byte = orbbuf_next_byte_(reader, size)) < 0) return -1;
-      left = left << 8 | (size_t)byte;
-    }
-    if (left < 2) return orbbuf_fail_(reader, "a JPEG segment has no length");
-    is_scan = reader->buffer[*size - 3] == 0xDA;
-    left -= 2;
-    if (orbbuf_grow_(reader, *size + left)) return -1;
-    if (fread(reader->buffer + *size, 1, left, reader->in) != left) {
-      return orbbuf_fail_(reader, "the stream ends in an image");
-    }
-    *size += left;
+    is_scan = byte == 0xDA;
+    if (orbbuf_read_segment_(reader, &size, &begin)) return -1;
   }
-  *jpeg = reader->buffer;
+  image->format = ORBBUF_JPEG;
+  image->size = size;
   return 1;
+}
+
+/* 1 if this image, or a later one of its session, was given already; else it is the last one now.
+ */
+static inline int orbbuf_is_repeat_(struct orbbuf_reader* reader,
+                                    const struct orbbuf_image* image) {
+  if (reader->has_last && strcmp(reader->last_session, image->session) == 0) {
+    if (image->seq < reader->last_seq) return 1;
+    if (image->seq == reader->last_seq && image->camera <= reader->last_camera) return 1;
+  }
+  reader->has_last = 1;
+  reader->last_seq = image->seq;
+  reader->last_camera = image->camera;
+  memcpy(reader->last_session, image->session, sizeof reader->last_session);
+  return 0;
+}
+
+/* The next image, of either format. 1: there is one; 0: the stream has ended between two images;
+ * -1: it is broken, see reader->error, and cannot be read on. Blocks until the image is whole. Of a
+ * FIFO that is followed there is no end. */
+static inline int orbbuf_read(struct orbbuf_reader* reader, struct orbbuf_image* image) {
+  int first, got;
+  for (;;) {
+    memset(image, 0, sizeof *image);
+    if (!reader->in) return -1;
+    first = getc(reader->in);
+    if (first == EOF) {
+      got = ferror(reader->in) ? orbbuf_fail_(reader, "the pipe cannot be read") : 0;
+    } else {
+      ungetc(first, reader->in);
+      got = first == 'P' ? orbbuf_read_pgm_(reader, image) : orbbuf_read_jpeg_(reader, image);
+    }
+    if (got == 1 && orbbuf_is_repeat_(reader, image)) continue;
+    image->data = reader->buffer;
+    if (got == 1 || !reader->path || !feof(reader->in)) return got;
+    if (orbbuf_open_(reader)) return -1;
+  }
 }
 
 #ifdef __cplusplus

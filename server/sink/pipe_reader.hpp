@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <functional>
 #include <string>
 
 #include "common/error.hpp"
@@ -14,8 +15,10 @@ class PipeReader {
   virtual ~PipeReader() = default;
 
   /// The writing end of a pipe that somebody reads; empty if nobody does yet. Closing it shows the
-  /// reader the end. Never blocks. Called again when the pipe broke.
-  virtual Result<UniqueFd> open() = 0;
+  /// reader the end. Never blocks. Called again when the pipe broke or `gone` ran.
+  /// gone: runs, before the next open(), when the reader has left in a way that the pipe itself may
+  /// not show; possibly when the pipe is long closed.
+  virtual Result<UniqueFd> open(std::function<void()> gone) = 0;
 
   /// For the log.
   virtual std::string name() const = 0;

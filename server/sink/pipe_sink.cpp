@@ -2,15 +2,14 @@
 #include "server/sink/pipe_sink.hpp"
 
 #include <spdlog/spdlog.h>
+#include <sys/ioctl.h>
 
+#include <algorithm>
 #include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/write.hpp>
 #include <cassert>
 #include <chrono>
-#include <optional>
-#include <span>
-#include <string_view>
 #include <utility>
 
 namespace orbbuf {
@@ -21,19 +20,36 @@ using boost::system::error_code;
 
 constexpr std::chrono::seconds kRetry{1};
 
+/// Runs `work` in the pool and then `done` with its result on `main`, where alone the sink that
+/// both may hold can end.
+template <class Work, class Done>
+void run_in_pool(asio::io_context& main, asio::thread_pool& pool, Work work, Done done) {
+  asio::post(pool, [guard = asio::make_work_guard(main), work = std::move(work),
+                    done = std::move(done)]() mutable {
+    auto result = work();
+    asio::post(guard.get_executor(),
+               [work = std::move(work), done = std::move(done),
+                result = std::move(result)]() mutable { done(std::move(result)); });
+  });
+}
+
 }  // namespace
 
-PipeSink::PipeSink(asio::io_context& main, asio::thread_pool& pool, std::string label,
+PipeSink::PipeSink(asio::io_context& main, asio::thread_pool& pool, const SessionInfo& info,
                    std::unique_ptr<PipeReader> reader, PipeFormat format,
-                   WithoutReader without_reader)
+                   WithoutReader without_reader, const KeptFrames& kept)
     : main_(main),
       pool_(pool),
-      label_(std::move(label)),
+      label_(info.robot_id + " " + info.session_id),
+      session_id_(info.session_id),
       reader_(std::move(reader)),
       format_(format),
       without_reader_(without_reader),
+      backlog_(kept.folder),
       pipe_(main),
-      retry_(main) {}
+      retry_(main),
+      next_(kept.next_sequence > 0 ? kept.next_sequence - 1 : 0),
+      is_behind_(without_reader == WithoutReader::kCatchUp && kept.next_sequence > 0) {}
 
 void PipeSink::start() { look_for_reader(); }
 
@@ -42,7 +58,7 @@ void PipeSink::async_write(FramePtr frame, Done done) {
   frame_ = std::move(frame);
   done_ = std::move(done);
   is_cancelled_ = false;
-  write_block();
+  go_on();
 }
 
 void PipeSink::async_write_drops(std::vector<DropRecord> /*records*/, Done done) {
@@ -51,7 +67,12 @@ void PipeSink::async_write_drops(std::vector<DropRecord> /*records*/, Done done)
 
 void PipeSink::cancel() {
   is_cancelled_ = true;
-  if (is_waiting_) write_block();
+  go_on();
+}
+
+void PipeSink::async_drain(std::function<void()> drained) {
+  drained_ = std::move(drained);
+  go_on();
 }
 
 void PipeSink::close() {
@@ -59,16 +80,18 @@ void PipeSink::close() {
   retry_.cancel();
   error_code ignored;  // nothing to do about it, and the reader has the end
   pipe_.close(ignored);
-  if (is_waiting_) write_block();
+  go_on();
 }
 
 /// Asks once, and again in a second if there is none.
 void PipeSink::look_for_reader() {
-  auto end = reader_->open();
+  auto end = reader_->open([weak = weak_from_this()] {
+    if (const auto self = weak.lock()) self->reader_left();
+  });
   if (!end) {
     log_state(spdlog::level::err, end.error().text);
   } else if (!end.value()) {
-    log_state(spdlog::level::info, "waits for a reader");
+    log_state(spdlog::level::info, "nobody reads");
   } else {
     log_state(spdlog::level::info, "has a reader");
     frames_read_ = 0;
@@ -76,7 +99,7 @@ void PipeSink::look_for_reader() {
     watch_reader();
   }
   if (!pipe_.is_open()) return look_again_later();
-  if (is_waiting_) write_block();
+  go_on();
 }
 
 void PipeSink::look_again_later() {
@@ -96,12 +119,29 @@ void PipeSink::watch_reader() {
 
 void PipeSink::reader_left() {
   if (is_closed_ || !pipe_.is_open()) return;
+  int unread_bytes = 0;
+  if (::ioctl(pipe_.native_handle(), FIONREAD, &unread_bytes) != 0) unread_bytes = 0;
+  unread_bytes_ = static_cast<std::uint64_t>(unread_bytes);
   error_code ignored;  // a pipe without a reader has nothing left to lose
   pipe_.close(ignored);
   if (frames_read_ > 0) {  // a program that does not even start is told of by its exit status
     log_state(spdlog::level::info, fmt::format("lost its reader after {} frames", frames_read_));
   }
   look_again_later();
+  go_on();
+}
+
+/// What the last reader left in the pipe is the next one's.
+void PipeSink::rewind() {
+  const std::uint64_t read_bytes = written_bytes_ - std::min(written_bytes_, *unread_bytes_);
+  const auto first = std::ranges::find_if(sent_, [&](const Sent& s) { return s.end > read_bytes; });
+  if (without_reader_ == WithoutReader::kCatchUp && first != sent_.end()) {
+    next_ = first->sequence;
+    is_behind_ = true;
+  }
+  sent_.clear();
+  written_bytes_ = 0;
+  unread_bytes_.reset();
 }
 
 void PipeSink::log_state(spdlog::level::level_enum level, std::string state) {
@@ -110,76 +150,124 @@ void PipeSink::log_state(spdlog::level::level_enum level, std::string state) {
   last_state_ = std::move(state);
 }
 
-/// Takes the call in progress as far as it can go now; called again whenever that may have changed.
-void PipeSink::write_block() {
-  is_waiting_ = false;
+/// The one place that decides what is next; called whenever that may have changed.
+void PipeSink::go_on() {
+  if (unread_bytes_ && !is_busy_) rewind();
+  if (done_) serve_call();
+  if (!is_busy_ && !is_closed_ && pipe_.is_open()) {
+    if (is_behind_) {
+      catch_up();
+    } else if (done_) {
+      send(frame_);
+    }
+  }
+  if (drained_ && !is_busy_ && !done_) asio::post(main_, std::exchange(drained_, nullptr));
+}
+
+/// Answers the call where that needs no reader.
+void PipeSink::serve_call() {
+  const bool is_being_sent = is_busy_ && !is_behind_;
+  if (is_being_sent) return;
   if (is_closed_) return finish(Error{"write to " + reader_->name() + ": closed"});
-  if (!pipe_.is_open()) {
-    if (without_reader_ == WithoutReader::kPass) return finish(std::nullopt);
-    if (is_cancelled_) return finish(Error{"write to " + reader_->name() + ": nobody reads"});
-    is_waiting_ = true;
+  if (frame_->sequence < next_) return finish(std::nullopt);  // read from the files already
+  if (pipe_.is_open() && !is_behind_) return;
+  if (without_reader_ == WithoutReader::kHold) {
+    if (is_cancelled_) finish(Error{"write to " + reader_->name() + ": nobody reads"});
     return;
   }
-  if (format_ == PipeFormat::kPgm && pgm_.empty()) return decode();
-  const auto& block = format_ == PipeFormat::kPgm ? pgm_ : frame_->jpeg;
-  asio::async_write(pipe_, asio::buffer(block),
-                    [self = shared_from_this()](const error_code& failed, std::size_t) {
-                      if (failed) {
-                        self->reader_left();
-                        return self->write_block();
-                      }
-                      ++self->frames_read_;
-                      self->finish(std::nullopt);
-                    });
-}
-
-void PipeSink::decode() {
-  asio::post(pool_, [self = shared_from_this(), guard = asio::make_work_guard(main_)]() mutable {
-    auto pgm = to_pgm(*self->frame_, self->codec_);
-    // The sink must not end on this thread: `self` goes back to `main`.
-    asio::post(guard.get_executor(), [self = std::move(self), pgm = std::move(pgm)]() mutable {
-      self->decoded(std::move(pgm));
-    });
-  });
-}
-
-void PipeSink::decoded(Result<std::vector<std::uint8_t>> pgm) {
-  if (!pgm) {
-    spdlog::warn("{}: {}: skipped frame {}: {}", label_, reader_->name(), frame_->sequence,
-                 pgm.error().text);
-    return finish(std::nullopt);
+  if (without_reader_ == WithoutReader::kCatchUp) {
+    if (!is_behind_) next_ = frame_->sequence;
+    is_behind_ = has_passed_ = true;
   }
-  pgm_ = std::move(pgm).value();
-  write_block();
+  finish(std::nullopt);
+}
+
+/// Asks the files for the next frame that the reader lacks.
+void PipeSink::catch_up() {
+  is_busy_ = true;
+  has_passed_ = false;
+  run_in_pool(
+      main_, pool_,
+      [self = shared_from_this(), first = next_] { return self->backlog_.next(first); },
+      [self = shared_from_this()](Result<FramePtr> frame) {
+        self->caught_up_with(std::move(frame));
+      });
+}
+
+void PipeSink::caught_up_with(Result<FramePtr> frame) {
+  is_busy_ = false;
+  if (frame && frame.value()) {
+    is_busy_ = true;
+    return send(std::move(frame).value());
+  }
+  if (!frame) log_state(spdlog::level::err, "cannot catch up: " + frame.error().text);
+  is_behind_ = has_passed_;
+  go_on();
+}
+
+void PipeSink::send(FramePtr frame) {
+  is_busy_ = true;
+  if (format_ == PipeFormat::kMjpeg) return encoded(frame, to_mjpeg(*frame, session_id_));
+  run_in_pool(
+      main_, pool_,
+      [self = shared_from_this(), frame] {
+        return to_pgm(*frame, self->session_id_, self->codec_);
+      },
+      [self = shared_from_this(), frame](Result<Block> block) {
+        self->encoded(frame, std::move(block));
+      });
+}
+
+void PipeSink::encoded(const FramePtr& frame, Result<Block> block) {
+  if (!block) {
+    spdlog::warn("{}: {}: skipped frame {}: {}", label_, reader_->name(), frame->sequence,
+                 block.error().text);
+    return sent(frame);
+  }
+  block_ = std::move(block).value();
+  write_block(frame);
+}
+
+void PipeSink::write_block(const FramePtr& frame) {
+  if (!pipe_.is_open() || unread_bytes_) {
+    is_busy_ = false;
+    return go_on();
+  }
+  asio::async_write(
+      pipe_, asio::buffer(block_),
+      [self = shared_from_this(), frame](const error_code& failed, std::size_t bytes) {
+        self->written_bytes_ += bytes;
+        if (!failed) {
+          self->note_sent(frame->sequence);
+          return self->sent(frame);
+        }
+        self->is_busy_ = false;
+        // Aborted: the pipe was closed here, and there may be a new one by now.
+        if (failed != asio::error::operation_aborted) self->reader_left();
+        self->go_on();
+      });
+}
+
+void PipeSink::note_sent(Sequence sequence) {
+  constexpr std::uint64_t kMostInPipe = 1 << 20;  // as far as a reader without privileges may go
+  ++frames_read_;
+  sent_.push_back({sequence, written_bytes_});
+  while (sent_.front().end + kMostInPipe < written_bytes_) sent_.pop_front();
+}
+
+/// All that there was to do for `frame`, the call's or one from the files, is done.
+void PipeSink::sent(const FramePtr& frame) {
+  is_busy_ = false;
+  next_ = frame->sequence + 1;
+  if (done_ && frame == frame_) finish(std::nullopt);
+  go_on();
 }
 
 /// Answers the call, in a handler of its own: the caller may be within it.
 void PipeSink::finish(std::optional<Error> error) {
   frame_.reset();
-  pgm_.clear();
   asio::post(main_,
              [done = std::exchange(done_, nullptr), error = std::move(error)] { done(error); });
-}
-
-Result<std::vector<std::uint8_t>> to_pgm(const EncodedFrame& frame, JpegCodec& codec) {
-  std::vector<std::uint8_t> pgm;
-  const auto add = [&](std::span<const std::uint8_t> jpeg,
-                       std::string_view camera) -> std::optional<Error> {
-    auto image = codec.decode_gray(jpeg, 1);
-    if (!image) return std::move(image).error();
-    const auto& [width_px, height_px, pixels] = image.value();
-    const std::string head =
-        fmt::format("P5\n# seq={}\n# t={}\n{}{} {}\n255\n", frame.sequence,
-                    format_seconds(frame.capture_time_ns), camera, width_px, height_px);
-    pgm.reserve(pgm.size() + head.size() + pixels.size());
-    pgm.insert(pgm.end(), head.begin(), head.end());
-    pgm.insert(pgm.end(), pixels.begin(), pixels.end());
-    return std::nullopt;
-  };
-  auto error = add(frame.left(), frame.is_stereo() ? "# camera=left\n" : "");
-  if (!error && frame.is_stereo()) error = add(frame.right(), "# camera=right\n");
-  if (error) return *std::move(error);
-  return pgm;
 }
 
 }  // namespace orbbuf

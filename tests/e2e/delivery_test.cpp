@@ -160,7 +160,7 @@ TEST(Delivery, StoppedRobotDeliversWhatWaitsAndSaysBye) {
 TEST(Delivery, SlamProgramReadsTheFramesFromAPipe) {
   const TemporaryFolder out;
   const fs::path pgm = out / "stream.pgm";
-  Server server(out / "files", {"pipe.command=cat > " + pgm.string(), "pipe.format=pgm"});
+  Server server(out / "files", {"slam.command=cat > " + pgm.string(), "slam.format=pgm"});
   ASSERT_EQ(run(robot_command("r", server.address(),
                               {"source.frames=20", "source.realtime=false", "source.width=160",
                                "source.height=120"}))

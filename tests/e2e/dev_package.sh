@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Builds a program against what the package orbbuf-dev installs, once by CMake's find_package and once
-# by pkg-config, as C and as C++, and has each read an image. Usage: dev_package.sh BUILD
+# Builds the example that the package orbbuf-dev installs against what else it installs, once by CMake's
+# find_package and once by pkg-config, as C and as C++, and has each read an image. Usage: dev_package.sh BUILD
 set -euo pipefail
 build=$(cd "$1" && pwd)
-source=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)/pipe_reader.c
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cmake --install "$build" --component orbbuf-dev --prefix "$folder/usr" >/dev/null
+source=$folder/usr/share/doc/orbbuf-dev/examples/follow.c
 
 mkdir "$folder/program"
 cp "$source" "$folder/program/"
@@ -15,7 +15,7 @@ cat >"$folder/program/CMakeLists.txt" <<'CMAKE'
 cmake_minimum_required(VERSION 3.25)
 project(program LANGUAGES C)
 find_package(orbbuf 0.1 REQUIRED)
-add_executable(by-cmake pipe_reader.c)
+add_executable(by-cmake follow.c)
 target_link_libraries(by-cmake PRIVATE orbbuf::pipe)
 CMAKE
 cmake -S "$folder/program" -B "$folder" -DCMAKE_PREFIX_PATH="$folder/usr" >/dev/null
@@ -28,7 +28,7 @@ cc -std=c99 -Wall -Wextra -Wpedantic -Werror "${flags[@]}" "$source" -o "$folder
 c++ -x c++ -std=c++17 -Wall -Wextra -Wpedantic -Werror "${flags[@]}" "$source" -o "$folder/by-c++"
 
 for program in by-cmake by-pkg-config by-c++; do
-  said=$(printf 'P5\n# seq=3\n# t=1.250000000\n2 1\n255\nab' | "$folder/$program" pgm)
-  [ "$said" = $'image 3 1.250000000 2x1 camera 0\nend of pipe: whole' ] ||
+  said=$(printf 'P5\n# seq=3\n# t=1.250000000\n# session=s\n2 1\n255\nab' | "$folder/$program")
+  [ "$said" = 's 3 1.250000 camera 0: 2 bytes' ] ||
     { echo "$program: $said" >&2 && exit 1; }
 done

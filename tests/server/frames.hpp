@@ -37,7 +37,17 @@ inline FramePtr plain_frame_ptr(Sequence sequence, std::size_t bytes = 100) {
   return std::make_shared<const EncodedFrame>(plain_frame(sequence, bytes));
 }
 
-/// A stereo frame of two such images.
+/// The same between a JPEG's beginning and end, which is what a pipe looks at; bytes > 4.
+inline FramePtr jpeg_like_frame_ptr(Sequence sequence, std::size_t bytes = 100) {
+  EncodedFrame frame = plain_frame(sequence, bytes);
+  frame.jpeg[0] = frame.jpeg[bytes - 2] = 0xFF;
+  frame.jpeg[1] = 0xD8;
+  frame.jpeg[bytes - 1] = 0xD9;
+  frame.jpeg_crc = wire::crc32(frame.jpeg);
+  return std::make_shared<const EncodedFrame>(std::move(frame));
+}
+
+/// A stereo frame of two plain images.
 inline EncodedFrame plain_pair(Sequence sequence, std::size_t left_bytes, std::size_t right_bytes) {
   EncodedFrame frame = plain_frame(sequence, left_bytes + right_bytes);
   frame.left_bytes = static_cast<std::uint32_t>(left_bytes);

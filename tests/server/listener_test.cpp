@@ -17,6 +17,7 @@
 namespace orbbuf {
 namespace {
 
+using test::jpeg_like_frame_ptr;
 using test::ListenerTest;
 using test::plain_frame;
 using test::RobotClient;
@@ -153,16 +154,16 @@ TEST_F(ListenerTest, AFullDiskHoldsTheStreamUntilThereIsRoom) {
 
 TEST_F(ListenerTest, APipeWithoutAReaderHoldsItsOwnRobotOnly) {
   settings_.sinks.files_enabled = false;
-  settings_.sinks.fifo = folder_ / "{robot}.fifo";
-  settings_.sinks.pipe_format = PipeFormat::kMjpeg;
+  settings_.sinks.slam.fifo = folder_ / "{robot}.fifo";
+  settings_.sinks.slam.format = PipeFormat::kMjpeg;
   const auto held = connect();
   ASSERT_TRUE(held.hello("held", "s"));
   ASSERT_EQ(::mkfifo((folder_ / "read.fifo").c_str(), 0600), 0);
   const UniqueFd reader(::open((folder_ / "read.fifo").c_str(), O_RDONLY | O_NONBLOCK));
   const auto read = connect();
   ASSERT_TRUE(read.hello("read", "s"));
-  held.send_frame(plain_frame(0));
-  read.send_frame(plain_frame(0));
+  held.send_frame(*jpeg_like_frame_ptr(0));
+  read.send_frame(*jpeg_like_frame_ptr(0));
   EXPECT_TRUE(read.acked(1));
   EXPECT_FALSE(has_answer(held, 0));
   // The robot comes back; what nobody read is still its own.
@@ -172,7 +173,7 @@ TEST_F(ListenerTest, APipeWithoutAReaderHoldsItsOwnRobotOnly) {
 
 TEST_F(ListenerTest, ASessionWithoutAConnectionIsClosedInTheEnd) {
   settings_.session_timeout = std::chrono::milliseconds(20);
-  settings_.sinks.fifo = folder_ / "{robot}.fifo";
+  settings_.sinks.slam.fifo = folder_ / "{robot}.fifo";
   ASSERT_EQ(::mkfifo((folder_ / "r.fifo").c_str(), 0600), 0);
   const UniqueFd reader(::open((folder_ / "r.fifo").c_str(), O_RDONLY | O_NONBLOCK));
   auto robot = connect();

@@ -24,8 +24,18 @@ class FakeSink : public FrameSink {
     done_ = std::move(done);
   }
   void cancel() override { is_cancelled = true; }
-  void close() override { is_closed = true; }
+  void async_drain(std::function<void()> drained) override {
+    if (!is_draining) return drained();
+    drained_ = std::move(drained);
+  }
+  void close() override {
+    is_closed = true;
+    drain();
+  }
 
+  void drain() {
+    if (drained_) std::exchange(drained_, nullptr)();
+  }
   bool is_busy() const { return static_cast<bool>(done_); }
   void answer(std::optional<Error> error = std::nullopt) {
     std::exchange(done_, nullptr)(std::move(error));
@@ -35,10 +45,12 @@ class FakeSink : public FrameSink {
   std::vector<Sequence> drops;
   bool is_cancelled = false;
   bool is_closed = false;
+  bool is_draining = false;
 
  private:
   wire::Position position_;
   Done done_;
+  std::function<void()> drained_;
 };
 
 struct FakePeer : SessionPeer {
@@ -243,6 +255,29 @@ TEST_F(SessionTest, StoppingLetsAWriteInProgressFinish) {
   sink_->answer();
   EXPECT_EQ(peer_->bye, (wire::Position{1, 0}));
   EXPECT_EQ(closed_, 1);
+}
+
+TEST_F(SessionTest, AByeIsAnsweredWhenAllSinksAreDrained) {
+  const auto second = std::make_shared<FakeSink>();
+  sink_->is_draining = second->is_draining = true;
+  make({sink_, second});
+  session_->close(SessionEnd::kBye);
+  sink_->drain();
+  EXPECT_FALSE(peer_->bye);
+  EXPECT_FALSE(sink_->is_closed);
+  second->drain();
+  EXPECT_TRUE(sink_->is_closed && second->is_closed);
+  EXPECT_TRUE(peer_->bye);
+  EXPECT_EQ(closed_, 1);
+}
+
+TEST_F(SessionTest, ASinkThatNeverDrainsIsClosedInTheEnd) {
+  sink_->is_draining = true;
+  make({sink_});
+  session_->close(SessionEnd::kBye);
+  ASSERT_TRUE(run_until([this] { return closed_ == 1; }));
+  EXPECT_TRUE(sink_->is_closed);
+  EXPECT_TRUE(peer_->bye);
 }
 
 TEST_F(SessionTest, StoppingDoesNotWaitForeverForAStuckSink) {

@@ -45,8 +45,9 @@ TEST(Settings, EveryKeyIsRead) {
                              "files.enabled=false",
                              "files.path=/out",
                              "mcap.enabled=true",
-                             "pipe.fifo=/run/{robot}",
-                             "pipe.format=mjpeg"});
+                             "slam.fifo=/run/{robot}",
+                             "slam.format=mjpeg",
+                             "slam.restart=never"});
   Settings expected;
   expected.log_level = "debug";
   expected.listen = {{"::1", 80},
@@ -62,8 +63,29 @@ TEST(Settings, EveryKeyIsRead) {
                      0};
   expected.session_timeout = std::chrono::minutes(1);
   expected.drain_timeout = std::chrono::seconds(3);
-  expected.sinks = {false, "/out", true, "/run/{robot}", "", PipeFormat::kMjpeg};
+  expected.sinks = {false,
+                    "/out",
+                    true,
+                    {"", "/run/{robot}", PipeFormat::kMjpeg, Restart::kNever, Resume::kLive},
+                    {}};
   EXPECT_EQ(got, expected);
+}
+
+TEST(Settings, ARobotHasWhatItsOwnTableSaysAndTheRestFromTheTableOfAll) {
+  const SinkSettings sinks =
+      load({"slam.command=slam {robot}", "slam.restart=on-failure", "robot.a.slam.resume=backlog",
+            "robot.b.slam.fifo=/b", "robot.b.slam.format=mjpeg", "robot.b.slam.restart=never",
+            "robot.\"c.1\".slam.command="})
+          .sinks;
+  SlamSettings expected;
+  expected.command = "slam {robot}";
+  expected.restart = Restart::kOnFailure;
+  EXPECT_EQ(sinks.slam_for("other"), expected);
+  expected.resume = Resume::kBacklog;
+  EXPECT_EQ(sinks.slam_for("a"), expected);
+  EXPECT_EQ(sinks.slam_for("b"),
+            (SlamSettings{"", "/b", PipeFormat::kMjpeg, Restart::kNever, Resume::kLive}));
+  EXPECT_FALSE(sinks.slam_for("c.1").is_on());
 }
 
 struct BadValue {
@@ -84,28 +106,36 @@ TEST_P(BadSettings, AreRefusedByName) {
 
 INSTANTIATE_TEST_SUITE_P(
     Each, BadSettings,
-    testing::Values(BadValue{{"log.level=loud"}, "log.level"},
-                    BadValue{{"listen.address=7722"}, "listen.address"},
-                    BadValue{{"listen.address=:7722"}, "listen.address"},
-                    BadValue{{"listen.address=::1:7722"}, "listen.address"},
-                    BadValue{{"listen.address=localhost:65536"}, "listen.address"},
-                    BadValue{{"listen.address=0.0.0.0:7722"}, "listen.insecure = true"},
-                    BadValue{{"listen.address=myserver:7722"}, "listen.insecure = true"},
-                    BadValue{{"listen.robots=[\"../etc\"]"}, "listen.robots"},
-                    BadValue{{"listen.max_robots=0"}, "listen.max_robots"},
-                    BadValue{{"listen.max_connections=0"}, "listen.max_connections"},
-                    BadValue{{"tls.key=/k"}, "tls.certificate"},
-                    BadValue{{"listen.hello_timeout=0 s"}, "listen.hello_timeout"},
-                    BadValue{{"listen.idle_timeout=10"}, "listen.idle_timeout"},
-                    BadValue{{"listen.max_frame=2 GiB"}, "listen.max_frame"},
-                    BadValue{{"listen.receive_buffer=-1 B"}, "listen.receive_buffer"},
-                    BadValue{{"session.timeout=never"}, "session.timeout"},
-                    BadValue{{"files.enabled=yes"}, "files.enabled"},
-                    BadValue{{"files.path=''"}, "files.path"},
-                    BadValue{{"files.enabled=false"}, "a sink"},
-                    BadValue{{"pipe.fifo=/f", "pipe.command=cat"}, "pipe.command"},
-                    BadValue{{"pipe.format=png"}, "pipe.format"},
-                    BadValue{{"pipe.fifa=/f"}, "pipe.fifa"}));
+    testing::Values(
+        BadValue{{"log.level=loud"}, "log.level"},
+        BadValue{{"listen.address=7722"}, "listen.address"},
+        BadValue{{"listen.address=:7722"}, "listen.address"},
+        BadValue{{"listen.address=::1:7722"}, "listen.address"},
+        BadValue{{"listen.address=localhost:65536"}, "listen.address"},
+        BadValue{{"listen.address=0.0.0.0:7722"}, "listen.insecure = true"},
+        BadValue{{"listen.address=myserver:7722"}, "listen.insecure = true"},
+        BadValue{{"listen.robots=[\"../etc\"]"}, "listen.robots"},
+        BadValue{{"listen.max_robots=0"}, "listen.max_robots"},
+        BadValue{{"listen.max_connections=0"}, "listen.max_connections"},
+        BadValue{{"tls.key=/k"}, "tls.certificate"},
+        BadValue{{"listen.hello_timeout=0 s"}, "listen.hello_timeout"},
+        BadValue{{"listen.idle_timeout=10"}, "listen.idle_timeout"},
+        BadValue{{"listen.max_frame=2 GiB"}, "listen.max_frame"},
+        BadValue{{"listen.receive_buffer=-1 B"}, "listen.receive_buffer"},
+        BadValue{{"session.timeout=never"}, "session.timeout"},
+        BadValue{{"files.enabled=yes"}, "files.enabled"}, BadValue{{"files.path=''"}, "files.path"},
+        BadValue{{"files.enabled=false"}, "a sink"},
+        BadValue{{"files.enabled=false", "slam.command=cat", "robot.a.slam.command="},
+                 "robot.a.slam.command"},
+        BadValue{{"files.enabled=false", "slam.command=cat", "slam.restart=never"}, "slam.restart"},
+        BadValue{{"slam.fifo=/f", "slam.command=cat"}, "slam.command"},
+        BadValue{{"robot.a.slam.fifo=/f", "robot.a.slam.command=cat"}, "robot.a.slam.command"},
+        BadValue{{"files.enabled=false", "slam.command=cat", "slam.resume=backlog"}, "slam.resume"},
+        BadValue{{"slam.format=png"}, "slam.format"},
+        BadValue{{"slam.restart=yes"}, "slam.restart"},
+        BadValue{{"slam.resume=later"}, "slam.resume"}, BadValue{{"slam.fifa=/f"}, "slam.fifa"},
+        BadValue{{"robot.a.slum.fifo=/f"}, "robot.a.slum.fifo"},
+        BadValue{{"robot.\"-a\".slam.fifo=/f"}, "not a robot id"}));
 
 }  // namespace
 }  // namespace orbbuf

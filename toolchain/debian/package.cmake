@@ -16,6 +16,7 @@ set_target_properties(orbbuf_pipe PROPERTIES EXPORT_NAME pipe)
 target_include_directories(orbbuf_pipe INTERFACE $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/server/sink>
                                                  $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
 install(FILES server/sink/orbbuf_pipe.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT orbbuf-dev)
+install(DIRECTORY server/sink/examples DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/orbbuf-dev COMPONENT orbbuf-dev)
 install(TARGETS orbbuf_pipe EXPORT orbbuf)
 install(EXPORT orbbuf NAMESPACE orbbuf:: FILE orbbufConfig.cmake DESTINATION ${CMAKE_INSTALL_DATADIR}/cmake/orbbuf
         COMPONENT orbbuf-dev)
@@ -113,5 +114,5 @@ set(CPACK_DEBIAN_ORBBUF-DEV_PACKAGE_ARCHITECTURE all)
 set(CPACK_DEBIAN_ORBBUF-DEV_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_ORBBUF-DEV_DESCRIPTION "camera link for remote visual SLAM: reading the server's pipe
 A C header, for C and C++, that reads frame by frame what orbbuf-server writes
-to a pipe.")
+to a SLAM program, and an example.")
 include(CPack)

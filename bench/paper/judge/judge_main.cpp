@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // orbbuf-judge: does SLAM survive on these frames? Runs a visual odometry over a folder of
-// orbbuf-world or a session of orbbuf-server, or live on the standard input as [pipe] command; or
+// orbbuf-world or a session of orbbuf-server, or live on the standard input as [slam] command; or
 // has any SLAM program do it (--slam). Prints a verdict, then RESULT lines.
 #include <spdlog/fmt/fmt.h>
 
@@ -121,7 +121,7 @@ int main(int argc, char** argv) {
   orbbuf::paper::Options options;
   CLI::App app("Does SLAM survive on these frames?");
   app.add_option("folder", options.folder,
-                 "of orbbuf-world or a session; none: frames from [pipe], on the standard input");
+                 "of orbbuf-world or a session; none: frames from [slam], on the standard input");
   app.add_option("--camera", options.camera, "camera.txt, if not the folder's");
   app.add_option("--truth", options.truth, "the true path (TUM)");
   app.add_option("--trajectory", options.trajectory, "to write what was found to (TUM)");

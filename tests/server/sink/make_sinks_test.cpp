@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/sink/make_sinks.hpp"
 
+#include <fcntl.h>
+
 #include <stdexcept>
 
 #include "tests/server/frames.hpp"
@@ -52,7 +54,7 @@ TEST_F(MakeSinksTest, ARecordingIsInTheSessionsFolderAndWrittenBeforeTheFiles) {
 }
 
 TEST_F(MakeSinksTest, TheFifoOfASessionIsNamedAfterIt) {
-  settings_.fifo = folder_ / "{robot}" / "{session}-{robot}.fifo";
+  settings_.slam.fifo = folder_ / "{robot}" / "{session}-{robot}.fifo";
   ASSERT_EQ(make(), 2U);
   EXPECT_TRUE(std::filesystem::is_fifo(folder_ / "r1/s1-r1.fifo"));
   EXPECT_FALSE(write(*sinks_[1], test::plain_frame_ptr(0)));  // passes: files have it
@@ -60,11 +62,35 @@ TEST_F(MakeSinksTest, TheFifoOfASessionIsNamedAfterIt) {
 
 TEST_F(MakeSinksTest, TheCommandOfASessionKnowsWhoseItIs) {
   settings_.files_enabled = false;
-  settings_.command =
+  settings_.slam.command =
       "echo {robot} {session} $ORBBUF_ROBOT $ORBBUF_SESSION > " + (folder_ / "out").string();
   ASSERT_EQ(make(), 1U);
   ASSERT_TRUE(run_until([] { return has_no_children(); }));
   EXPECT_EQ(test::read_file(folder_ / "out"), "r1 s1 r1 s1\n");
+}
+
+TEST_F(MakeSinksTest, ARobotMayHaveItsOwnSlamOrNone) {
+  settings_.slam.command = "touch " + (folder_ / "everyones").string();
+  settings_.slam_of["r1"].command = "touch " + (folder_ / "own").string();
+  settings_.slam_of["r1"].restart = Restart::kNever;
+  ASSERT_EQ(make(), 2U);
+  ASSERT_TRUE(run_until([] { return has_no_children(); }));
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "own"));
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "everyones"));
+  settings_.slam_of["r1"].command = "";
+  ASSERT_EQ(make(), 1U);
+}
+
+TEST_F(MakeSinksTest, TheNextSlamMayBeginWithWhatTheLastOneMissed) {
+  settings_.slam.fifo = folder_ / "fifo";
+  settings_.slam.format = PipeFormat::kMjpeg;
+  settings_.slam.resume = Resume::kBacklog;
+  ASSERT_EQ(make(), 2U);
+  const auto frame = test::jpeg_like_frame_ptr(0);
+  for (const auto& sink : sinks_) EXPECT_FALSE(write(*sink, frame));
+  const UniqueFd end(::open((folder_ / "fifo").c_str(), O_RDONLY | O_NONBLOCK));
+  char byte = 0;
+  EXPECT_TRUE(run_until([&] { return ::read(end.get(), &byte, 1) == 1; }));
 }
 
 TEST_F(MakeSinksTest, ARecordThatCannotBeReadIsAnError) {
