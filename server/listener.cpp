@@ -74,6 +74,10 @@ std::size_t Listener::robots() const {
       connections_, [](const auto& connection) { return connection->is_introduced(); }));
 }
 
+bool Listener::has_session(const std::string& robot_id, const std::string& session_id) const {
+  return sessions_.contains({robot_id, session_id});
+}
+
 void Listener::accept() {
   acceptor_.async_accept([this](const error_code& failed, tcp::socket socket) {
     if (!acceptor_.is_open()) return;  // stopped

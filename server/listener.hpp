@@ -41,6 +41,9 @@ class Listener final : public ConnectionOwner {
   /// Connections of robots that have said hello.
   std::size_t robots() const;
 
+  /// Whether that session is open: a robot is connected to it, or may come back to it.
+  bool has_session(const std::string& robot_id, const std::string& session_id) const;
+
   void start();
   /// Accepts no more, lets the sinks finish what they have begun (drain_timeout), says bye to the
   /// robots, and then runs `stopped`. Once.

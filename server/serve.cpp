@@ -10,12 +10,15 @@
 #include <chrono>
 #include <csignal>
 #include <cstdlib>
+#include <memory>
+#include <string>
 
 #include "common/log.hpp"
 #include "common/service_status.hpp"
 #include "server/descriptors.hpp"
 #include "server/health.hpp"
 #include "server/listener.hpp"
+#include "server/retention/retention.hpp"
 
 namespace orbbuf {
 namespace {
@@ -24,6 +27,16 @@ namespace asio = boost::asio;
 using boost::system::error_code;
 
 constexpr std::chrono::seconds kLastReaping{1};
+
+std::shared_ptr<Retention> make_retention(asio::io_context& main, asio::thread_pool& files,
+                                          const Settings& settings, const Listener& listener) {
+  return std::make_shared<Retention>(
+      main, files,
+      Retention::Options{settings.sinks.files_path, settings.quota, settings.session_timeout},
+      [&listener](const std::string& robot_id, const std::string& session_id) {
+        return listener.has_session(robot_id, session_id);
+      });
+}
 
 }  // namespace
 
@@ -38,6 +51,7 @@ void serve(const Settings& settings) {
   Listener listener(main, files, settings);
   ServiceStatus service;
   Health health(main, files, service, listener);
+  const auto retention = make_retention(main, files, settings, listener);
 
   asio::signal_set signals(main, SIGINT, SIGTERM);
   signals.async_wait([&](const error_code& failed, int signal) {
@@ -51,11 +65,13 @@ void serve(const Settings& settings) {
       signals.clear();  // from here on a signal ends the process as usual
       signals.cancel();
       health.stop();
+      retention->stop();
       main.stop();
     });
   });
   listener.start();
   health.start();
+  if (settings.quota.is_set()) retention->start();
   main.run();
   main.restart();
   main.run_for(kLastReaping);  // commands that end soon after their input leave their status

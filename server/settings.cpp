@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <limits>
 #include <span>
 #include <string_view>
 #include <utility>
@@ -131,6 +132,13 @@ void load_sinks(ConfigReader& reader, SinkSettings& sinks) {
   }
 }
 
+void load_quota(ConfigReader& reader, Quota& quota) {
+  constexpr auto kMost = std::numeric_limits<std::int64_t>::max();
+  quota.bytes = reader.bytes("files.keep_size", quota.bytes, 0, kMost);
+  quota.age = reader.duration("files.keep_time", quota.age, milliseconds(0),
+                              std::chrono::nanoseconds(kMost));
+}
+
 }  // namespace
 
 Settings load_settings(ConfigReader& reader) {
@@ -143,6 +151,7 @@ Settings load_settings(ConfigReader& reader) {
   settings.drain_timeout =
       reader.duration("session.drain_timeout", settings.drain_timeout, milliseconds(0), hours(1));
   load_sinks(reader, settings.sinks);
+  load_quota(reader, settings.quota);
   reader.reject_unknown();
   return settings;
 }

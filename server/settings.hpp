@@ -10,6 +10,7 @@
 #include "common/address.hpp"
 #include "common/config.hpp"
 #include "common/net/tls.hpp"
+#include "server/retention/quota.hpp"
 #include "server/sink/make_sinks.hpp"
 
 namespace orbbuf {
@@ -38,6 +39,7 @@ struct Settings {
   std::chrono::nanoseconds session_timeout = std::chrono::minutes(10);
   std::chrono::nanoseconds drain_timeout = std::chrono::seconds(2);
   SinkSettings sinks;
+  Quota quota;  ///< of sinks.files_path, for each robot
 
   friend bool operator==(const Settings&, const Settings&) = default;
 };

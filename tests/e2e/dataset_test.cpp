@@ -2,6 +2,8 @@
 // What the server recorded of a real robot, checked and exported by the real program.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "tests/e2e/rig.hpp"
 
 namespace orbbuf::test {
@@ -15,11 +17,15 @@ class DatasetTest : public testing::Test {
 
   void SetUp() override {
     Server server(out_);
+    film(server);
+    session_ = read_record(out_, "r").folder;
+  }
+
+  static void film(const Server& server) {
     Process robot(robot_command("r", server.address(),
                                 {"source.width=160", "source.height=120", "source.realtime=false",
                                  "source.frames=" + std::to_string(kFrames)}));
     ASSERT_EQ(robot.wait(), 0) << robot.output();
-    session_ = read_record(out_, "r").folder;
   }
 
   TemporaryFolder folder_;
@@ -57,6 +63,21 @@ TEST_F(DatasetTest, IsExportedOnce) {
   const Finished again = run(command);
   EXPECT_EQ(again.status, 1);
   EXPECT_NE(again.output.find(made.string() + ": not empty"), std::string::npos) << again.output;
+}
+
+TEST_F(DatasetTest, OverTheQuotaTheOlderSessionGoesWhenTheServerIsStartedAgain) {
+  {
+    Server server(out_, {"files.keep_size=1 B"});
+    film(server);
+    EXPECT_TRUE(fs::exists(session_));
+  }
+  Server server(out_, {"files.keep_size=1 B"});
+  EXPECT_TRUE(server.process().wait_for_line(session_.filename().string() + ": removed, "));
+  const auto is_kept = [](const auto& entry) {
+    return !entry.path().filename().string().starts_with('.');
+  };
+  EXPECT_FALSE(fs::exists(session_));
+  EXPECT_EQ(std::ranges::count_if(fs::directory_iterator(out_ / "r"), is_kept), 1);
 }
 
 TEST(DatasetCommands, RefuseWhatTheyDoNotKnow) {

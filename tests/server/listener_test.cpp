@@ -91,6 +91,21 @@ TEST_F(ListenerTest, ARebootedRobotsOldSessionIsClosed) {
   EXPECT_EQ(log_.lines("r before: session closed, the robot has begun another").size(), 1U);
 }
 
+TEST_F(ListenerTest, ASessionIsOpenUntilItsRobotCannotComeBackToIt) {
+  auto robot = connect();
+  EXPECT_FALSE(server_->has_session("r", "s"));
+  ASSERT_TRUE(robot.hello("r", "s"));
+  EXPECT_TRUE(server_->has_session("r", "s"));
+  EXPECT_FALSE(server_->has_session("r", "other"));
+  robot.close();
+  const auto again = connect();
+  EXPECT_TRUE(server_->has_session("r", "s"));
+  ASSERT_TRUE(again.hello("r", "s"));
+  again.send(wire::encode(wire::Bye{}));
+  ASSERT_TRUE(again.bye());
+  EXPECT_FALSE(server_->has_session("r", "s"));
+}
+
 TEST_F(ListenerTest, ASessionGoesOnAfterARestartOfTheServer) {
   {
     const auto robot = connect();

@@ -6,7 +6,9 @@
 #include <boost/asio/thread_pool.hpp>
 #include <csignal>
 #include <cstdint>
+#include <future>
 #include <optional>
+#include <string>
 #include <thread>
 
 #include "server/listener.hpp"
@@ -31,6 +33,13 @@ class RunningServer {
   RunningServer& operator=(const RunningServer&) = delete;
 
   std::uint16_t port() const { return port_; }
+
+  bool has_session(const std::string& robot_id, const std::string& session_id) {
+    std::promise<bool> answer;
+    boost::asio::post(main_,
+                      [&] { answer.set_value(listener_->has_session(robot_id, session_id)); });
+    return answer.get_future().get();
+  }
 
   /// As a signal does it; returns when the server has closed everything.
   void stop() {

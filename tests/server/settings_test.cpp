@@ -44,6 +44,8 @@ TEST(Settings, EveryKeyIsRead) {
                              "session.drain_timeout=3 s",
                              "files.enabled=false",
                              "files.path=/out",
+                             "files.keep_size=2 GiB",
+                             "files.keep_time=720 h",
                              "mcap.enabled=true",
                              "slam.fifo=/run/{robot}",
                              "slam.format=mjpeg",
@@ -68,6 +70,7 @@ TEST(Settings, EveryKeyIsRead) {
                     true,
                     {"", "/run/{robot}", PipeFormat::kMjpeg, Restart::kNever, Resume::kLive},
                     {}};
+  expected.quota = {2ULL * 1024 * 1024 * 1024, std::chrono::hours(720)};
   EXPECT_EQ(got, expected);
 }
 
@@ -125,6 +128,8 @@ INSTANTIATE_TEST_SUITE_P(
         BadValue{{"session.timeout=never"}, "session.timeout"},
         BadValue{{"files.enabled=yes"}, "files.enabled"}, BadValue{{"files.path=''"}, "files.path"},
         BadValue{{"files.enabled=false"}, "a sink"},
+        BadValue{{"files.keep_size=1024"}, "files.keep_size"},
+        BadValue{{"files.keep_time=-1 h"}, "files.keep_time"},
         BadValue{{"files.enabled=false", "slam.command=cat", "robot.a.slam.command="},
                  "robot.a.slam.command"},
         BadValue{{"files.enabled=false", "slam.command=cat", "slam.restart=never"}, "slam.restart"},

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/retention/retention.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <boost/asio/executor_work_guard.hpp>
+#include <boost/asio/post.hpp>
+#include <cerrno>
+#include <cstdio>
+#include <map>
+#include <ratio>
+#include <utility>
+
+#include "server/retention/remove_folder.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace asio = boost::asio;
+namespace fs = std::filesystem;
+using std::chrono::steady_clock;
+using std::chrono::system_clock;
+
+constexpr std::chrono::milliseconds kStep{4};
+constexpr std::chrono::milliseconds kPause{20};  // after each step
+
+}  // namespace
+
+Retention::Retention(asio::io_context& main, asio::thread_pool& pool, Options options,
+                     IsOpen is_open)
+    : main_(main),
+      pool_(pool),
+      options_(std::move(options)),
+      is_open_(std::move(is_open)),
+      timer_(main),
+      survey_(options_.path) {}
+
+void Retention::start() { survey(true); }
+
+void Retention::stop() {
+  is_stopped_ = true;
+  timer_.cancel();
+}
+
+/// Runs `then` on `main` after a pause, unless it is all over by then.
+void Retention::pause_then(std::chrono::nanoseconds pause, std::function<void()> then) {
+  if (is_stopped_) return;
+  timer_.expires_after(pause);
+  timer_.async_wait([self = shared_from_this(), then = std::move(then)](const auto& failed) {
+    if (!failed && !self->is_stopped_) then();
+  });
+}
+
+/// One step of a pass, and all that follow.
+void Retention::survey(bool is_new) {
+  asio::post(pool_, [this, self = shared_from_this(), is_new] {
+    if (is_new) survey_.begin();
+    const bool is_over = survey_.go_on(steady_clock::now() + kStep);
+    asio::post(main_, [this, self, is_over] {
+      if (is_over) return surveyed();
+      pause_then(kPause, [this] { survey(false); });
+    });
+  });
+}
+
+void Retention::surveyed() {
+  std::map<std::string, std::vector<KeptSession>> robots;
+  for (KeptSession& session : survey_.sessions()) {
+    robots[session.robot_id].push_back(std::move(session));
+  }
+  for (const auto& [robot, sessions] : robots) {
+    const auto newest = std::ranges::max_element(sessions, {}, &KeptSession::last_write);
+    const auto may_go = [&](const KeptSession& session) {
+      return is_finished(session, session.session_id == newest->session_id);
+    };
+    const auto going = over_quota(sessions, options_.quota, system_clock::now(), may_go);
+    going_.insert(going_.end(), going.begin(), going.end());
+  }
+  const auto& left_behind = survey_.set_aside_folders();
+  aside_.assign(left_behind.begin(), left_behind.end());
+  remove_next();
+}
+
+bool Retention::is_finished(const KeptSession& session, bool is_newest) const {
+  if (is_open_(session.robot_id, session.session_id)) return false;
+  return !is_newest || system_clock::now() - session.last_write > options_.session_timeout;
+}
+
+/// What is over the quota, one after the other, and then a while of nothing.
+void Retention::remove_next() {
+  if (is_stopped_) return;
+  while (aside_.empty() && !going_.empty()) {
+    set_aside(going_.front());
+    going_.pop_front();
+  }
+  if (aside_.empty()) return pause_then(options_.interval, [this] { survey(true); });
+  const fs::path folder = std::move(aside_.front());
+  aside_.pop_front();
+  remove(folder);
+}
+
+void Retention::set_aside(const KeptSession& session) {
+  if (is_open_(session.robot_id, session.session_id)) return;  // by now
+  const fs::path robot = options_.path / session.robot_id;
+  const fs::path folder = robot / session.session_id;
+  fs::path aside = set_aside_folder(robot, session.session_id);
+  if (std::rename(folder.c_str(), aside.c_str()) != 0) {
+    return fail(system_error("remove " + folder.string(), errno));
+  }
+  aside_.push_back(std::move(aside));
+  constexpr double kMiB = 1024.0 * 1024.0;
+  const std::chrono::duration<double, std::ratio<3600>> age =
+      system_clock::now() - session.last_write;
+  const bool is_too_old = options_.quota.age.count() > 0 && age > options_.quota.age;
+  spdlog::info("{} {}: removed, {:.1f} MiB, last written to {:.1f} h ago: over {}",
+               session.robot_id, session.session_id, static_cast<double>(session.bytes) / kMiB,
+               age.count(), is_too_old ? "files.keep_time" : "files.keep_size");
+}
+
+/// Each pass tries again; the log has it once.
+void Retention::fail(const Error& error) {
+  if (failures_.insert(error.text).second) spdlog::error("{}", error.text);
+}
+
+/// One step, and all that follow.
+void Retention::remove(const fs::path& folder) {
+  asio::post(pool_, [this, self = shared_from_this(), folder] {
+    auto is_gone = remove_folder(folder, steady_clock::now() + kStep);
+    asio::post(main_, [this, self, folder, is_gone = std::move(is_gone)] {
+      if (is_gone && !is_gone.value())
+        return pause_then(kPause, [this, folder] { remove(folder); });
+      if (!is_gone) fail(is_gone.error());
+      pause_then(kPause, [this] { remove_next(); });
+    });
+  });
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <chrono>
+#include <deque>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "common/error.hpp"
+#include "server/retention/quota.hpp"
+#include "server/retention/session_survey.hpp"
+
+namespace orbbuf {
+
+/// Keeps each robot's sessions within a quota: looks what there is, at the start and then every
+/// minute, and removes what is finished and over it, the oldest first.
+///
+/// Finished: no session of this server's (`is_open`), and, since one from before its start might
+/// still be continued, not the robot's newest one while its last write is not `session_timeout`
+/// ago. That is decided, and the folder renamed, in one go on `main`, where robots are let into
+/// their sessions; so nobody can come back to a session that is on its way out. What is read and
+/// removed goes in steps of a few milliseconds through the `files` thread, behind the frames that
+/// wait there, with pauses in between. A folder that was renamed when the server died is removed by
+/// the next one.
+///
+/// Lives in a shared_ptr, which its steps hold. Thread-bound to `main`.
+class Retention : public std::enable_shared_from_this<Retention> {
+ public:
+  using IsOpen = std::function<bool(const std::string& robot_id, const std::string& session_id)>;
+
+  struct Options {
+    std::filesystem::path path;  ///< sessions are PATH/ROBOT/SESSION
+    Quota quota;
+    std::chrono::nanoseconds session_timeout{0};
+    std::chrono::nanoseconds interval = std::chrono::minutes(1);
+  };
+
+  /// `main` and `pool` as in FileSink.
+  Retention(boost::asio::io_context& main, boost::asio::thread_pool& pool, Options options,
+            IsOpen is_open);
+
+  void start();
+  /// Nothing more is begun, and no timer is left in `main`.
+  void stop();
+
+ private:
+  void survey(bool is_new);
+  void surveyed();
+  bool is_finished(const KeptSession& session, bool is_newest) const;
+  void remove_next();
+  void set_aside(const KeptSession& session);
+  void remove(const std::filesystem::path& folder);
+  void fail(const Error& error);
+  void pause_then(std::chrono::nanoseconds pause, std::function<void()> then);
+
+  boost::asio::io_context& main_;
+  boost::asio::thread_pool& pool_;
+  const Options options_;
+  const IsOpen is_open_;
+  boost::asio::steady_timer timer_;
+  SessionSurvey survey_;                     // of the step in the pool while there is one
+  std::deque<KeptSession> going_;            // oldest first, robot by robot
+  std::deque<std::filesystem::path> aside_;  // to be removed before the next of those
+  std::set<std::string> failures_;           // logged already
+  bool is_stopped_ = false;
+};
+
+}  // namespace orbbuf
