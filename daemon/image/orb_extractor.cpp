@@ -18,6 +18,8 @@ namespace orbbuf {
 namespace {
 
 constexpr float kScaleFactor = 1.4F;  // between pyramid levels
+constexpr int kFastThreshold = 20;    // of FAST: gray levels around a corner; cv::ORB's default
+constexpr int kPaleThreshold = 7;     // for images where that finds few; noise stays below it
 constexpr int kEdgePx = 31;           // cv::ORB's default: it finds nothing this close to an edge
 constexpr int kDescriptorBytes = 32;
 
@@ -51,6 +53,7 @@ int scale_of(const EncodedFrame& frame, int pixels) {
 struct OrbExtractor::State {
   explicit State(const FeatureSettings& settings)
       : pixels(settings.pixels),
+        few(static_cast<std::size_t>(settings.count) / 2),
         orb(cv::ORB::create(settings.count, kScaleFactor, settings.levels)) {}
 
   /// One line for each kind of trouble, not one for each frame.
@@ -60,7 +63,16 @@ struct OrbExtractor::State {
                  sequence, why);
   }
 
+  void detect(const cv::Mat& image, std::vector<cv::KeyPoint>& points, cv::Mat& rows) {
+    for (const int threshold : {kFastThreshold, kPaleThreshold}) {
+      orb->setFastThreshold(threshold);
+      orb->detectAndCompute(image, cv::noArray(), points, rows);
+      if (points.size() >= few) return;
+    }
+  }
+
   const int pixels;
+  const std::size_t few;
   cv::Ptr<cv::ORB> orb;
   JpegCodec codec;
   std::set<std::string> warned;
@@ -84,7 +96,7 @@ void OrbExtractor::extract(const EncodedFrame& frame, FeatureSet& features) {
   std::vector<cv::KeyPoint> points;
   try {
     const cv::Mat image(gray.height_px, gray.width_px, CV_8UC1, gray.pixels.data());
-    state_->orb->detectAndCompute(image, cv::noArray(), points, rows);
+    state_->detect(image, points, rows);
   } catch (const cv::Exception& error) {
     state_->warn_once(error.func, frame.sequence, error.what());
     return;

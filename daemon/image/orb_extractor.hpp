@@ -19,8 +19,11 @@ struct FeatureSettings {
 
 /// ORB features (Rublee et al., ICCV 2011) of a frame's JPEG, through OpenCV. Of a stereo frame
 /// only the left image is judged: the paper knows mono cameras only, and what either eye sees of
-/// the scene overlaps with the last frame about as much. Thread-bound. Cost: about 3 ms for
-/// 1226x370 on a desktop core, most of it ORB, whatever the size of the image.
+/// the scene overlaps with the last frame about as much. An image of so little contrast that under
+/// half of the features are found is searched again, for fainter corners: without any features it
+/// would be unlike everything, however well SLAM sees it. Thread-bound. Cost: about 3 ms for
+/// 1226x370 on a desktop core, most of it ORB, whatever the size of the image; up to twice that for
+/// a pale one.
 class OrbExtractor {
  public:
   explicit OrbExtractor(const FeatureSettings& settings);

@@ -120,6 +120,30 @@ TEST(OrbExtractor, ABlankWallHasNoFeatures) {
   EXPECT_THAT(extract(extractor, flat_frame(640, 480)), IsEmpty());
 }
 
+/// The generated scene with nearly all contrast taken away, as where a wall fills the image.
+std::vector<FeatureSet> pale_features(std::size_t count) {
+  SourceSettings settings;
+  settings.realtime = false;
+  const auto source = make_source(settings);
+  JpegEncoder encoder({});
+  OrbExtractor extractor({});
+  std::vector<FeatureSet> features;
+  while (features.size() < count) {
+    RawFrame raw = source->next({}).value();
+    std::vector<std::uint8_t> pixels(raw.data.begin(), raw.data.end());
+    for (std::uint8_t& pixel : pixels) pixel = static_cast<std::uint8_t>(110 + pixel / 6);
+    raw.data = pixels;
+    extractor.extract(encoder.encode(raw, features.size()).value(), features.emplace_back());
+  }
+  return features;
+}
+
+TEST(OrbExtractor, WhereThereIsLittleContrastNeighboursAreStillToldFromStrangers) {
+  const auto features = pale_features(280);
+  EXPECT_THAT(similarities(features, 1), Each(Ge(50)));
+  EXPECT_LT(similarity(features[250], features[275]), 20);
+}
+
 TEST(OrbExtractor, ImagesOfAnySizeAreTakenHoweverSmall) {
   OrbExtractor extractor({});
   for (const int side : {1, 2, 8, 31, 61, 62, 63, 64, 65, 80, 100}) {
