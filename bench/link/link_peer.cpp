@@ -6,34 +6,28 @@
 //                                 into FOLDER
 // TIME is in seconds of the system's clock. Each runs until it is killed.
 #include <arpa/inet.h>
-#include <netinet/in.h>
 #include <sys/inotify.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <array>
-#include <cerrno>
 #include <chrono>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <stdexcept>
 #include <string>
-#include <system_error>
 #include <thread>
 #include <vector>
 
+#include "bench/plain_socket.hpp"
+
 namespace {
 
-using Clock = std::chrono::steady_clock;
+using orbbuf::bench::check;
 
-/// `result` of a system call, or an exception that says what was tried.
-int check(int result, const std::string& attempt) {
-  if (result < 0) throw std::system_error(errno, std::generic_category(), attempt);
-  return result;
-}
+using Clock = std::chrono::steady_clock;
 
 void print_frame(std::size_t bytes, const char* name = "") {
   const auto now = std::chrono::system_clock::now().time_since_epoch();
@@ -44,30 +38,10 @@ void print_frame(std::size_t bytes, const char* name = "") {
   std::fflush(stdout);
 }
 
-sockaddr_in endpoint(const std::string& address, const std::string& port) {
-  sockaddr_in result{};
-  result.sin_family = AF_INET;
-  result.sin_port = htons(static_cast<std::uint16_t>(std::stoul(port)));
-  if (::inet_pton(AF_INET, address.c_str(), &result.sin_addr) != 1) {
-    throw std::runtime_error("not an IPv4 address: " + address);
-  }
-  return result;
-}
-
-/// All of them, or an exception.
-void send_all(int socket, const std::vector<std::uint8_t>& bytes) {
-  for (std::size_t sent = 0; sent < bytes.size();) {
-    const auto count = ::send(socket, bytes.data() + sent, bytes.size() - sent, MSG_NOSIGNAL);
-    sent += static_cast<std::size_t>(check(static_cast<int>(count), "send"));
-  }
-}
-
 /// A frame is its length, 4 bytes, and that many bytes. Whatever the camera has filmed while send()
 /// blocked is lost: nothing is queued but by the kernel.
 void send(const std::string& address, const std::string& port, std::size_t bytes, double fps) {
-  const sockaddr_in server = endpoint(address, port);
-  const int socket = check(::socket(AF_INET, SOCK_STREAM, 0), "socket");
-  check(::connect(socket, reinterpret_cast<const sockaddr*>(&server), sizeof server), "connect");
+  const int socket = orbbuf::bench::connect_to(address, port);
   std::vector<std::uint8_t> frame(sizeof(std::uint32_t) + bytes, 'x');
   const std::uint32_t length = htonl(static_cast<std::uint32_t>(bytes));
   std::memcpy(frame.data(), &length, sizeof length);
@@ -76,22 +50,17 @@ void send(const std::string& address, const std::string& port, std::size_t bytes
   for (auto due = Clock::now();; due += interval) {
     while (due + interval < Clock::now()) due += interval;
     std::this_thread::sleep_until(due);
-    send_all(socket, frame);
+    orbbuf::bench::send_all(socket, frame.data(), frame.size());
   }
 }
 
 /// False at the end of the stream.
 bool receive_all(int socket, std::uint8_t* to, std::size_t size) {
-  const auto count = ::recv(socket, to, size, MSG_WAITALL);
-  return static_cast<std::size_t>(check(static_cast<int>(count), "receive")) == size;
+  return static_cast<std::size_t>(check(::recv(socket, to, size, MSG_WAITALL), "receive")) == size;
 }
 
 void receive(const std::string& address, const std::string& port) {
-  const sockaddr_in self = endpoint(address, port);
-  const int listener = check(::socket(AF_INET, SOCK_STREAM, 0), "socket");
-  check(::bind(listener, reinterpret_cast<const sockaddr*>(&self), sizeof self), "bind");
-  check(::listen(listener, 1), "listen");
-  const int socket = check(::accept(listener, nullptr, nullptr), "accept");
+  const int socket = orbbuf::bench::accept_one(address, port);
   std::vector<std::uint8_t> frame;
   for (std::array<std::uint8_t, sizeof(std::uint32_t)> head{};
        receive_all(socket, head.data(), head.size());) {
@@ -110,17 +79,16 @@ void print_file(const std::string& folder, const char* name) {
 }
 
 void watch(const std::string& folder) {
-  const int notify = check(::inotify_init1(IN_CLOEXEC), "inotify_init1");
+  const auto notify = static_cast<int>(check(::inotify_init1(IN_CLOEXEC), "inotify_init1"));
   check(::inotify_add_watch(notify, folder.c_str(), IN_MOVED_TO), "watch " + folder);
   std::fprintf(stderr, "watching %s\n", folder.c_str());
   constexpr std::size_t kRoom = 65536;
   for (alignas(inotify_event) std::array<char, kRoom> events{};;) {
-    const auto count =
-        check(static_cast<int>(::read(notify, events.data(), events.size())), "read events");
-    for (int at = 0; at < count;) {
+    const auto count = check(::read(notify, events.data(), events.size()), "read events");
+    for (ssize_t at = 0; at < count;) {
       const auto* event = reinterpret_cast<const inotify_event*>(events.data() + at);
       print_file(folder, event->name);
-      at += static_cast<int>(sizeof(inotify_event) + event->len);
+      at += static_cast<ssize_t>(sizeof(inotify_event) + event->len);
     }
   }
 }

@@ -9,22 +9,12 @@ flows=()
 
 start_rivals() {
   start plain "${on_server[@]}" "$build/bench/orbbuf-link-peer" receive "$ADDRESS_cubic" 5001
-  sleep 0.2
+  wait_for plain listening
   start plain-send "${on_robot[@]}" "$build/bench/orbbuf-link-peer" send "$ADDRESS_cubic" 5001 \
     $IMAGE_BYTES $FPS
   flows+=(plain)
-  if ! command -v rosmaster >/dev/null || [ ! -x "$build/bench/orbbuf-ros-peer" ]; then
-    say 'bench link: skipped: roscpp (Debian: libroscpp-dev libsensor-msgs-dev python3-rosmaster)'
-    return
-  fi
-  local ros=(env "ROS_MASTER_URI=http://$ADDRESS_cubic:11311" "ROS_LOG_DIR=$work/ros"
-    "ROS_HOME=$work/ros")
-  start rosmaster "${on_server[@]}" "${ros[@]}" "ROS_IP=$ADDRESS_cubic" rosmaster --core -p 11311
-  sleep 2
-  start roscpp "${on_server[@]}" "${ros[@]}" "ROS_IP=$ADDRESS_cubic" \
-    "$build/bench/orbbuf-ros-peer" receive
-  start roscpp-send "${on_robot[@]}" "${ros[@]}" ROS_IP=10.77.0.1 \
-    "$build/bench/orbbuf-ros-peer" send $IMAGE_BYTES $FPS
+  start_ros "$build/bench/orbbuf-ros-peer" || return 0
+  start roscpp-send "${ros_on_robot[@]}" "$build/bench/orbbuf-ros-peer" send $IMAGE_BYTES $FPS
   flows+=(roscpp)
 }
 

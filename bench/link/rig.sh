@@ -130,3 +130,19 @@ start_stream() {
   done
   start "$name" "$build/bench/orbbuf-link-peer" watch "$folder"
 }
+
+# start_ros PROGRAM: its `receive`, and the master, on the server; the words that run it on the robot
+# are in `ros_on_robot`. False, and said so, where ROS or the program is not installed.
+start_ros() {
+  if ! command -v rosmaster >/dev/null || [ ! -x "$1" ]; then
+    say 'bench: skipped: roscpp (Debian: libroscpp-dev libsensor-msgs-dev python3-rosmaster)'
+    return 1
+  fi
+  local ros=(env "ROS_MASTER_URI=http://$ADDRESS_cubic:11311" "ROS_LOG_DIR=$work/ros"
+    "ROS_HOME=$work/ros")
+  local ros_on_server=("${on_server[@]}" "${ros[@]}" "ROS_IP=$ADDRESS_cubic")
+  ros_on_robot=("${on_robot[@]}" "${ros[@]}" ROS_IP=10.77.0.1)
+  start rosmaster "${ros_on_server[@]}" rosmaster --core -p 11311
+  sleep 2
+  start roscpp "${ros_on_server[@]}" "$1" receive
+}

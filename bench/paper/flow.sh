@@ -39,9 +39,9 @@ start_orbbufd() { # POLICY
 }
 
 start_receiver() {
-  start arrivals "${on_server[@]}" "$build/bench/paper/orbbuf-paper-peer" receive "$world" \
+  start "$contender" "${on_server[@]}" "$build/bench/paper/orbbuf-paper-peer" receive "$world" \
     "$ADDRESS_cubic" 5001
-  wait_for arrivals listening
+  wait_for "$contender" listening
 }
 
 start_plain() {
@@ -65,18 +65,9 @@ start_gstreamer() {
 }
 
 start_roscpp() {
-  if ! command -v rosmaster >/dev/null || [ ! -x "$build/bench/paper/orbbuf-paper-ros-peer" ]; then
-    say 'bench paper: skipped: roscpp (Debian: libroscpp-dev libsensor-msgs-dev python3-rosmaster)'
-    exit 77
-  fi
-  local ros=(env "ROS_MASTER_URI=http://$ADDRESS_cubic:11311" "ROS_LOG_DIR=$work/ros"
-    "ROS_HOME=$work/ros")
-  start rosmaster "${on_server[@]}" "${ros[@]}" "ROS_IP=$ADDRESS_cubic" rosmaster --core -p 11311
-  sleep 2
-  start arrivals "${on_server[@]}" "${ros[@]}" "ROS_IP=$ADDRESS_cubic" \
-    "$build/bench/paper/orbbuf-paper-ros-peer" receive
-  start robot "${on_robot[@]}" "${ros[@]}" ROS_IP=10.77.0.1 \
-    "$build/bench/paper/orbbuf-paper-ros-peer" send "$world" $FPS $QUEUE
+  local peer=$build/bench/paper/orbbuf-paper-ros-peer
+  start_ros "$peer" || exit 77
+  start robot "${ros_on_robot[@]}" "$peer" send "$world" $FPS $QUEUE
 }
 
 rig_up
@@ -86,7 +77,7 @@ case $contender in
   *) start_orbbufd "$contender" ;;
 esac
 robot=${pids[-1]}
-[ ! -e "$work/arrivals.out" ] || wait_for arrivals '^00000'
+[ ! -e "$work/$contender.out" ] || wait_for "$contender" '^00000'
 sample "$robot" >"$work/samples" &
 pids+=($!)
 
@@ -114,7 +105,7 @@ sleep 0.5
 if [ -d "$work/frames" ]; then
   find "$work"/frames/r/*/images -name '*.jpg' -printf '%f %T@\n' | sed 's/\.jpg//' | sort >"$work/arrivals"
 else
-  grep -E '^[0-9]{6} ' "$work/arrivals.out" | sort >"$work/arrivals" # rosconsole says things there, too
+  grep -E '^[0-9]{6} ' "$work/$contender.out" | sort >"$work/arrivals" # rosconsole says things there, too
 fi
 cp "$work/arrivals" "$out/arrivals"
 [ -s "$work/arrivals" ] || { say "bench paper: nothing arrived of $contender" && exit 1; }
