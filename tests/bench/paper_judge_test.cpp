@@ -3,7 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <sstream>
+#include <cstdio>
+#include <memory>
+#include <stdexcept>
 #include <string>
 
 #include "bench/paper/judge/adjust.hpp"
@@ -109,21 +111,36 @@ TEST(Adjust, BringsAMovedKeyframeBack) {
   EXPECT_LT((keyframes[2].translation() - really.translation()).norm(), 1e-3);
 }
 
+/// A pipe's bytes, all of them there.
+std::unique_ptr<std::FILE, int (*)(std::FILE*)> piped(std::string& bytes) {
+  return {::fmemopen(bytes.data(), bytes.size(), "r"), std::fclose};
+}
+
 TEST(Pipe, IsReadAsTheServerWritesIt) {
-  std::istringstream in(
-      "P5\n# seq=7\n# t=12.5\n# camera=left\n2 1\n255\nab"
-      "P5\n# seq=7\n# t=12.5\n# camera=right\n2 1\n255\n#d");
-  const auto frame = read_pipe(in, true);
-  ASSERT_TRUE(frame);
-  EXPECT_EQ(frame->time_s, 12.5);
-  EXPECT_EQ(frame->left.at<uchar>(0, 1), 'b');
-  EXPECT_EQ(frame->right.at<uchar>(0, 0), '#');
-  EXPECT_FALSE(read_pipe(in, true));
+  std::string bytes =
+      "P5\n# seq=7\n# t=12.500000000\n# session=s\n# camera=left\n2 1\n255\nab"
+      "P5\n# seq=7\n# t=12.500000000\n# session=s\n# camera=right\n2 1\n255\n#d";
+  const auto in = piped(bytes);
+  Pipe pipe(in.get());
+  const auto next = pipe.next(true);
+  ASSERT_TRUE(next);
+  EXPECT_EQ(next->id, 7U);
+  EXPECT_EQ(next->frame.time_s, 12.5);
+  EXPECT_EQ(next->frame.left.at<uchar>(0, 1), 'b');
+  EXPECT_EQ(next->frame.right.at<uchar>(0, 0), '#');
+  EXPECT_FALSE(pipe.next(true));
 }
 
 TEST(Pipe, CutShortIsAnError) {
-  std::istringstream in("P5\n# t=1\n2 1\n255\na");
-  EXPECT_THROW(read_pipe(in, false), std::runtime_error);
+  std::string bytes = "P5\n# seq=0\n# t=1.000000000\n# session=s\n2 1\n255\na";
+  const auto in = piped(bytes);
+  EXPECT_THROW(Pipe(in.get()).next(false), std::runtime_error);
+}
+
+TEST(Pipe, OfOneCameraIsNotStereo) {
+  std::string bytes = "P5\n# seq=0\n# t=1.000000000\n# session=s\n1 1\n255\na";
+  const auto in = piped(bytes);
+  EXPECT_THROW(Pipe(in.get()).next(true), std::runtime_error);
 }
 
 /// A drive through the generated corridor, half the usual size.

@@ -3,9 +3,9 @@
 
 #include <spdlog/fmt/fmt.h>
 
-#include <cstdlib>
 #include <fstream>
 #include <iterator>
+#include <span>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -15,54 +15,27 @@
 namespace orbbuf::paper {
 namespace {
 
-constexpr int kLargestSide = 16384;
-
-cv::Mat load_image(const std::filesystem::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  if (!in) throw std::runtime_error("cannot read " + file.string());
-  const std::vector<std::uint8_t> jpeg(std::istreambuf_iterator<char>(in), {});
+cv::Mat decode(std::span<const std::uint8_t> jpeg, const std::string& name) {
   thread_local JpegCodec codec;
   auto image = codec.decode_gray(jpeg, 1);
-  if (!image) throw std::runtime_error(file.string() + ": " + image.error().text);
+  if (!image) throw std::runtime_error(name + ": " + image.error().text);
   return cv::Mat(image.value().height_px, image.value().width_px, CV_8U,
                  image.value().pixels.data())
       .clone();
 }
 
-struct PipeImage {
-  double time_s = 0;
-  bool is_right = false;
-  cv::Mat pixels;
-};
-
-/// The header's next word; what its comments say goes to `image`.
-std::string next_word(std::istream& in, PipeImage& image) {
-  std::string word;
-  while (in >> word && word[0] == '#') {
-    std::string comment;
-    std::getline(in >> std::ws, comment);
-    if (comment.starts_with("t=")) image.time_s = std::stod(comment.substr(2));
-    if (comment == "camera=right") image.is_right = true;
-  }
-  return in ? word : "";
+cv::Mat load_image(const std::filesystem::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  if (!in) throw std::runtime_error("cannot read " + file.string());
+  const std::vector<std::uint8_t> jpeg(std::istreambuf_iterator<char>(in), {});
+  return decode(jpeg, file.string());
 }
 
-std::optional<PipeImage> read_image(std::istream& in) {
-  PipeImage image;
-  const std::string magic = next_word(in, image);
-  if (magic.empty()) return std::nullopt;
-  if (magic != "P5") throw std::runtime_error("the pipe does not have PGM images");
-  const int width = std::atoi(next_word(in, image).c_str());
-  const int height = std::atoi(next_word(in, image).c_str());
-  const std::string depth = next_word(in, image);
-  if (width < 1 || height < 1 || width > kLargestSide || height > kLargestSide || depth != "255") {
-    throw std::runtime_error("the pipe has a PGM image of unusable size or depth");
-  }
-  in.get();  // the one blank before the pixels
-  image.pixels.create(height, width, CV_8U);
-  in.read(reinterpret_cast<char*>(image.pixels.data), static_cast<std::streamsize>(width) * height);
-  if (!in) throw std::runtime_error("the pipe ends within an image");
-  return image;
+cv::Mat pixels_of(const orbbuf_image& image) {
+  if (image.format == ORBBUF_JPEG) return decode({image.data, image.size}, "the pipe");
+  const cv::Mat pixels(static_cast<int>(image.height), static_cast<int>(image.width), CV_8U,
+                       const_cast<std::uint8_t*>(image.data));
+  return pixels.clone();
 }
 
 }  // namespace
@@ -92,16 +65,29 @@ JudgedFrame load_frame(const std::filesystem::path& folder, const ListedFrame& f
   return loaded;
 }
 
-std::optional<JudgedFrame> read_pipe(std::istream& in, bool is_stereo) {
-  const auto left = read_image(in);
+Pipe::Pipe(std::FILE* in) { orbbuf_reader_init(&reader_, in); }
+
+Pipe::~Pipe() { orbbuf_reader_free(&reader_); }
+
+std::optional<PipedFrame> Pipe::next(bool is_stereo) {
+  const auto left = next_image();
   if (!left) return std::nullopt;
-  if (left->is_right) throw std::runtime_error("the pipe has a right image without a left one");
-  JudgedFrame frame{left->time_s, left->pixels, {}};
+  if (left->camera == ORBBUF_RIGHT) {
+    throw std::runtime_error("the pipe has a right image without a left one");
+  }
+  PipedFrame frame{left->seq, {left->t, pixels_of(*left), {}}};
   if (!is_stereo) return frame;
-  const auto right = read_image(in);
-  if (!right || !right->is_right) throw std::runtime_error("the pipe is not stereo");
-  frame.right = right->pixels;
+  const auto right = next_image();
+  if (!right || right->camera != ORBBUF_RIGHT) throw std::runtime_error("the pipe is not stereo");
+  frame.frame.right = pixels_of(*right);
   return frame;
+}
+
+std::optional<orbbuf_image> Pipe::next_image() {
+  orbbuf_image image{};
+  const int got = orbbuf_read(&reader_, &image);
+  if (got < 0) throw std::runtime_error(std::string("the pipe: ") + reader_.error);
+  return got == 0 ? std::nullopt : std::optional(image);
 }
 
 }  // namespace orbbuf::paper

@@ -3,13 +3,14 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <cstdio>
 #include <filesystem>
-#include <istream>
 #include <optional>
 #include <vector>
 
 #include "bench/paper/camera.hpp"
 #include "bench/paper/judge/odometry.hpp"
+#include "server/sink/orbbuf_pipe.h"
 
 namespace orbbuf::paper {
 
@@ -27,8 +28,28 @@ std::vector<ListedFrame> list_frames(const std::filesystem::path& folder);
 JudgedFrame load_frame(const std::filesystem::path& folder, const ListedFrame& frame,
                        bool with_right);
 
-/// The next frame of orbbuf-server's pipe (format "pgm"); nothing at its end. Throws
-/// std::runtime_error if it is anything else, or ends within a frame.
-std::optional<JudgedFrame> read_pipe(std::istream& in, bool is_stereo);
+struct PipedFrame {
+  std::uint64_t id = 0;  ///< its sequence number
+  JudgedFrame frame;
+};
+
+/// What orbbuf-server writes to a SLAM program.
+class Pipe {
+ public:
+  /// `in` stays the caller's.
+  explicit Pipe(std::FILE* in);
+  ~Pipe();
+  Pipe(const Pipe&) = delete;
+  Pipe& operator=(const Pipe&) = delete;
+
+  /// The next frame; nothing at the end. Throws std::runtime_error if it is anything else, or ends
+  /// within a frame.
+  std::optional<PipedFrame> next(bool is_stereo);
+
+ private:
+  std::optional<orbbuf_image> next_image();
+
+  orbbuf_reader reader_;
+};
 
 }  // namespace orbbuf::paper

@@ -5,10 +5,10 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <CLI/CLI.hpp>
+#include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <filesystem>
-#include <iostream>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -33,8 +33,8 @@ struct Options {
 
 Verdict judge_pipe(const Camera& camera) {
   Judge judge(camera);
-  std::uint64_t id = 0;
-  while (const auto frame = read_pipe(std::cin, camera.is_stereo())) judge.see(*frame, id++);
+  Pipe pipe(stdin);
+  while (const auto next = pipe.next(camera.is_stereo())) judge.see(next->frame, next->id);
   return judge.verdict();
 }
 
@@ -55,9 +55,19 @@ Verdict judge_folder(const Options& options, const Camera& camera) {
   return judge.verdict();
 }
 
+/// One word for a shell, whatever is in it.
+std::string quoted(const std::filesystem::path& path) {
+  std::string word = "'";
+  for (const char c : std::filesystem::absolute(path).string()) {
+    word += c == '\'' ? R"('\'')" : std::string(1, c);
+  }
+  return word + "'";
+}
+
 void replace(std::string& text, const std::string& name, const std::filesystem::path& path) {
-  for (auto at = text.find(name); at != std::string::npos; at = text.find(name)) {
-    text.replace(at, name.size(), std::filesystem::absolute(path).string());
+  const std::string word = quoted(path);
+  for (auto at = text.find(name); at != std::string::npos; at = text.find(name, at + word.size())) {
+    text.replace(at, name.size(), word);
   }
 }
 
@@ -127,7 +137,8 @@ int main(int argc, char** argv) {
   app.add_option("--trajectory", options.trajectory, "to write what was found to (TUM)");
   app.add_option("--slam", options.slam,
                  "a shell command to judge instead; it reads {images}, {calib} and {times} and "
-                 "writes {trajectory} (TUM, the camera's pose in the world)");
+                 "writes {trajectory} (TUM, the camera's pose in the world); these are put in "
+                 "quoted");
   app.add_option("--without", options.without, "FIRST COUNT: frames to leave out")->expected(2);
   CLI11_PARSE(app, argc, argv);
   try {
