@@ -28,3 +28,23 @@ set ylabel "M(a, b)"
 set yrange [0:*]
 if (there("similarity.csv")) plot out . "/similarity.csv" every ::1 using 1:3 with linespoints pt 7 ps 0.5 lc rgb "#009e73" title "mean", \
   "" every ::1 using 1:4 with linespoints pt 7 ps 0.5 lc rgb "#cc79a7" title "lowest"
+
+set output out . "/paper_enqueue.svg"
+set xlabel "frame"
+set ylabel "time to enqueue, ms"
+if (there("enqueue.csv")) plot out . "/enqueue.csv" every ::1 using 1:2 with impulses lc rgb "#0072b2" notitle
+
+set output out . "/paper_buffers.svg"
+set xlabel "buffer, frames"
+set ylabel "ATE, times the unbroken sequence's"
+set logscale y
+set yrange [0.2:30]
+set style boxplot outliers pointtype 7
+set boxwidth 1.6
+set style fill solid 0.4
+# A lost run counts as 25.
+runs_of(size, policy) = sprintf("< awk -F, '$4 == %d && $5 == \"%s\" { print ($7 == \"inf\" ? 25 : $7) }' %s/traces.csv", size, policy, out)
+sizes = there("traces.csv") ? int(system("cut -d, -f4 " . out . "/traces.csv | sort -u | wc -l")) - 1 : 0
+if (sizes > 1) plot \
+  for [size = 5:35:5] runs_of(size, "drop-oldest") using (size - 1.0):1 with boxplot lc rgb "#d55e00" pt 7 ps 0.3 title (size == 5 ? "drop-oldest" : ""), \
+  for [size = 5:35:5] runs_of(size, "orbbuf") using (size + 1.0):1 with boxplot lc rgb "#0072b2" pt 7 ps 0.3 title (size == 5 ? "orbbuf" : "")

@@ -14,8 +14,8 @@ $(awk -F': ' '/model name/ { print $2; exit }' /proc/cpuinfo).
 
 Unbroken, mono corridor and stereo street:
 
-    $(grep -h ^unbroken "$out/corridor.log")
-    $(grep -h ^unbroken "$out/street.log")
+    $(grep -hs ^unbroken "$out/corridor.log")
+    $(grep -hs ^unbroken "$out/street.log")
 
 ### How many frames in a row may be missing (sec. III-F)
 
@@ -30,4 +30,6 @@ PAGE
   table peers.md
   printf '### Links of moving cars, simulated (sec. IV-B)\n\n'
   table traces.md
+  printf 'Time to enqueue a frame that costs another, from the street.log: %s\n' \
+    "$(sed -n 's/^RESULT paper.enqueue.\([a-z]*\)_ms/\1/p' "$out/street.log" 2>/dev/null | paste -sd' ')"
 }

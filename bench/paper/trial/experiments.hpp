@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "bench/paper/trial/scene.hpp"
+#include "daemon/buffer/make_policy.hpp"
 
 namespace orbbuf::paper {
 
@@ -16,11 +17,13 @@ struct TrialOptions {
   std::uint64_t seed = 1;
   std::size_t places = 20;
   std::vector<double> outages_s = {1, 2, 3, 4};
-  std::size_t capacity = 25;
+  std::size_t capacity = 25;                ///< of the buffer, frames; but for the traces
   double rate = 2;                          ///< of the link, as a multiple of what the stream needs
   std::size_t repeats = 3;                  ///< starts within each trace
   std::vector<double> needs = {0.5, 1, 2};  ///< of the stream, as multiples of a trace's mean
   std::filesystem::path traces;             ///< folder with ghent/ and mahimahi/
+  std::vector<std::string> policies{kPolicies.begin(), kPolicies.end()};
+  std::vector<std::size_t> buffers = {20};  ///< traces: frames; the tables are of the first
 };
 
 /// Each runs an experiment on a simulated link with the policies of orbbufd, judges what came
@@ -30,8 +33,11 @@ struct TrialOptions {
 std::string try_interruptions(Scene& scene, const TrialOptions& options);
 /// Sec. IV-B, fig. "buf": the smallest buffer with which 95 % of the places survive each outage.
 std::string try_buffers(Scene& scene, const TrialOptions& options);
-/// Sec. IV-B: the links of moving cars, a buffer of two seconds.
+/// Sec. IV-B: the links of moving cars.
 std::string try_traces(Scene& scene, const TrialOptions& options);
+/// Sec. IV-B: how long each frame's push takes on the link of the first trace, the default policy
+/// with its own features. The one experiment that is not the same for the same seed.
+std::string time_enqueue(Scene& scene, const TrialOptions& options);
 /// Sec. III-F: similarity by distance, and how many missing frames in a row the judge does not
 /// stand, by the first.
 std::string try_tolerance(Scene& scene, const TrialOptions& options);

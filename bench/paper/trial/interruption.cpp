@@ -16,7 +16,6 @@
 #include "bench/paper/trial/report.hpp"
 #include "bench/sim/simulation.hpp"
 #include "bench/sim/trial.hpp"
-#include "daemon/buffer/make_policy.hpp"
 
 namespace orbbuf::paper {
 namespace {
@@ -116,7 +115,7 @@ std::string table(const std::vector<Run>& runs, const TrialOptions& options) {
     line += "---|";
   }
   text += " all |" + line + "---|\n";
-  for (const std::string_view policy : kPolicies) {
+  for (const std::string& policy : options.policies) {
     text += fmt::format("| {} |", policy);
     for (const double outage_s : options.outages_s) {
       text += fmt::format(" {} |", to_text(survivors(runs, policy, outage_s)));
@@ -150,7 +149,7 @@ std::string try_interruptions(Scene& scene, const TrialOptions& options) {
   std::vector<Run> runs;
   for (const double outage_s : options.outages_s) {
     for (const Place& place : draw_places(scene, options, outage_s)) {
-      for (const std::string_view policy : kPolicies) {
+      for (const std::string& policy : options.policies) {
         runs.push_back(simulate_run(scene, policy, place, options.capacity, options.rate));
       }
     }
@@ -165,7 +164,7 @@ std::string try_interruptions(Scene& scene, const TrialOptions& options) {
   write_text(options.out / "interruption.md", table(runs, options));
   std::string results;
   std::string plot;
-  for (const std::string_view policy : kPolicies) {
+  for (const std::string& policy : options.policies) {
     const Share share = survivors(runs, policy, 0);
     const auto [low, high] = share.interval();
     plot += fmt::format("{} {:.4f} {:.4f} {:.4f}\n", policy, share.value(), low, high);
@@ -183,7 +182,7 @@ std::string try_buffers(Scene& scene, const TrialOptions& options) {
   std::string markdown = fmt::format(
       "| policy | buffer needed for an outage of {} s, frames |\n|---|---|\n", outage_s);
   std::string results;
-  for (const std::string_view policy : kPolicies) {
+  for (const std::string& policy : options.policies) {
     // Halving: more buffer is taken to be no worse.
     std::size_t too_small = 0;
     std::size_t enough = kLargestBuffer + kBufferStep;

@@ -3,9 +3,11 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <limits>
 #include <map>
+#include <memory>
 #include <random>
 #include <tuple>
 #include <utility>
@@ -18,11 +20,11 @@
 #include "bench/sim/clairvoyant.hpp"
 #include "bench/sim/trial.hpp"
 #include "daemon/buffer/make_policy.hpp"
+#include "daemon/image/orb_extractor.hpp"
 
 namespace orbbuf::paper {
 namespace {
 
-constexpr double kBufferS = 2;
 constexpr double kGoodRatio = 1.2;
 constexpr double kLost = std::numeric_limits<double>::infinity();
 const char* const kClairvoyant = "clairvoyant";  // as far as M goes
@@ -33,6 +35,7 @@ struct Run {
   std::string trace;
   double need = 0;  ///< of the stream, as a multiple of the link's mean
   std::size_t repeat = 0;
+  std::size_t capacity = 0;
   std::string policy;
   std::vector<std::size_t> received;
   double ratio = kLost;  ///< of the ATE to the unbroken sequence's
@@ -61,33 +64,96 @@ int steadiness(double motion_m) {
   return static_cast<int>(1e9 * std::exp(-std::min(20.0, much * much)));
 }
 
-/// All policies, and two clairvoyants with the default's opportunities, from one start in a trace.
-void simulate_start(Scene& scene, const RateTrace& trace, double need, std::size_t repeat,
-                    std::mt19937_64& random, std::vector<Run>& runs) {
+/// Where in a trace a run begins.
+struct Start {
+  const RateTrace* trace = nullptr;
+  double need = 0;
+  std::size_t repeat = 0;
+  double offset_s = 0;
+  std::uint64_t seed = 0;
+
+  double scale(double stream_bytes_per_s) const {
+    return is_scaled(*trace) ? stream_bytes_per_s / need / trace->mean_bytes_per_s() : 1;
+  }
+};
+
+std::vector<Start> draw_starts(const std::vector<RateTrace>& traces, const TrialOptions& options) {
+  std::mt19937_64 random(options.seed);
+  std::vector<Start> starts;
+  for (const RateTrace& trace : traces) {
+    for (const double need : is_scaled(trace) ? options.needs : std::vector<double>{0}) {
+      for (std::size_t i = 0; i < options.repeats; ++i) {
+        const double offset_s = uniform(random, 0, trace.duration_s());
+        starts.push_back({&trace, need, i, offset_s, random()});
+      }
+    }
+  }
+  return starts;
+}
+
+sim::FinishTime link_from(const Start& start, double stream_bytes_per_s) {
+  return [&trace = *start.trace, scale = start.scale(stream_bytes_per_s), at_s = start.offset_s](
+             std::int64_t start_ns, std::size_t bytes) {
+    return finish(trace, scale, at_s, start_ns, bytes);
+  };
+}
+
+/// The policies, and with the first size of buffer two clairvoyants with the default's
+/// opportunities.
+void simulate_start(Scene& scene, const Start& start, const TrialOptions& options,
+                    std::size_t capacity, std::vector<Run>& runs) {
   sim::RecordedSequence& sequence = scene.sequence();
   const double stream = sequence.mean_jpeg_bytes() * scene.fps();
-  const double scale = is_scaled(trace) ? stream / need / trace.mean_bytes_per_s() : 1;
-  const double offset_s = uniform(random, 0, trace.duration_s());
-  const std::uint64_t seed = random();
-  const auto capacity = static_cast<std::size_t>(std::lround(kBufferS * scene.fps()));
-  const sim::FinishTime link = [&](std::int64_t start_ns, std::size_t bytes) {
-    return finish(trace, scale, offset_s, start_ns, bytes);
+  const sim::FinishTime link = link_from(start, stream);
+  Run run{start.trace->name,
+          stream / (start.trace->mean_bytes_per_s() * start.scale(stream)),
+          start.repeat,
+          capacity,
+          "",
+          {},
+          kLost};
+  const auto add = [&](const std::string& policy, std::vector<std::size_t> received) {
+    run.policy = policy;
+    run.received = std::move(received);
+    runs.push_back(run);
   };
-  const double real_need = stream / (trace.mean_bytes_per_s() * scale);
   for (const sim::Contender& contender : sim::contenders()) {
-    if (contender.name.starts_with("idea-")) continue;
+    if (std::ranges::count(options.policies, contender.name) == 0) continue;
     const auto delivery =
-        sim::simulate(sequence.frames(), link, capacity, contender.make(sequence, seed));
-    runs.push_back({trace.name, real_need, repeat, contender.name, delivery.received, kLost});
-    if (contender.name != "orbbuf") continue;
-    const auto best = sim::clairvoyant(
-        delivery, [&](std::size_t i, std::size_t j) { return sequence.similarity(i, j); });
-    runs.push_back({trace.name, real_need, repeat, kClairvoyant, best, kLost});
-    const auto steady = sim::clairvoyant(
-        delivery, [&](std::size_t i, std::size_t j) { return steadiness(scene.motion_m(i, j)); });
-    runs.push_back({trace.name, real_need, repeat, kByMotion, steady, kLost});
+        sim::simulate(sequence.frames(), link, capacity, contender.make(sequence, start.seed));
+    add(contender.name, delivery.received);
+    if (contender.name != "orbbuf" || capacity != options.buffers.front()) continue;
+    add(kClairvoyant, sim::clairvoyant(delivery, [&](std::size_t i, std::size_t j) {
+          return sequence.similarity(i, j);
+        }));
+    add(kByMotion, sim::clairvoyant(delivery, [&](std::size_t i, std::size_t j) {
+          return steadiness(scene.motion_m(i, j));
+        }));
   }
 }
+
+/// The default policy with its own features, and what its choices take, by the newest frame.
+class TimedPolicy final : public DropPolicy {
+ public:
+  explicit TimedPolicy(std::vector<double>& times_ms)
+      : times_ms_(times_ms), policy_(make_policy({}, [this](const auto& frame, auto& features) {
+          extractor_.extract(frame, features);
+        })) {}
+
+  bool prepare(const BufferView& view) override { return policy_->prepare(view); }
+  std::size_t victim(const BufferView& view) override {
+    const auto begin = std::chrono::steady_clock::now();
+    const std::size_t victim = policy_->victim(view);
+    times_ms_.at(view.waiting.back()->sequence) +=
+        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
+    return victim;
+  }
+
+ private:
+  std::vector<double>& times_ms_;
+  OrbExtractor extractor_{FeatureSettings{}};
+  std::unique_ptr<DropPolicy> policy_;
+};
 
 double median(std::vector<double> values) {
   if (values.empty()) return kLost;
@@ -124,24 +190,38 @@ Share good_where_possible(const std::vector<Run>& runs, std::string_view policy)
 
 std::string number(double ratio) { return ratio == kLost ? "lost" : fmt::format("{:.2f}", ratio); }
 
-std::string report(const std::vector<Run>& runs, const std::vector<RateTrace>& traces,
-                   const TrialOptions& options) {
-  std::string csv = "trace,need,repeat,policy,delivered,ate_ratio\n";
+std::string times_better(const std::vector<Run>& runs, const std::string& trace) {
+  const double ours = median(ratios(runs, trace, "orbbuf"));
+  const double oldest = median(ratios(runs, trace, "drop-oldest"));
+  if (ours == kLost) return oldest == kLost ? "both lost" : "0";
+  return oldest == kLost ? "lost" : fmt::format("{:.2f}", oldest / ours);
+}
+
+void write_csv(const std::vector<Run>& runs, const TrialOptions& options) {
+  std::string csv = "trace,need,repeat,buffer,policy,delivered,ate_ratio\n";
   for (const Run& run : runs) {
-    csv += fmt::format("{},{:.3f},{},{},{},{:.4f}\n", run.trace, run.need, run.repeat, run.policy,
-                       run.received.size(), run.ratio);
+    csv += fmt::format("{},{:.3f},{},{},{},{},{:.4f}\n", run.trace, run.need, run.repeat,
+                       run.capacity, run.policy, run.received.size(), run.ratio);
   }
   write_text(options.out / "traces.csv", csv);
-  std::vector<std::string> policies(kPolicies.begin(), kPolicies.end());
-  policies.insert(policies.end(), {kClairvoyant, kByMotion});
+}
+
+std::string report(const std::vector<Run>& runs, const std::vector<RateTrace>& traces,
+                   const TrialOptions& options) {
   std::string markdown = "| policy |";
   std::string line = "\n|---|";
+  std::string better = "| drop-oldest / orbbuf |";
+  std::string results;
   for (const RateTrace& trace : traces) {
     markdown += fmt::format(" {} |", trace.name);
     line += "---|";
+    better += fmt::format(" {} |", times_better(runs, trace.name));
+    results += fmt::format("RESULT paper.4g.{}.drop_oldest_by_orbbuf {}\n", trace.name,
+                           times_better(runs, trace.name));
   }
   markdown += " lost | at most 1.2, where anybody is |" + line + "---|---|\n";
-  std::string results;
+  std::vector<std::string> policies = options.policies;
+  policies.insert(policies.end(), {kClairvoyant, kByMotion});
   for (const std::string& policy : policies) {
     markdown += fmt::format("| {} |", policy);
     for (const RateTrace& trace : traces) {
@@ -150,12 +230,12 @@ std::string report(const std::vector<Run>& runs, const std::vector<RateTrace>& t
       results += fmt::format("RESULT paper.4g.{}.{}.ate_ratio {:.3f}\n", trace.name, policy, ratio);
     }
     const auto all = ratios(runs, "", policy);
-    markdown += fmt::format(" {} of {} | {} |\n", std::ranges::count(all, kLost), all.size(),
-                            to_text(good_where_possible(runs, policy)));
-    results += fmt::format("RESULT paper.4g.{}.good_share {:.4f}\n", policy,
-                           good_where_possible(runs, policy).value());
+    const Share good = good_where_possible(runs, policy);
+    markdown += fmt::format(" {} of {} | {} of {}: {} |\n", std::ranges::count(all, kLost),
+                            all.size(), good.some, good.all, to_text(good));
+    results += fmt::format("RESULT paper.4g.{}.good_share {:.4f}\n", policy, good.value());
   }
-  write_text(options.out / "traces.md", markdown);
+  write_text(options.out / "traces.md", markdown + better + "\n");
   return results;
 }
 
@@ -164,15 +244,13 @@ std::string report(const std::vector<Run>& runs, const std::vector<RateTrace>& t
 std::string try_traces(Scene& scene, const TrialOptions& options) {
   const std::vector<RateTrace> traces = load_traces(options);
   if (traces.empty()) return "";
-  std::mt19937_64 random(options.seed);
   std::vector<Run> runs;
   {
-    Progress progress("simulate traces", "traces", traces.size());
-    for (const RateTrace& trace : traces) {
-      for (const double need : is_scaled(trace) ? options.needs : std::vector<double>{0}) {
-        for (std::size_t i = 0; i < options.repeats; ++i) {
-          simulate_start(scene, trace, need, i, random, runs);
-        }
+    const std::vector<Start> starts = draw_starts(traces, options);
+    Progress progress("simulate traces", "starts", starts.size());
+    for (const Start& start : starts) {
+      for (const std::size_t capacity : options.buffers) {
+        simulate_start(scene, start, options, capacity, runs);
       }
       progress.add();
     }
@@ -185,7 +263,29 @@ std::string try_traces(Scene& scene, const TrialOptions& options) {
       runs[i].ratio = scene.error(verdict.trajectory, all).ate_m / unbroken_m;
     }
   });
+  write_csv(runs, options);
+  std::erase_if(runs, [&](const Run& run) { return run.capacity != options.buffers.front(); });
   return report(runs, traces, options);
+}
+
+std::string time_enqueue(Scene& scene, const TrialOptions& options) {
+  const std::vector<RateTrace> traces = load_traces(options);
+  if (traces.empty()) return "";
+  const sim::RecordedSequence& sequence = scene.sequence();
+  std::vector<double> times_ms(scene.size(), 0);
+  sim::simulate(
+      sequence.frames(),
+      link_from(draw_starts(traces, options).front(), sequence.mean_jpeg_bytes() * scene.fps()),
+      options.buffers.front(), std::make_unique<TimedPolicy>(times_ms));
+  std::string csv = "frame,ms\n";
+  for (std::size_t i = 0; i < times_ms.size(); ++i)
+    csv += fmt::format("{},{:.4f}\n", i, times_ms[i]);
+  write_text(options.out / "enqueue.csv", csv);
+  std::erase(times_ms, 0);
+  if (times_ms.empty()) return "";
+  return fmt::format(
+      "RESULT paper.enqueue.median_ms {:.3f}\nRESULT paper.enqueue.worst_ms {:.3f}\n",
+      median(times_ms), *std::ranges::max_element(times_ms));
 }
 
 }  // namespace orbbuf::paper

@@ -34,6 +34,7 @@ void run(const Options& options) {
   if (wanted.contains("interruption")) results += try_interruptions(scene, options.trial);
   if (wanted.contains("buffer")) results += try_buffers(scene, options.trial);
   if (wanted.contains("traces")) results += try_traces(scene, options.trial);
+  if (wanted.contains("enqueue")) results += time_enqueue(scene, options.trial);
   if (wanted.contains("sessions")) {
     results += judge_sessions(scene, options.trial, options.outages, options.sessions);
   }
@@ -47,7 +48,8 @@ int main(int argc, char** argv) {
   CLI::App app("The paper's experiments, on a generated world and a simulated link");
   app.add_option("world", options.world, "folder of orbbuf-world")->required();
   app.add_option("--run", options.experiments)
-      ->check(CLI::IsMember({"tolerance", "interruption", "buffer", "traces", "sessions"}))
+      ->check(
+          CLI::IsMember({"tolerance", "interruption", "buffer", "traces", "enqueue", "sessions"}))
       ->required();
   app.add_option("--out", options.trial.out, "folder for tables and CSV")->required();
   app.add_option("--seed", options.trial.seed)->capture_default_str();
@@ -59,6 +61,10 @@ int main(int argc, char** argv) {
   app.add_option("--needs", options.trial.needs, "of the stream, in means of a trace")
       ->capture_default_str();
   app.add_option("--traces", options.trial.traces, "folder of traces");
+  app.add_option("--policies", options.trial.policies, "these only, on simulated links")
+      ->check(CLI::IsMember(std::vector(options.trial.policies)));
+  app.add_option("--buffers", options.trial.buffers, "traces: frames; the first: for the tables")
+      ->capture_default_str();
   app.add_option("--outage-list", options.outages, "sessions: lines NAME FIRST LAST (frames)");
   app.add_option("--session", options.sessions, "NAME=FOLDER");
   CLI11_PARSE(app, argc, argv);
