@@ -35,7 +35,7 @@ if [ -n "$full" ]; then
   mobile=(--needs 0.5 1 2 --repeats 10 --buffers 20 5 10 15 25 30 35)
 else
   street_frames=400 outages=(2 3)
-  mobile=(--needs 1 --repeats 2 --policies orbbuf drop-oldest)
+  mobile=(--needs 1 --repeats 4 --policies orbbuf drop-oldest)
 fi
 wants() { [ -z "$only" ] || [ "$only" = "$1" ]; }
 began=$EPOCHSECONDS
