@@ -52,10 +52,12 @@ void turn_away(tcp::socket& socket, const std::string& why) {
 
 }  // namespace
 
-Listener::Listener(asio::io_context& main, asio::thread_pool& pool, Settings settings)
+Listener::Listener(asio::io_context& main, asio::thread_pool& pool, Settings settings,
+                   Figures* figures)
     : main_(main),
       pool_(pool),
       settings_(std::move(settings)),
+      figures_(figures),
       tls_(make_tls_context(settings_.listen.tls)),
       acceptor_(listen_on(main, settings_.listen)),
       retry_(main) {}
@@ -189,6 +191,7 @@ Result<std::shared_ptr<Session>> Listener::session_for(const SessionKey& key,
                                              sessions_.erase(key);
                                              check_stopped();
                                            });
+  if (figures_ != nullptr) session->show(figures_->begin(session->info()));
   sessions_.emplace(key, session);
   return session;
 }

@@ -33,8 +33,9 @@ namespace orbbuf {
 class Listener final : public ConnectionOwner {
  public:
   /// Listens; accepts from start() on. Throws std::runtime_error, saying on what and why not, or
-  /// which key or certificate cannot be used.
-  Listener(boost::asio::io_context& main, boost::asio::thread_pool& pool, Settings settings);
+  /// which key or certificate cannot be used. `figures`, null if nobody looks, must outlive it.
+  Listener(boost::asio::io_context& main, boost::asio::thread_pool& pool, Settings settings,
+           Figures* figures = nullptr);
 
   boost::asio::ip::tcp::endpoint endpoint() const { return acceptor_.local_endpoint(); }
 
@@ -67,6 +68,7 @@ class Listener final : public ConnectionOwner {
   boost::asio::io_context& main_;
   boost::asio::thread_pool& pool_;
   const Settings settings_;
+  Figures* const figures_;
   const std::unique_ptr<TlsContext> tls_;  // null: plain TCP
   boost::asio::ip::tcp::acceptor acceptor_;
   boost::asio::steady_timer retry_;

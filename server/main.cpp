@@ -16,6 +16,7 @@
 #include "common/log.hpp"
 #include "server/dataset/check_session.hpp"
 #include "server/dataset/export_session.hpp"
+#include "server/live/status_socket.hpp"
 #include "server/serve.hpp"
 #include "server/settings.hpp"
 
@@ -130,6 +131,27 @@ void add_export(CLI::App& app, Command& command) {
       [&command, options] { command = [options] { return export_session(*options); }; });
 }
 
+int status(const std::string& socket) {
+  const auto table = orbbuf::ask_status(socket);
+  if (!table) {
+    spdlog::error("{}", table.error().text);
+    return EXIT_FAILURE;
+  }
+  std::cout << table.value();
+  return EXIT_SUCCESS;
+}
+
+void add_status(CLI::App& app, Command& command) {
+  CLI::App& status_app =
+      *app.add_subcommand("status", "Show the robots of the server that runs, and how they do");
+  const auto socket = std::make_shared<std::string>(orbbuf::kAutomaticSocket);
+  status_app
+      .add_option("SOCKET", *socket,
+                  "Its status.socket; without one, this user's server, or the machine's service")
+      ->type_name("");
+  status_app.callback([&command, socket] { command = [socket] { return status(*socket); }; });
+}
+
 }  // namespace
 
 int main(int argc, char** argv) try {
@@ -140,6 +162,7 @@ int main(int argc, char** argv) try {
   add_serve(app, command);
   add_check(app, command);
   add_export(app, command);
+  add_status(app, command);
   CLI11_PARSE(app, argc, argv);
 
   orbbuf::set_up_log("info");

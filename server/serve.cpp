@@ -11,13 +11,17 @@
 #include <csignal>
 #include <cstdlib>
 #include <memory>
+#include <optional>
+#include <stdexcept>
 #include <string>
 
 #include "common/log.hpp"
 #include "common/service_status.hpp"
 #include "server/descriptors.hpp"
 #include "server/health.hpp"
+#include "server/http/http_server.hpp"
 #include "server/listener.hpp"
+#include "server/live/status_socket.hpp"
 #include "server/retention/retention.hpp"
 
 namespace orbbuf {
@@ -38,17 +42,35 @@ std::shared_ptr<Retention> make_retention(asio::io_context& main, asio::thread_p
       });
 }
 
+/// Where the place is ours to choose, that it is taken is no reason not to serve.
+std::unique_ptr<StatusSocket> open_status(asio::io_context& main, const std::string& setting,
+                                          const Figures& figures) {
+  const auto path = status_socket_path(setting);
+  if (path.empty()) return nullptr;
+  try {
+    return std::make_unique<StatusSocket>(main, path, figures);
+  } catch (const std::runtime_error& error) {
+    if (setting != kAutomaticSocket) throw;
+    spdlog::info("`orbbuf-server status` will not show this server: {}", error.what());
+    return nullptr;
+  }
+}
+
 }  // namespace
 
 void serve(const Settings& settings) {
   name_this_thread("main");
   std::signal(SIGPIPE, SIG_IGN);
   check_sinks(settings.sinks);
-  allow_descriptors_for(settings.listen.max_connections);
+  allow_descriptors_for(settings.listen.max_connections + HttpServer::kMaxConnections);
   asio::io_context main(1);
   asio::thread_pool files(1);  // ends before `main`, to which its work reports
   asio::post(files, [] { name_this_thread("files"); });
-  Listener listener(main, files, settings);
+  Figures figures(settings.listen.max_robots, settings.http_address.has_value());
+  const auto status = open_status(main, settings.status_socket, figures);
+  std::optional<HttpServer> http;
+  if (settings.http_address) http.emplace(main, files, settings, figures);
+  Listener listener(main, files, settings, http || status ? &figures : nullptr);
   ServiceStatus service;
   Health health(main, files, service, listener);
   const auto retention = make_retention(main, files, settings, listener);
@@ -66,9 +88,13 @@ void serve(const Settings& settings) {
       signals.cancel();
       health.stop();
       retention->stop();
+      if (http) http->stop();
+      if (status) status->stop();
       main.stop();
     });
   });
+  if (http) http->start();
+  if (status) status->start();
   listener.start();
   health.start();
   if (settings.quota.is_set()) retention->start();

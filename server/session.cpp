@@ -58,6 +58,7 @@ void Session::attach(const std::shared_ptr<SessionPeer>& peer) {
   peer_ = peer;
   is_peer_waiting_ = true;
   timer_.cancel();
+  if (figures_) figures_->connected();
   if (old) old->replaced();
   nobody_waits();
 }
@@ -66,6 +67,7 @@ void Session::detach(const SessionPeer& peer) {
   if (peer_.lock().get() != &peer) return;
   peer_.reset();
   is_peer_waiting_ = false;
+  if (figures_) figures_->disconnected();
   if (is_closing()) return;
   start_timeout();
   nobody_waits();
@@ -105,6 +107,7 @@ void Session::write_drops(wire::Dropped dropped, Taken taken) {
 }
 
 void Session::note(const wire::Report& report) {
+  if (figures_) figures_->told(report);
   const wire::Stats& stats = report.account;
   spdlog::debug(
       "{}: captured {} = skipped {} + failed {} + dropped {} + acknowledged {} + waiting {} + "
@@ -151,10 +154,20 @@ void Session::sink_done(const std::optional<Error>& error) {
   }
   if (++job_->sink < sinks_.size()) return call_sink();
   position_ = job_->then;
+  show_job();
   const Taken taken = std::move(job_->taken);
   job_.reset();
   if (taken) return taken();
   settle();
+}
+
+void Session::show_job() const {
+  if (!figures_) return;
+  if (job_->frame) {
+    figures_->delivered(job_->frame);
+  } else {
+    figures_->dropped(job_->records);
+  }
 }
 
 void Session::note_failure(const std::optional<Error>& error) {
@@ -220,6 +233,7 @@ void Session::drain() {
 void Session::finish_close() {
   const auto self = shared_from_this();  // `closed_` may drop the last reference
   timer_.cancel();
+  if (figures_) figures_->ended();
   for (const auto& sink : std::exchange(sinks_, {})) sink->close();
   spdlog::info("{}: {}; next frame {}, {} drop records", name_, to_string(*end_),
                position_.next_sequence, position_.next_drop);

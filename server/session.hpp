@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "common/wire.hpp"
+#include "server/live/figures.hpp"
 #include "server/sink/frame_sink.hpp"
 
 namespace orbbuf {
@@ -63,6 +64,9 @@ class Session : public std::enable_shared_from_this<Session> {
           std::vector<std::shared_ptr<FrameSink>> sinks, const Timeouts& timeouts,
           std::function<void()> closed);
 
+  /// Tells `figures` what happens from here on. At most once, before all else.
+  void show(std::shared_ptr<RobotFigures> figures) { figures_ = std::move(figures); }
+
   /// Makes `peer` the one connection, replacing the present one. peer->attached() follows as
   /// soon as no sink is busy any more, possibly from within the call. Requires !is_closing().
   void attach(const std::shared_ptr<SessionPeer>& peer);
@@ -94,6 +98,7 @@ class Session : public std::enable_shared_from_this<Session> {
   void begin(Job job);
   void call_sink();
   void sink_done(const std::optional<Error>& error);
+  void show_job() const;
   void note_failure(const std::optional<Error>& error);
   void nobody_waits();
   void settle();
@@ -109,6 +114,8 @@ class Session : public std::enable_shared_from_this<Session> {
   const std::function<void()> closed_;
   boost::asio::steady_timer timer_;  // until a connection comes, or the sinks drain
   boost::asio::steady_timer retry_;
+
+  std::shared_ptr<RobotFigures> figures_;  // null: nobody looks
 
   wire::Position position_;
   std::weak_ptr<SessionPeer> peer_;

@@ -23,11 +23,21 @@ constexpr std::uint64_t kGiB = kKiB * kKiB * kKiB;
 constexpr auto kShortest = milliseconds(10);
 
 /// The host is resolved only when it is listened on.
-void load_address(ConfigReader& reader, Address& address) {
-  constexpr std::string_view kKey = "listen.address";
-  auto parsed = parse_address(reader.text(kKey, to_string(address)));
-  if (!parsed) reader.fail(kKey, parsed.error().text);
-  address = std::move(parsed).value();
+Address to_address(const ConfigReader& reader, std::string_view key, const std::string& text) {
+  auto parsed = parse_address(text);
+  if (!parsed) reader.fail(key, parsed.error().text);
+  return std::move(parsed).value();
+}
+
+/// Off this machine either the link and the page know who is there, or somebody has said that it
+/// does not matter.
+void require_admission(const ConfigReader& reader, std::string_view key, const Address& address,
+                       const ListenSettings& listen) {
+  if (listen.tls.is_on() || listen.insecure || is_loopback(address)) return;
+  reader.fail(key,
+              fmt::format("{} can be reached from the network: set up [tls] (docs/security.md), "
+                          "or say listen.insecure = true to let anybody in",
+                          to_string(address)));
 }
 
 std::size_t load_count(ConfigReader& reader, std::string_view key, std::size_t fallback) {
@@ -39,12 +49,7 @@ std::size_t load_count(ConfigReader& reader, std::string_view key, std::size_t f
 void load_admission(ConfigReader& reader, ListenSettings& listen) {
   load_tls(reader, listen.tls);
   listen.insecure = reader.flag("listen.insecure", listen.insecure);
-  if (!listen.tls.is_on() && !listen.insecure && !is_loopback(listen.address)) {
-    reader.fail("listen.address",
-                fmt::format("{} can be reached from the network: set up [tls] (docs/security.md), "
-                            "or say listen.insecure = true to let anybody in",
-                            to_string(listen.address)));
-  }
+  require_admission(reader, "listen.address", listen.address, listen);
   listen.robots = reader.texts("listen.robots");
   for (const std::string& id : listen.robots) {
     if (wire::is_valid_id(id)) continue;
@@ -53,7 +58,8 @@ void load_admission(ConfigReader& reader, ListenSettings& listen) {
 }
 
 void load_listen(ConfigReader& reader, ListenSettings& listen) {
-  load_address(reader, listen.address);
+  constexpr std::string_view kAddress = "listen.address";
+  listen.address = to_address(reader, kAddress, reader.text(kAddress, to_string(listen.address)));
   load_admission(reader, listen);
   listen.max_robots = load_count(reader, "listen.max_robots", listen.max_robots);
   listen.max_connections = load_count(reader, "listen.max_connections", listen.max_connections);
@@ -117,6 +123,20 @@ void check_slam(const ConfigReader& reader, const std::string& table, const Slam
   }
 }
 
+void load_http(ConfigReader& reader, Settings& settings) {
+  constexpr std::string_view kAddress = "http.address";
+  const std::string text = reader.text(kAddress, "");
+  if (text.empty()) return;
+  settings.http_address = to_address(reader, kAddress, text);
+  require_admission(reader, kAddress, *settings.http_address, settings.listen);
+}
+
+void load_status(ConfigReader& reader, std::string& socket) {
+  constexpr std::string_view kSocket = "status.socket";
+  socket = reader.text(kSocket, socket);
+  if (socket != kAutomaticSocket) socket = reader.path(kSocket, socket).string();
+}
+
 void load_sinks(ConfigReader& reader, SinkSettings& sinks) {
   sinks.files_enabled = reader.flag("files.enabled", sinks.files_enabled);
   sinks.files_path = reader.path("files.path", sinks.files_path);
@@ -146,6 +166,8 @@ Settings load_settings(ConfigReader& reader) {
   Settings settings;
   settings.log_level = reader.choice("log.level", settings.log_level, kLevels);
   load_listen(reader, settings.listen);
+  load_http(reader, settings);
+  load_status(reader, settings.status_socket);
   settings.session_timeout =
       reader.duration("session.timeout", settings.session_timeout, kShortest, hours(24 * 365));
   settings.drain_timeout =

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,9 @@
 #include "server/sink/make_sinks.hpp"
 
 namespace orbbuf {
+
+/// `status.socket` where the place is left to us.
+inline constexpr const char* kAutomaticSocket = "auto";
 
 /// What the server listens on, and what it allows there.
 struct ListenSettings {
@@ -36,6 +40,8 @@ struct ListenSettings {
 struct Settings {
   std::string log_level = "info";
   ListenSettings listen;
+  std::string status_socket = kAutomaticSocket;  ///< "": none
+  std::optional<Address> http_address;  ///< of the live page; nothing: there is none
   std::chrono::nanoseconds session_timeout = std::chrono::minutes(10);
   std::chrono::nanoseconds drain_timeout = std::chrono::seconds(2);
   SinkSettings sinks;

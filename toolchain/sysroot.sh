@@ -14,9 +14,10 @@ case $architecture in
 esac
 PACKAGES=(libc6-dev libstdc++-12-dev linux-libc-dev zlib1g-dev libssl-dev libboost-dev libspdlog-dev
   libfmt-dev libcli11-dev libtomlplusplus-dev libturbojpeg0-dev libcamera-dev libsystemd-dev libgtest-dev
-  libgmock-dev libopencv-core-dev libopencv-imgproc-dev libopencv-flann-dev libopencv-features2d406)
-# Unpacked without what it depends on: ORB needs none of that, and it is a desktop's worth.
-ALONE=libopencv-features2d-dev
+  libgmock-dev libopencv-core-dev libopencv-imgproc-dev libopencv-flann-dev libopencv-features2d406 libprometheus-cpp-core1.0)
+# Unpacked without what they depend on: ORB needs none of that, and it is a desktop's worth; nor does the text
+# of metrics need a web server.
+ALONE=(libopencv-features2d-dev prometheus-cpp-dev)
 
 # The release without its updates: what is linked against the older library runs with the newer one, too.
 # shellcheck disable=SC2016 # apt's variables
@@ -51,8 +52,8 @@ database() {
 # What mmdebstrap runs when it has unpacked everything.
 if [ "${3-}" = unpacked ]; then
   cd "$folder/var/cache/apt/archives"
-  APT_CONFIG=$MMDEBSTRAP_APT_CONFIG apt-get download -q "$ALONE"
-  dpkg-deb -x "$ALONE"_*.deb "$folder"
+  APT_CONFIG=$MMDEBSTRAP_APT_CONFIG apt-get download -q "${ALONE[@]}"
+  for package in "${ALONE[@]}"; do dpkg-deb -x "$package"_*.deb "$folder"; done
   database "$folder"
   # What update-alternatives would have done.
   ln -s lapack/liblapack.so.3 blas/libblas.so.3 "$folder/usr/lib/$triplet/"

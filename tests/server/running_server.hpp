@@ -11,6 +11,7 @@
 #include <string>
 #include <thread>
 
+#include "server/http/http_server.hpp"
 #include "server/listener.hpp"
 #include "server/settings.hpp"
 
@@ -23,9 +24,11 @@ class RunningServer {
   explicit RunningServer(Settings settings) {
     std::signal(SIGPIPE, SIG_IGN);
     settings.listen.address.port = 0;
-    listener_.emplace(main_, files_, settings);
+    if (settings.http_address) http_.emplace(main_, files_, settings, figures_);
+    listener_.emplace(main_, files_, settings, http_ ? &figures_ : nullptr);
     port_ = listener_->endpoint().port();
     listener_->start();
+    if (http_) http_->start();
     thread_ = std::thread([this] { main_.run(); });
   }
   ~RunningServer() { stop(); }
@@ -33,6 +36,8 @@ class RunningServer {
   RunningServer& operator=(const RunningServer&) = delete;
 
   std::uint16_t port() const { return port_; }
+  /// Of the page, if settings.http_address asks for one.
+  std::uint16_t http_port() const { return http_->endpoint().port(); }
 
   bool has_session(const std::string& robot_id, const std::string& session_id) {
     std::promise<bool> answer;
@@ -44,13 +49,18 @@ class RunningServer {
   /// As a signal does it; returns when the server has closed everything.
   void stop() {
     if (!thread_.joinable()) return;
-    boost::asio::post(main_, [this] { listener_->stop([] {}); });
+    boost::asio::post(main_, [this] {
+      if (http_) http_->stop();
+      listener_->stop([] {});
+    });
     thread_.join();  // `main` runs out of work when all is closed
   }
 
  private:
   boost::asio::io_context main_{1};
   boost::asio::thread_pool files_{1};
+  Figures figures_{256};
+  std::optional<HttpServer> http_;
   std::optional<Listener> listener_;
   std::uint16_t port_ = 0;
   std::thread thread_;

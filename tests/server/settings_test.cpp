@@ -37,6 +37,8 @@ TEST(Settings, EveryKeyIsRead) {
                              "listen.idle_timeout=2 s",
                              "listen.max_frame=1 MiB",
                              "listen.receive_buffer=0 B",
+                             "http.address=0.0.0.0:7723",
+                             "status.socket=/run/s",
                              "tls.certificate=/c",
                              "tls.key=/k",
                              "tls.ca=/a",
@@ -63,6 +65,8 @@ TEST(Settings, EveryKeyIsRead) {
                      std::chrono::seconds(2),
                      1024 * 1024,
                      0};
+  expected.http_address = Address{"0.0.0.0", 7723};
+  expected.status_socket = "/run/s";
   expected.session_timeout = std::chrono::minutes(1);
   expected.drain_timeout = std::chrono::seconds(3);
   expected.sinks = {false,
@@ -120,6 +124,8 @@ INSTANTIATE_TEST_SUITE_P(
         BadValue{{"listen.robots=[\"../etc\"]"}, "listen.robots"},
         BadValue{{"listen.max_robots=0"}, "listen.max_robots"},
         BadValue{{"listen.max_connections=0"}, "listen.max_connections"},
+        BadValue{{"http.address=7723"}, "http.address"},
+        BadValue{{"http.address=0.0.0.0:7723"}, "http.address: 0.0.0.0:7723 can be"},
         BadValue{{"tls.key=/k"}, "tls.certificate"},
         BadValue{{"listen.hello_timeout=0 s"}, "listen.hello_timeout"},
         BadValue{{"listen.idle_timeout=10"}, "listen.idle_timeout"},

@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/http/http_connection.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <boost/asio/buffer.hpp>
+#include <boost/asio/executor_work_guard.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/write.hpp>
+#include <utility>
+
+namespace orbbuf {
+namespace {
+
+namespace asio = boost::asio;
+using asio::ip::tcp;
+using boost::system::error_code;
+
+std::span<const std::uint8_t> body_of(const HttpResponse& response) {
+  if (response.image) return response.image->left();
+  if (!response.text) return {};
+  return {reinterpret_cast<const std::uint8_t*>(response.text->data()), response.text->size()};
+}
+
+}  // namespace
+
+HttpConnection::HttpConnection(tcp::socket socket, TlsContext* tls, asio::thread_pool& files,
+                               HttpOwner& owner)
+    : stream_(std::move(socket), tls),
+      files_(files),
+      owner_(owner),
+      timer_(stream_.get_executor()) {}
+
+void HttpConnection::start() {
+  error_code ignored;  // answers are then merely later
+  stream_.socket().set_option(tcp::no_delay(true), ignored);
+  limit(kRequestTime);
+  if (!stream_.is_tls()) return read();
+  stream_.async_handshake_as_server([self = shared_from_this()](const error_code& failed) {
+    if (self->is_closed_) return;
+    if (!failed) return self->read();
+    spdlog::debug("http: {}", self->stream_.explain(failed));
+    self->close();
+  });
+}
+
+/// Serves what has come already, or reads more.
+void HttpConnection::go_on() {
+  if (const auto request = reader_.next()) return ask(*request);
+  if (reader_.fault() != 0) return respond(error_response(reader_.fault()), false, false);
+  if (reader_.is_between_requests()) limit(kIdleTime);
+  read();
+}
+
+void HttpConnection::read() {
+  stream_.async_read_some(asio::buffer(in_),
+                          [self = shared_from_this()](const error_code& failed, std::size_t bytes) {
+                            if (self->is_closed_) return;
+                            if (failed) return self->close();  // gone, or as good as that
+                            self->bytes_came(bytes);
+                          });
+}
+
+/// The bytes of a request that come in drops do not buy it time.
+void HttpConnection::bytes_came(std::size_t bytes) {
+  if (reader_.is_between_requests()) limit(kRequestTime);
+  reader_.add(std::span(in_).first(bytes));
+  if (const auto request = reader_.next()) return ask(*request);
+  if (reader_.fault() != 0) return respond(error_response(reader_.fault()), false, false);
+  read();
+}
+
+void HttpConnection::ask(const HttpRequest& request) {
+  limit(kPieceTime);
+  const bool is_head = request.is_head;
+  const bool keeps_alive = request.keeps_alive;
+  owner_.requested(request, [self = shared_from_this(), is_head, keeps_alive](HttpResponse answer) {
+    if (!self->is_closed_) self->respond(std::move(answer), is_head, keeps_alive);
+  });
+}
+
+void HttpConnection::respond(HttpResponse response, bool is_head, bool keeps_alive) {
+  response_ = std::move(response);
+  keeps_alive_ = keeps_alive;
+  head_ = head_of(response_, keeps_alive);
+  written_ = 0;
+  left_ = is_head ? 0 : response_.body_bytes();
+  if (left_ == 0) return write({});
+  write_next();
+}
+
+void HttpConnection::write_next() {
+  if (response_.file) return read_file();
+  const auto size = std::min<std::uint64_t>(left_, ServedFile::kPieceBytes);
+  write(body_of(response_).subspan(written_, size));
+}
+
+void HttpConnection::read_file() {
+  asio::post(files_, [self = shared_from_this(), file = response_.file,
+                      main = asio::make_work_guard(stream_.get_executor())] {
+    asio::post(main.get_executor(), [self, piece = file->read()]() mutable {
+      if (self->is_closed_) return;
+      if (piece.empty()) return self->close();  // what was promised is not there any more
+      self->piece_ = std::move(piece);
+      self->write(self->piece_);
+    });
+  });
+}
+
+void HttpConnection::write(std::span<const std::uint8_t> piece) {
+  limit(kPieceTime);
+  written_ += piece.size();
+  left_ -= piece.size();
+  const std::array<asio::const_buffer, 2> parts = {asio::buffer(head_),
+                                                   asio::buffer(piece.data(), piece.size())};
+  asio::async_write(stream_, parts,
+                    [self = shared_from_this()](const error_code& failed, std::size_t) {
+                      if (self->is_closed_) return;
+                      if (failed) return self->close();
+                      self->written();
+                    });
+}
+
+void HttpConnection::written() {
+  head_.clear();
+  if (left_ > 0) return write_next();
+  response_ = {};
+  if (!keeps_alive_) return part();
+  go_on();
+}
+
+/// Closing at once, with something of the other end's unread, might lose it the answer.
+void HttpConnection::part() {
+  error_code ignored;  // then it is gone, which reading shows
+  stream_.socket().shutdown(tcp::socket::shutdown_send, ignored);
+  stream_.read_bare();
+  limit(kPartingTime);
+  discard();
+}
+
+void HttpConnection::discard() {
+  stream_.async_read_some(asio::buffer(in_),
+                          [self = shared_from_this()](const error_code& failed, std::size_t) {
+                            if (self->is_closed_) return;
+                            if (failed) return self->close();
+                            self->discard();
+                          });
+}
+
+void HttpConnection::close() {
+  if (std::exchange(is_closed_, true)) return;
+  const auto self = shared_from_this();  // the owner lets go of it
+  timer_.cancel();
+  error_code ignored;  // there is nothing to do about it
+  stream_.socket().close(ignored);
+  owner_.closed(self);
+}
+
+void HttpConnection::limit(std::chrono::seconds time) {
+  timer_.expires_after(time);
+  timer_.async_wait([weak = weak_from_this()](const error_code& failed) {
+    const auto self = weak.lock();
+    if (failed || !self || self->timer_.expiry() > std::chrono::steady_clock::now()) return;
+    self->close();
+  });
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "common/net/stream.hpp"
+#include "server/http/request_reader.hpp"
+#include "server/http/response.hpp"
+
+namespace orbbuf {
+
+class HttpConnection;
+
+/// What a browser's connection needs from the server around it.
+class HttpOwner {
+ public:
+  using Answer = std::function<void(HttpResponse)>;
+
+  virtual ~HttpOwner() = default;
+  /// `answer` runs once, on `main`, from within the call or later.
+  virtual void requested(const HttpRequest& request, Answer answer) = 0;
+  /// The last call: the socket is closed.
+  virtual void closed(const std::shared_ptr<HttpConnection>& connection) = 0;
+};
+
+/// One browser's connection: a request, its answer, the next request. Whatever it does, or does not
+/// do, costs the robots' streams nothing to speak of: it has a time for each request and each piece
+/// of an answer, and is cut when that is over. What blocks is done on `files`, a piece at a time.
+/// Thread-bound to `main`. Lives in a shared_ptr, held by its owner and its operations.
+class HttpConnection final : public std::enable_shared_from_this<HttpConnection> {
+ public:
+  static constexpr std::chrono::seconds kRequestTime{5};  ///< from its first byte; and for TLS
+  static constexpr std::chrono::seconds kIdleTime{15};    ///< between requests
+  static constexpr std::chrono::seconds kPieceTime{5};    ///< to take a piece of an answer
+  static constexpr std::chrono::seconds kPartingTime{1};
+
+  /// `tls`, null for plain TCP, `files` and `owner` must outlive every run of the io_context.
+  HttpConnection(boost::asio::ip::tcp::socket socket, TlsContext* tls,
+                 boost::asio::thread_pool& files, HttpOwner& owner);
+
+  void start();
+  /// At once; harmless when repeated.
+  void close();
+
+ private:
+  void go_on();
+  void read();
+  void bytes_came(std::size_t bytes);
+  void ask(const HttpRequest& request);
+  void respond(HttpResponse response, bool is_head, bool keeps_alive);
+  void write_next();
+  void read_file();
+  void write(std::span<const std::uint8_t> piece);
+  void written();
+  void part();
+  void discard();
+  void limit(std::chrono::seconds time);
+
+  Stream stream_;
+  boost::asio::thread_pool& files_;
+  HttpOwner& owner_;
+  boost::asio::steady_timer timer_;
+  bool is_closed_ = false;
+
+  RequestReader reader_;
+  std::array<std::uint8_t, 4096> in_{};
+
+  // The answer that is being written.
+  HttpResponse response_;
+  std::string head_;
+  std::vector<std::uint8_t> piece_;  // of a file
+  std::uint64_t written_ = 0;
+  std::uint64_t left_ = 0;
+  bool keeps_alive_ = false;
+};
+
+}  // namespace orbbuf

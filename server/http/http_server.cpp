@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/http/http_server.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "server/connection.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace asio = boost::asio;
+using asio::ip::tcp;
+using boost::system::error_code;
+
+constexpr std::chrono::milliseconds kPageRetry{200};
+
+tcp::acceptor listen_on(asio::io_context& main, const Address& address) {
+  try {
+    tcp::resolver resolver(main);
+    const tcp::endpoint endpoint =
+        *resolver.resolve(address.host, std::to_string(address.port), tcp::resolver::passive);
+    return {main, endpoint};
+  } catch (const boost::system::system_error& error) {
+    throw std::runtime_error("serve http on " + to_string(address) + ": " + error.code().message());
+  }
+}
+
+std::filesystem::path folder_of(const SinkSettings& sinks) {
+  return sinks.files_enabled ? sinks.files_path : std::filesystem::path();
+}
+
+}  // namespace
+
+HttpServer::HttpServer(asio::io_context& main, asio::thread_pool& files, const Settings& settings,
+                       const Figures& figures)
+    : files_(files),
+      tls_(make_tls_context(settings.listen.tls)),
+      site_(main, files, figures, folder_of(settings.sinks),
+            !tls_ && is_loopback(*settings.http_address)),
+      acceptor_(listen_on(main, *settings.http_address)),
+      retry_(main) {}
+
+void HttpServer::start() {
+  spdlog::info("live page on http{}://{}/", tls_ ? "s" : "", to_text(endpoint()));
+  accept();
+}
+
+void HttpServer::stop() {
+  error_code ignored;  // it is closed either way
+  acceptor_.close(ignored);
+  retry_.cancel();
+  const auto connections = connections_;  // whoever closes leaves the original
+  for (const auto& connection : connections) connection->close();
+}
+
+void HttpServer::accept() {
+  acceptor_.async_accept([this](const error_code& failed, tcp::socket socket) {
+    if (!acceptor_.is_open()) return;  // stopped
+    if (failed) return accept_later();
+    if (connections_.size() < kMaxConnections) {  // else the socket is closed here
+      auto connection = std::make_shared<HttpConnection>(std::move(socket), tls_.get(), files_,
+                                                         static_cast<HttpOwner&>(*this));
+      connections_.insert(connection);
+      connection->start();
+    }
+    accept();
+  });
+}
+
+/// Out of descriptors or memory, mostly, of which the robots' listener tells.
+void HttpServer::accept_later() {
+  retry_.expires_after(kPageRetry);
+  retry_.async_wait([this](const error_code& aborted) {
+    if (!aborted && acceptor_.is_open()) accept();
+  });
+}
+
+void HttpServer::requested(const HttpRequest& request, Answer answer) {
+  site_.answer(request, std::move(answer));
+}
+
+void HttpServer::closed(const std::shared_ptr<HttpConnection>& connection) {
+  connections_.erase(connection);
+}
+
+}  // namespace orbbuf

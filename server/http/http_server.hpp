@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <cstddef>
+#include <memory>
+#include <set>
+
+#include "server/http/http_connection.hpp"
+#include "server/http/site.hpp"
+#include "server/settings.hpp"
+
+namespace orbbuf {
+
+/// Shows the server to browsers and to Prometheus, read-only: accepts connections, as many as
+/// kMaxConnections, and answers requests. Under [tls] it asks for certificates as the link does.
+/// Thread-bound to `main`. Must outlive every run of the io_context.
+class HttpServer final : private HttpOwner {
+ public:
+  static constexpr std::size_t kMaxConnections = 64;
+
+  /// Listens on settings.http_address, which must be set. Throws std::runtime_error, saying on what
+  /// and why not. `figures` must outlive it.
+  HttpServer(boost::asio::io_context& main, boost::asio::thread_pool& files,
+             const Settings& settings, const Figures& figures);
+
+  boost::asio::ip::tcp::endpoint endpoint() const { return acceptor_.local_endpoint(); }
+
+  void start();
+  /// Closes everything at once.
+  void stop();
+
+ private:
+  void requested(const HttpRequest& request, Answer answer) override;
+  void closed(const std::shared_ptr<HttpConnection>& connection) override;
+
+  void accept();
+  void accept_later();
+
+  boost::asio::thread_pool& files_;
+  const std::unique_ptr<TlsContext> tls_;  // null: plain TCP
+  Site site_;
+  boost::asio::ip::tcp::acceptor acceptor_;
+  boost::asio::steady_timer retry_;
+  std::set<std::shared_ptr<HttpConnection>> connections_;
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/http/request_reader.hpp"
+
+#include <boost/asio/buffer.hpp>
+
+namespace orbbuf {
+namespace {
+
+namespace http = boost::beast::http;
+using boost::system::error_code;
+
+constexpr unsigned kTooLarge = 413;
+constexpr unsigned kFieldsTooLarge = 431;
+
+unsigned status_for(const error_code& failed) {
+  if (failed == http::error::header_limit) return kFieldsTooLarge;
+  if (failed == http::error::body_limit || failed == http::error::unexpected_body) return kTooLarge;
+  return RequestReader::kBadRequest;
+}
+
+}  // namespace
+
+RequestReader::RequestReader() { begin(); }
+
+void RequestReader::begin() {
+  parser_.emplace();
+  parser_->header_limit(kMaxBytes);
+  parser_->body_limit(0);
+  parser_->eager(true);
+}
+
+void RequestReader::add(std::span<const std::uint8_t> bytes) {
+  bytes_.append(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+}
+
+std::optional<HttpRequest> RequestReader::next() {
+  if (fault_ != 0 || bytes_.empty()) return std::nullopt;
+  error_code failed;
+  const std::size_t used = parser_->put(boost::asio::buffer(bytes_), failed);
+  bytes_.erase(0, used);
+  if (failed == http::error::need_more) failed = {};
+  if (failed) {
+    fault_ = status_for(failed);
+  } else if (!parser_->is_done() && bytes_.size() > kMaxBytes) {
+    fault_ = kFieldsTooLarge;
+  }
+  if (fault_ != 0 || !parser_->is_done()) return std::nullopt;
+  auto request = take();
+  begin();
+  if (fault_ != 0) return std::nullopt;
+  return request;
+}
+
+HttpRequest RequestReader::take() {
+  const auto& message = parser_->get();
+  HttpRequest request;
+  request.is_head = message.method() == http::verb::head;
+  request.is_get = request.is_head || message.method() == http::verb::get;
+  request.keeps_alive = message.keep_alive();
+  request.host = std::string(message[http::field::host]);
+  const std::string target(message.target());
+  const std::size_t question = target.find('?');
+  request.path = target.substr(0, question);
+  if (question != std::string::npos) request.query = target.substr(question + 1);
+  if (!request.path.starts_with('/')) fault_ = kBadRequest;
+  return request;
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/live/figures.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace orbbuf {
+namespace {
+
+constexpr std::chrono::seconds kCounting{1};
+
+}  // namespace
+
+void RobotFigures::connected(Time now) {
+  is_connected_ = true;
+  ++connections_;
+  timeline_.heard(now, connections_ > 1);
+}
+
+void RobotFigures::disconnected() { is_connected_ = false; }
+
+void RobotFigures::told(const wire::Report& report, Time now) {
+  report_ = report;
+  report_time_ = now;
+  timeline_.heard(now, false);
+}
+
+void RobotFigures::delivered(FramePtr frame, Time now) {
+  ++frames_;
+  bytes_ += frame->jpeg.size();
+  if (now - counting_since_ >= kCounting) {
+    last_rate_ = frame_rate(now);
+    counting_since_ = now;
+    counted_ = 0;
+  }
+  ++counted_;
+  timeline_.heard(now, false);
+  timeline_.delivered(frame->capture_time_ns, now);
+  if (keeps_frame_) newest_ = std::move(frame);
+}
+
+void RobotFigures::dropped(std::span<const DropRecord> records, Time now) {
+  drops_ += records.size();
+  timeline_.heard(now, false);
+  for (const DropRecord& record : records) timeline_.dropped(record, now);
+}
+
+void RobotFigures::ended(Time now) {
+  is_connected_ = false;
+  ended_ = now;
+}
+
+double RobotFigures::frame_rate(Time now) const {
+  if (ended_) return 0;
+  const std::chrono::duration<double> time = now - counting_since_;
+  return time < kCounting ? last_rate_ : counted_ / time.count();
+}
+
+std::shared_ptr<RobotFigures> Figures::begin(const SessionInfo& info) {
+  auto figures = std::make_shared<RobotFigures>(info, keep_frames_);
+  robots_[info.robot_id] = figures;
+  while (robots_.size() > max_robots_) {
+    const auto gone = std::ranges::min_element(robots_, {}, [](const auto& entry) {
+      return entry.second->ended_at().value_or(RobotFigures::Time::max());
+    });
+    if (!gone->second->is_ended()) break;
+    robots_.erase(gone);
+  }
+  return figures;
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/live/status_socket.hpp"
+
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <boost/asio/buffer.hpp>
+#include <boost/asio/read.hpp>
+#include <chrono>
+#include <cstdlib>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+#include "server/live/status_table.hpp"
+#include "server/settings.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace asio = boost::asio;
+namespace fs = std::filesystem;
+using Protocol = asio::local::stream_protocol;
+using boost::system::error_code;
+
+constexpr std::chrono::milliseconds kStatusRetry{200};
+constexpr std::chrono::seconds kPatience{5};
+/// systemd's, of the unit that the package installs.
+constexpr const char* kServiceSocket = "/run/orbbuf-server/status";
+
+fs::path in_folder_of(const char* variable, const char* name) {
+  const char* const folder = std::getenv(variable);  // NOLINT(concurrency-mt-unsafe)
+  return folder == nullptr || *folder == '\0' ? fs::path() : fs::path(folder) / name;
+}
+
+fs::path own_socket() { return in_folder_of("XDG_RUNTIME_DIR", "orbbuf-server.sock"); }
+
+Protocol::acceptor listen_on(asio::io_context& main, const fs::path& path) {
+  try {
+    const Protocol::endpoint endpoint(path.string());
+    Protocol::socket other(main);
+    error_code failed;
+    other.connect(endpoint, failed);
+    if (!failed) throw std::runtime_error("status.socket: another server is on " + path.string());
+    if (failed == asio::error::connection_refused && fs::is_socket(path)) ::unlink(path.c_str());
+    const mode_t mask = ::umask(S_IRWXG | S_IRWXO);
+    Protocol::acceptor acceptor(main, endpoint.protocol());
+    acceptor.bind(endpoint, failed);
+    ::umask(mask);
+    if (failed) throw boost::system::system_error(failed);
+    acceptor.listen();
+    return acceptor;
+  } catch (const boost::system::system_error& error) {
+    throw std::runtime_error("status.socket: listen on " + path.string() + ": " +
+                             error.code().message());
+  }
+}
+
+Result<std::string> ask(const fs::path& path) {
+  asio::io_context io;
+  Protocol::socket socket(io);
+  error_code failed;
+  try {
+    socket.connect(Protocol::endpoint(path.string()), failed);
+  } catch (const boost::system::system_error& error) {  // a path too long for a socket
+    failed = error.code();
+  }
+  if (failed) return Error{path.string() + ": " + failed.message()};
+  std::string table;
+  bool is_whole = false;
+  asio::async_read(socket, asio::dynamic_buffer(table), [&](const error_code& ended, std::size_t) {
+    is_whole = ended == asio::error::eof && !table.empty();
+  });
+  io.run_for(kPatience);
+  if (!is_whole) return Error{path.string() + ": no answer"};
+  return table;
+}
+
+}  // namespace
+
+fs::path status_socket_path(const std::string& setting) {
+  if (setting != kAutomaticSocket) return setting;
+  const fs::path service = in_folder_of("RUNTIME_DIRECTORY", "status");
+  return service.empty() ? own_socket() : service;
+}
+
+StatusSocket::StatusSocket(asio::io_context& main, fs::path path, const Figures& figures)
+    : path_(std::move(path)), figures_(figures), acceptor_(listen_on(main, path_)), retry_(main) {}
+
+StatusSocket::~StatusSocket() { ::unlink(path_.c_str()); }
+
+void StatusSocket::stop() {
+  error_code ignored;  // it is closed either way
+  acceptor_.close(ignored);
+  retry_.cancel();
+}
+
+void StatusSocket::accept() {
+  acceptor_.async_accept([this](const error_code& failed, Protocol::socket socket) {
+    if (!acceptor_.is_open() || failed == asio::error::operation_aborted) return;
+    if (failed) return accept_later();  // no descriptors, of which the robots' listener tells
+    const std::string table = to_table(figures_, RobotFigures::Clock::now());
+    error_code ignored;  // whoever asked has gone
+    socket.non_blocking(true, ignored);
+    socket.write_some(asio::buffer(table), ignored);
+    accept();
+  });
+}
+
+void StatusSocket::accept_later() {
+  retry_.expires_after(kStatusRetry);
+  retry_.async_wait([this](const error_code& aborted) {
+    if (!aborted && acceptor_.is_open()) accept();
+  });
+}
+
+Result<std::string> ask_status(const std::string& setting) {
+  std::vector<fs::path> paths{setting};
+  if (setting == kAutomaticSocket) paths = {own_socket(), kServiceSocket};
+  std::string tried;
+  for (const fs::path& path : paths) {
+    if (path.empty()) continue;
+    auto table = ask(path);
+    if (table) return table;
+    tried += (tried.empty() ? "" : "; ") + table.error().text;
+  }
+  return Error{"no server answers: " + (tried.empty() ? "status.socket is off" : tried)};
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: Apache-2.0
+// node page_test.mjs ORBBUFD ORBBUF_SERVER FOLDER: see page.sh.
+import assert from "node:assert/strict";
+import { spawn } from "node:child_process";
+import { mkdtempSync, rmSync } from "node:fs";
+import net from "node:net";
+import { tmpdir } from "node:os";
+import path from "node:path";
+import { chromium } from "playwright-core";
+
+const [orbbufd, orbbufServer, folder] = process.argv.slice(2);
+const work = mkdtempSync(path.join(tmpdir(), "orbbuf-page-"));
+const sleep = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+
+/** A program, its output, and a way to wait for a line of it. */
+class Program {
+  constructor(command, args) {
+    this.output = "";
+    this.process = spawn(command, args, { stdio: ["ignore", "pipe", "pipe"] });
+    this.ended = new Promise((resolve) => this.process.on("close", resolve));
+    for (const stream of [this.process.stdout, this.process.stderr]) stream.on("data", (text) => (this.output += text));
+  }
+  async line(pattern) {
+    for (let i = 0; i < 300; ++i) {
+      const match = this.output.match(pattern);
+      if (match) return match;
+      await sleep(100);
+    }
+    throw new Error(`no ${pattern} in:\n${this.output}`);
+  }
+  async stop() {
+    this.process.kill("SIGTERM");
+    await this.ended;
+  }
+}
+
+/** The link: a relay that can be cut off for a while. */
+class Link {
+  constructor(port) {
+    this.port = port;
+    this.sockets = new Set();
+  }
+  async open(at = this.at ?? 0) {
+    this.server = net.createServer((robot) => {
+      const server = net.connect(this.port, "127.0.0.1");
+      for (const socket of [robot, server]) {
+        this.sockets.add(socket);
+        socket.on("error", () => {}).on("close", () => (robot.destroy(), server.destroy()));
+      }
+      robot.pipe(server).pipe(robot);
+    });
+    await new Promise((resolve) => this.server.listen(at, "127.0.0.1", resolve));
+    this.at = this.server.address().port;
+  }
+  cut() {
+    this.server.close();
+    for (const socket of this.sockets) socket.destroy();
+    this.sockets.clear();
+  }
+}
+
+const set = (values) => Object.entries(values).flatMap(([key, value]) => ["--set", `${key}=${value}`]);
+
+const server = new Program(orbbufServer, set({ "listen.address": "127.0.0.1:0", "http.address": "127.0.0.1:0",
+  "files.path": `${work}/data` }));
+const origin = (await server.line(/live page on (http:\S+)\//))[1];
+const link = new Link(Number((await server.line(/ listening on \S+:(\d+)/))[1]));
+await link.open();
+
+const browser = await chromium.launch({ executablePath: "/usr/bin/chromium", args: ["--no-sandbox", "--disable-gpu",
+  "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update",
+  "--disable-sync"] });
+const problems = [];
+const context = await browser.newContext({ viewport: { width: 1280, height: 900 }, colorScheme: "light" });
+const page = await context.newPage();
+page.on("console", (message) => message.type() === "error" && problems.push(message.text()));
+page.on("pageerror", (error) => problems.push(String(error)));
+page.on("request", (request) => {
+  if (!request.url().startsWith(origin) && !request.url().startsWith("data:")) problems.push(`asks ${request.url()}`);
+});
+
+async function picture(name, scheme, width, height = 900) {
+  await page.emulateMedia({ colorScheme: scheme });
+  await page.setViewportSize({ width, height });
+  await sleep(300);
+  await page.screenshot({ path: path.join(folder, `${name}.png`), fullPage: true });
+  const over = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+  assert.ok(over <= 0, `${name}: ${over} px wider than the screen`);
+}
+
+const value = async (name) =>
+  Number(await page.locator(`article[data-robot="front"] [data-name="${name}"]`).getAttribute("data-value"));
+
+async function load() {
+  const bytes = (await (await fetch(`${origin}/`)).arrayBuffer()).byteLength;
+  const times = [];
+  for (let i = 0; i < 5; ++i) {
+    await page.goto(`${origin}/`, { waitUntil: "load" });
+    times.push(await page.evaluate(() => performance.getEntriesByType("navigation")[0].loadEventEnd));
+  }
+  console.log(`RESULT page.bytes ${bytes}`);
+  console.log(`RESULT page.load_ms ${times.sort((a, b) => a - b)[2].toFixed(0)}`);
+  assert.ok(bytes < 150_000, `${bytes} bytes`);
+}
+
+/** The newest image is there, and another one a moment later. */
+async function watch() {
+  const image = page.locator('article[data-robot="front"] img');
+  await image.waitFor({ state: "visible" });
+  const size = await image.evaluate((at) => [at.naturalWidth, at.naturalHeight]);
+  assert.deepEqual(size, [640, 480]);
+  const first = await image.getAttribute("src");
+  await page.waitForFunction((src) => document.querySelector("img").getAttribute("src") !== src, first);
+}
+
+async function stream() {
+  const robots = ["front", "rear"].map((id) => new Program(orbbufd, set({ "robot.id": id,
+    "link.server": `127.0.0.1:${link.at}`, "buffer.capacity": 15, "source.frames": 100000 })));
+  await page.waitForSelector('article[data-robot="front"] .badge.connected');
+  await watch();
+  await picture("live-light", "light", 1280);
+  await sleep(5000);
+  link.cut();
+  await page.waitForSelector('article[data-robot="front"] .badge.disconnected');
+  await picture("outage-light", "light", 1280);
+  await sleep(3000);
+  await link.open();
+  await page.waitForSelector('article[data-robot="front"] .badge.connected');
+  await sleep(4000);
+  await picture("after-light", "light", 1280);
+  await picture("after-dark", "dark", 1280);
+  await picture("phone-light", "light", 360, 740);
+  await picture("phone-dark", "dark", 360, 740);
+  const label = await page.locator('article[data-robot="front"] canvas').getAttribute("aria-label");
+  assert.match(label, /, [1-9]\d* dropped, [1-9]\d* outages/);
+  for (const robot of robots) await robot.stop();
+  return robots[0];
+}
+
+/** Page, /metrics and the robot's last line tell the same. */
+async function compare(robot) {
+  await page.waitForSelector('article[data-robot="front"] [data-name="state"][data-value="ended"]');
+  const words = (await robot.line(/session ended: (.*)/))[1];
+  const metrics = await (await fetch(`${origin}/metrics`)).text();
+  const names = { captured: "robot_captured_total", skipped: "robot_skipped_total", failed: "robot_failed_total",
+    dropped: "robot_dropped_total", acknowledged: "robot_acknowledged_total", in_flight: "robot_in_flight_frames" };
+  for (const [name, metric] of Object.entries(names)) {
+    const logged = Number(words.match(new RegExp(`${name.replace("_", " ")} (\\d+)`))[1]);
+    assert.equal(await value(name), logged, `page: ${name}`);
+    assert.equal(Number(metrics.match(new RegExp(`orbbuf_${metric}\\{robot="front"\\} (\\d+)`))[1]), logged, metric);
+  }
+  assert.equal(await value("buffer"), 0);
+  assert.ok((await value("dropped")) > 0, "nothing was dropped in the outage");
+  console.log(`page, /metrics and the robot's log agree: ${words}`);
+}
+
+async function sessionPages() {
+  for (const at of ["/sessions", "/sessions/front"]) {
+    await page.goto(origin + at);
+    await page.click('.list a:has-text("2"), .list a:has-text("front")');
+  }
+  await page.waitForSelector(".wide img:not([hidden])");
+  const delivered = Number(await page.locator('[data-name="delivered"]').getAttribute("data-value"));
+  await page.locator("input[type=range]").fill(String(delivered - 1));
+  await page.waitForFunction(() => document.querySelector(".wide img").complete);
+  await picture("session-light", "light", 1280);
+  await picture("session-phone-dark", "dark", 360, 740);
+  return delivered;
+}
+
+try {
+  await load();
+  const robot = await stream();
+  await compare(robot);
+  const delivered = await value("acknowledged");
+  assert.equal(await sessionPages(), delivered);
+  assert.deepEqual(problems, []);
+  console.log(`page: passed; pictures in ${folder}`);
+} finally {
+  await browser.close();
+  await server.stop();
+  link.cut();
+  rmSync(work, { recursive: true });
+}

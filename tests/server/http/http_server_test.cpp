@@ -1,0 +1,237 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/http/http_server.hpp"
+
+#include <gmock/gmock.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "tests/server/captured_log.hpp"
+#include "tests/server/frames.hpp"
+#include "tests/server/http/http_client.hpp"
+#include "tests/server/listener_fixture.hpp"
+
+namespace orbbuf::test {
+namespace {
+
+using testing::HasSubstr;
+using testing::Not;
+namespace fs = std::filesystem;
+
+/// A whole server with its page, and a robot `r` in session `s` that has sent two frames, dropped
+/// one and given its account.
+class HttpServerTest : public ListenerTest {
+ protected:
+  HttpServerTest() { settings_.http_address = Address{"127.0.0.1", 0}; }
+
+  HttpClient browse() {
+    if (!server_) start();
+    return HttpClient(server_->http_port());
+  }
+  HttpAnswer get(const std::string& path) { return browse().get(path); }
+  RobotClient stream() {
+    RobotClient robot = connect();
+    robot.hello("r", "s");
+    robot.send_frame(plain_frame(0));
+    robot.send(wire::encode(wire::Dropped{0, {{1, 40'000'000, DropReason::kPolicy, 77}}}));
+    robot.send(wire::encode(wire::Report{{3, 0, 0, 1, 1, 0, 1}, 25, 1000, 2'000'000, 40'000}));
+    robot.send_frame(plain_frame(2));
+    EXPECT_TRUE(robot.acked(3));
+    return robot;
+  }
+  fs::path session() const { return folder_ / "data/r/s"; }
+};
+
+TEST_F(HttpServerTest, SaysThatItIsWell) {
+  const HttpAnswer answer = get("/healthz");
+  EXPECT_EQ(answer.status, 200);
+  EXPECT_EQ(answer.body, "ok\n");
+}
+
+TEST_F(HttpServerTest, ThePageIsOneFileThatLoadsNothingFromElsewhere) {
+  const HttpAnswer answer = get("/");
+  EXPECT_EQ(answer.status, 200);
+  EXPECT_THAT(answer.head, HasSubstr("Content-Type: text/html"));
+  EXPECT_THAT(answer.head, HasSubstr("default-src 'none'; script-src 'sha256-"));
+  EXPECT_LT(answer.body.size(), 150'000U);
+  for (const char* outside : {"http://", "https://", "//cdn", " src=", "@import", "url("}) {
+    std::string body = answer.body;
+    const std::string svg = "http://www.w3.org/2000/svg";  // a name, never fetched
+    for (std::size_t at = body.find(svg); at != std::string::npos; at = body.find(svg)) {
+      body.erase(at, svg.size());
+    }
+    EXPECT_THAT(body, Not(HasSubstr(outside)));
+  }
+  EXPECT_EQ(get("/sessions/r/s").body, answer.body);
+}
+
+TEST_F(HttpServerTest, RobotsAreToldWithTheirFigures) {
+  const RobotClient robot = stream();
+  const std::string json = get("/api/robots").body;
+  for (const char* part :
+       {R"("robot":"r","session":"s","state":"connected","connections":1,"frames":2,)",
+        R"("drops":1,)", R"("captured":3,"skipped":0,"failed":0,"dropped":1,"acknowledged":1,)",
+        R"("waiting":0,"in_flight":1,"capacity":25,"waiting_bytes":1000,)",
+        R"("link_rate":2000000,"round_trip_us":40000})", R"("image":{"sequence":2,)", ",77,"}) {
+    EXPECT_THAT(json, HasSubstr(part));
+  }
+}
+
+TEST_F(HttpServerTest, OfTheTimelineOnlyWhatHasChangedIsToldAgain) {
+  const RobotClient robot = stream();
+  const std::string all = get("/api/robots").body;
+  EXPECT_THAT(all, HasSubstr("\"seconds\":[["));
+  const std::size_t clock = all.find("\"clock_ms\":") + 11;
+  const auto later = std::stoull(all.substr(clock)) + 1;
+  EXPECT_THAT(get("/api/robots?since=" + std::to_string(later)).body, HasSubstr("\"seconds\":[]"));
+}
+
+TEST_F(HttpServerTest, MetricsAreTheSameFigures) {
+  const RobotClient robot = stream();
+  const HttpAnswer answer = get("/metrics");
+  EXPECT_THAT(answer.head, HasSubstr("text/plain; version=0.0.4"));
+  for (const char* line :
+       {"orbbuf_session_info{robot=\"r\",session=\"s\"} 1", "orbbuf_robot_connected{robot=\"r\"} 1",
+        "orbbuf_frames_total{robot=\"r\"} 2", "orbbuf_drop_records_total{robot=\"r\"} 1",
+        "orbbuf_robot_captured_total{robot=\"r\"} 3", "orbbuf_robot_dropped_total{robot=\"r\"} 1",
+        "orbbuf_robot_buffer_capacity_frames{robot=\"r\"} 25",
+        "orbbuf_robot_round_trip_seconds{robot=\"r\"} 0.04"}) {
+    EXPECT_THAT(answer.body, HasSubstr(std::string(line) + "\n"));
+  }
+}
+
+TEST_F(HttpServerTest, WithoutRobotsThereAreNoMetrics) { EXPECT_EQ(get("/metrics").status, 200); }
+
+TEST_F(HttpServerTest, TheNewestImageIsServedByteForByte) {
+  EXPECT_EQ(get("/robots/r/image").status, 404);
+  const RobotClient robot = stream();
+  const HttpAnswer answer = get("/robots/r/image");
+  EXPECT_THAT(answer.head, HasSubstr("Content-Type: image/jpeg"));
+  const EncodedFrame frame = plain_frame(2);
+  EXPECT_EQ(answer.body, std::string(frame.jpeg.begin(), frame.jpeg.end()));
+}
+
+TEST_F(HttpServerTest, SessionsAreReadFromTheDisk) {
+  const RobotClient robot = stream();
+  EXPECT_EQ(get("/api/sessions").body, "{\"names\":[\"r\"]}\n");
+  EXPECT_EQ(get("/api/sessions/r").body, "{\"names\":[\"s\"]}\n");
+  EXPECT_THAT(get("/api/sessions/r/s").body, HasSubstr("\"calibration\":null"));
+  EXPECT_EQ(get("/sessions/r/s/times.txt").body, read_file(session() / "times.txt"));
+  EXPECT_EQ(get("/sessions/r/s/drops.csv").body, read_file(session() / "drops.csv"));
+  EXPECT_EQ(get("/sessions/r/s/images/000002.jpg").body,
+            read_file(session() / "images/000002.jpg"));
+}
+
+TEST_F(HttpServerTest, AFileOfManyPiecesComesWhole) {
+  const RobotClient robot = stream();
+  std::string lines;
+  while (lines.size() < 10 * ServedFile::kPieceBytes + 7) lines += std::to_string(lines.size());
+  write_file(session() / "camera.txt", lines);
+  EXPECT_EQ(get("/sessions/r/s/camera.txt").body, lines);
+}
+
+TEST_F(HttpServerTest, NoPathLeadsElsewhere) {
+  const RobotClient robot = stream();
+  write_file(folder_ / "data/r/secret.txt", "x");
+  fs::create_symlink("/etc/passwd", session() / "camera.txt");
+  for (const char* path :
+       {"/sessions/../x/times.txt", "/sessions/r/../times.txt", "/sessions/r/s/../secret.txt",
+        "/sessions/r/s/secret.txt", "/sessions/r/s/camera.txt", "/sessions/r/s/images/..",
+        "/sessions/r/s/images/..jpg", "/sessions/r/s/images/.jpg", "/sessions/r/s/images/1",
+        "/sessions/r/%2e%2e/times.txt", "/sessions/r/s/images/%2e%2e.jpg", "/api/sessions/..",
+        "/api/sessions/r/..", "/api/sessions/r/s/images", "/robots/../image", "/robots/r",
+        "/metrics/x", "/favicon.ico"}) {
+    EXPECT_EQ(get(path).status, 404) << path;
+  }
+}
+
+TEST_F(HttpServerTest, WithoutFilesThereAreNoSessionsToSee) {
+  settings_.sinks.files_enabled = false;
+  settings_.sinks.slam.command = "cat >/dev/null";
+  const RobotClient robot = stream();
+  EXPECT_EQ(get("/api/sessions").status, 404);
+  EXPECT_EQ(get("/robots/r/image").status, 200);
+}
+
+TEST_F(HttpServerTest, AConnectionServesRequestAfterRequest) {
+  const HttpClient client = browse();
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(client.get("/healthz").status, 200);
+  client.send(
+      "HEAD /metrics HTTP/1.1\r\nHost: [::1]:80\r\n\r\nGET /no HTTP/1.1\r\n"
+      "Host: 127.0.0.1:1\r\nConnection: close\r\n\r\n");
+  EXPECT_EQ(client.read(true).status, 200);
+  EXPECT_EQ(client.read().status, 404);
+  EXPECT_TRUE(client.is_closed());
+}
+
+TEST_F(HttpServerTest, OnlyReadingIsAllowed) {
+  const HttpClient client = browse();
+  client.send("DELETE /sessions/r/s HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  const HttpAnswer answer = client.read();
+  EXPECT_EQ(answer.status, 405);
+  EXPECT_THAT(answer.head, HasSubstr("Allow: GET, HEAD\r\n"));
+}
+
+TEST_F(HttpServerTest, AForeignNameIsNotServedOnLoopback) {
+  for (const char* host : {"evil.example", "evil.example:80", "localhost.evil.example", ""}) {
+    const HttpClient client = browse();
+    client.send("GET / HTTP/1.1\r\nHost: " + std::string(host) + "\r\n\r\n");
+    EXPECT_EQ(client.read().status, 421) << host;
+  }
+}
+
+TEST_F(HttpServerTest, NonsenseIsAnsweredAndTheConnectionClosed) {
+  const HttpClient client = browse();
+  client.send("\x16\x03\x01\x02\x03\x04\r\n\r\n");
+  EXPECT_EQ(client.read().status, 400);
+  EXPECT_TRUE(client.is_closed());
+}
+
+TEST_F(HttpServerTest, ARequestInDropsIsCutWhenItsTimeIsOver) {
+  const HttpClient client = browse();
+  client.send("GET / HTTP/1.1\r\n");
+  const auto begin = std::chrono::steady_clock::now();
+  EXPECT_TRUE(client.is_closed());
+  EXPECT_LE(std::chrono::steady_clock::now() - begin, 2 * HttpConnection::kRequestTime);
+}
+
+TEST_F(HttpServerTest, WhoDoesNotReadIsCutAndOthersAreServed) {
+  const RobotClient robot = stream();
+  write_file(session() / "camera.txt", std::string(64 << 20, 'x'));
+  const HttpClient slow = browse();
+  slow.send("GET /sessions/r/s/camera.txt HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  EXPECT_EQ(get("/healthz").status, 200);
+  robot.send_frame(plain_frame(3));
+  EXPECT_TRUE(robot.acked(4));
+  static_assert(HttpConnection::kPieceTime <= HttpConnection::kRequestTime);
+  const HttpClient clock = browse();  // is cut no sooner
+  clock.send("GET");
+  EXPECT_TRUE(clock.is_closed());
+  EXPECT_EQ(slow.read().status, 0) << "all of it came, or nothing ended";
+}
+
+TEST_F(HttpServerTest, NoMoreConnectionsThanItsLimitAndTheyComeToAnEnd) {
+  std::vector<HttpClient> idle;
+  for (std::size_t i = 0; i < HttpServer::kMaxConnections; ++i) idle.push_back(browse());
+  EXPECT_EQ(idle.back().get("/healthz").status, 200);
+  EXPECT_EQ(get("/healthz").status, 0) << "refused";
+  const RobotClient robot = stream();
+  idle.pop_back();
+  while (get("/healthz").status != 200) std::this_thread::yield();
+}
+
+TEST_F(HttpServerTest, AnAddressInUseIsNamed) {
+  start();
+  Settings second = settings_;
+  second.http_address->port = server_->http_port();
+  try {
+    RunningServer taken(second);
+    FAIL() << "listens twice";
+  } catch (const std::runtime_error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("serve http on 127.0.0.1:"));
+    EXPECT_THAT(error.what(), HasSubstr("Address already in use"));
+  }
+}
+
+}  // namespace
+}  // namespace orbbuf::test

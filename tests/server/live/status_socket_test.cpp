@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/live/status_socket.hpp"
+
+#include <gmock/gmock.h>
+#include <sys/stat.h>
+
+#include <fstream>
+#include <memory>
+#include <thread>
+
+#include "server/live/status_table.hpp"
+#include "tests/server/frames.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace orbbuf::test {
+namespace {
+
+using testing::HasSubstr;
+using testing::MatchesRegex;
+
+/// A server's socket, asked from another thread than it runs on.
+class StatusSocketTest : public testing::Test {
+ protected:
+  ~StatusSocketTest() override { stop(); }
+
+  void start() {
+    socket_ = std::make_unique<StatusSocket>(main_, path_, figures_);
+    socket_->start();
+    thread_ = std::thread([this] { main_.run(); });
+  }
+  void stop() {
+    main_.stop();
+    if (thread_.joinable()) thread_.join();
+    socket_.reset();
+  }
+  std::string failure() const { return ask_status(path_).error().text; }
+
+  TemporaryFolder folder_;
+  const std::string path_ = folder_ / "status";
+  boost::asio::io_context main_{1};
+  Figures figures_{8};
+  std::unique_ptr<StatusSocket> socket_;
+  std::thread thread_;
+};
+
+TEST_F(StatusSocketTest, GivesTheTableToWhoeverAsks) {
+  const auto robot = figures_.begin({"tb3", "s1", ""});
+  robot->connected();
+  robot->told({{120, 1, 2, 10, 100, 7, 0}, 25, 1000, 1'500'000, 40'000});
+  figures_.begin({"silent", "s2", ""})->ended();
+  start();
+  for (int i = 0; i < 2; ++i) {
+    const std::string table = ask_status(path_).value();
+    EXPECT_THAT(table, HasSubstr("ROBOT   SESSION  STATE      FRAMES/S  AGE  BUFFER"));
+    EXPECT_THAT(table, HasSubstr("silent  s2       ended           0.0    -       -"));
+    EXPECT_THAT(table, HasSubstr("tb3     s1       connected       0.0    -    7/25  1.50 MB/s"));
+    EXPECT_THAT(table, HasSubstr(" 40.0 ms       120        100       10        1       2\n"));
+  }
+}
+
+TEST_F(StatusSocketTest, IsItsUsersAloneAndGoneAtTheEnd) {
+  start();
+  struct stat status {};
+  ASSERT_EQ(::stat(path_.c_str(), &status), 0);
+  EXPECT_EQ(status.st_mode & 0777U, 0700U);
+  stop();
+  EXPECT_THAT(failure(), HasSubstr("no server answers: " + path_ + ": No such file"));
+}
+
+TEST_F(StatusSocketTest, WhatAServerLeftBehindIsReplaced) {
+  { boost::asio::local::stream_protocol::acceptor killed(main_, path_); }
+  EXPECT_THAT(failure(), HasSubstr("Connection refused"));
+  start();
+  EXPECT_THAT(ask_status(path_).value(), HasSubstr("ROBOT"));
+}
+
+TEST_F(StatusSocketTest, AnothersSocketIsLeftAlone) {
+  start();
+  try {
+    StatusSocket second(main_, path_, figures_);
+    FAIL() << "took it";
+  } catch (const std::runtime_error& error) {
+    EXPECT_EQ(error.what(), "status.socket: another server is on " + path_);
+  }
+  EXPECT_THAT(ask_status(path_).value(), HasSubstr("ROBOT"));
+}
+
+TEST_F(StatusSocketTest, AFileThatIsNoSocketIsLeftAlone) {
+  write_file(path_, "data");
+  EXPECT_THROW(StatusSocket(main_, path_, figures_), std::runtime_error);
+  EXPECT_EQ(read_file(path_), "data");
+}
+
+TEST_F(StatusSocketTest, AServerThatStandsStillIsGivenUp) {
+  boost::asio::local::stream_protocol::acceptor silent(main_, path_);
+  EXPECT_THAT(failure(), HasSubstr(path_ + ": no answer"));
+}
+
+TEST(StatusTable, HasItsHeadingWithoutRobots) {
+  EXPECT_THAT(to_table(Figures(1), RobotFigures::Time()), MatchesRegex("ROBOT .*FAILED\n"));
+}
+
+}  // namespace
+}  // namespace orbbuf::test
