@@ -31,7 +31,8 @@ Bytes life(const std::string& session) {
                  wire::encode_whole(test::plain_frame(0)), wire::encode_whole(stereo_frame(2)),
                  wire::encode_whole(test::plain_frame(0)),
                  wire::encode(wire::Dropped{0, {{1, 0, DropReason::kPolicy}}}),
-                 wire::encode(wire::Report{{3, 0, 0, 1, 2, 0, 0}}), wire::encode(wire::Bye{{3, 1}})});
+                 wire::encode(wire::Report{{3, 0, 0, 1, 2, 0, 0}}),
+                 wire::encode(wire::Bye{{3, 1}})});
 }
 
 void write(const fs::path& file, const Bytes& bytes) {
@@ -47,6 +48,14 @@ void write_seeds(const fs::path& folder) {
   write(folder / "session/one", joined({{255, 255}, life("s")}));
   write(folder / "session/replaced", joined({{255, 128}, life("s"), life("s")}));
   write(folder / "session/rebooted", joined({{3, 100}, life("s"), life("t")}));
+  int request = 0;  // the first byte: how many come at a time
+  for (const char* path : {"/", "/robots/r/image", "/metrics", "/api/robots?since=7", "/healthz",
+                           "/api/sessions/r/s", "/sessions/r/s/images/000001.jpg"}) {
+    write(folder / "http" / std::to_string(++request),
+          wire::bytes_of(std::string("\x40GET ") + path +
+                         " HTTP/1.1\r\nHost: localhost:7723\r\nConnection: keep-alive\r\n\r\n"
+                         "HEAD / HTTP/1.0\r\nHost: [::1]\r\n\r\n"));
+  }
   const fs::path samples = ORBBUF_SOURCE_DIR "/config";
   for (const char* name : {"orbbuf-server.toml", "orbbufd.toml"}) {
     write(folder / "config" / name, wire::bytes_of(test::read_file(samples / name)));
