@@ -109,9 +109,9 @@ SlamSettings load_slam(ConfigReader& reader, const std::string& table,
 void check_slam(const ConfigReader& reader, const std::string& table, const SlamSettings& slam,
                 const SinkSettings& sinks) {
   const bool is_kept = sinks.files_enabled || sinks.mcap_enabled;
-  if (!slam.is_on() && !is_kept) {
+  if (!slam.is_on() && !is_kept && !sinks.ros_enabled) {
     const auto text =
-        fmt::format("frames need a sink: files, mcap, {0}.command or {0}.fifo", table);
+        fmt::format("frames need a sink: files, mcap, {0}.command, {0}.fifo or ros", table);
     reader.fail("files.enabled", text);
   }
   if (!slam.command.empty() && slam.restart != Restart::kAlways && !is_kept) {
@@ -142,6 +142,12 @@ void load_sinks(ConfigReader& reader, SinkSettings& sinks) {
   sinks.files_path = reader.path("files.path", sinks.files_path);
   if (sinks.files_path.empty()) reader.fail("files.path", "must not be empty");
   sinks.mcap_enabled = reader.flag("mcap.enabled", sinks.mcap_enabled);
+  sinks.ros_enabled = reader.flag("ros.enabled", sinks.ros_enabled);
+#ifndef ORBBUF_ROS
+  if (sinks.ros_enabled) {
+    reader.fail("ros.enabled", "this server was built without ROS (cmake -DORBBUF_WITH_ROS=ON)");
+  }
+#endif
   sinks.slam = load_slam(reader, "slam", sinks.slam);
   check_slam(reader, "slam", sinks.slam, sinks);
   for (const auto& [robot, table] : reader.tables("robot")) {

@@ -10,6 +10,9 @@
 #include "server/sink/file_sink.hpp"
 #include "server/sink/mcap_recording.hpp"
 #include "server/sink/session_files.hpp"
+#ifdef ORBBUF_ROS
+#include "server/sink/ros_sink.hpp"
+#endif
 
 namespace orbbuf {
 namespace asio = boost::asio;
@@ -68,6 +71,9 @@ Result<std::vector<std::shared_ptr<FrameSink>>> make_sinks(const SinkSettings& s
   if (auto error = add_records(settings, info, main, pool, sinks, kept)) return std::move(*error);
   const SlamSettings& slam = settings.slam_for(info.robot_id);
   if (slam.is_on()) sinks.push_back(make_slam_sink(slam, info, kept, main, pool));
+#ifdef ORBBUF_ROS
+  if (settings.ros_enabled) sinks.push_back(make_ros_sink(main, info));
+#endif
   return sinks;
 }
 

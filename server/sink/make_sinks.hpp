@@ -22,6 +22,7 @@ struct SinkSettings {
   bool mcap_enabled = false;
   SlamSettings slam;
   std::map<std::string, SlamSettings> slam_of;  ///< robot id -> its own, in place of `slam`
+  bool ros_enabled = false;                     ///< requires ORBBUF_ROS
 
   const SlamSettings& slam_for(const std::string& robot_id) const;
 

@@ -95,6 +95,14 @@ TEST(Settings, ARobotHasWhatItsOwnTableSaysAndTheRestFromTheTableOfAll) {
   EXPECT_FALSE(sinks.slam_for("c.1").is_on());
 }
 
+TEST(Settings, ABridgeToRosHasToBeBuilt) {
+#ifdef ORBBUF_ROS
+  EXPECT_TRUE(load({"ros.enabled=true"}).sinks.ros_enabled);
+#else
+  EXPECT_THROW(load({"ros.enabled=true"}), ConfigError);
+#endif
+}
+
 struct BadValue {
   std::vector<std::string> overrides;
   std::string complaint;
