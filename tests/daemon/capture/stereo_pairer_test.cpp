@@ -30,7 +30,8 @@ class StereoPairerTest : public testing::Test {
     EXPECT_EQ(pair->capture_time_ns, 1);
     EXPECT_EQ(pair->right->capture_time_ns, 2);
     EXPECT_EQ(pair->right->right, nullptr);
-    pairs_.emplace_back(pair->monotonic_ns / kMillisecond, pair->right->monotonic_ns / kMillisecond);
+    pairs_.emplace_back(pair->monotonic_ns / kMillisecond,
+                        pair->right->monotonic_ns / kMillisecond);
   }
   void left(std::int64_t time_ms) { add(Side::kLeft, time_ms); }
   void right(std::int64_t time_ms) { add(Side::kRight, time_ms); }
