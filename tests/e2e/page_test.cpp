@@ -57,9 +57,10 @@ class PageTest : public testing::Test {
 
 TEST_F(PageTest, AtTheEndPageMetricsAndStatusTellWhatTheRobotsLogTells) {
   Process robot = this->robot({"source.frames=150", "source.fps=25", "buffer.capacity=5"});
-  ASSERT_TRUE(server_.process().wait_for_line("session 2"));
-  server_.process().signal(SIGSTOP);  // an outage, to the robot
-  ASSERT_TRUE(robot.wait_for_line("stalled"));
+  // An outage, to the robot; on its clock, as it logs a line a second.
+  ASSERT_TRUE(robot.wait_for_lines("] captured ", 1));
+  server_.process().signal(SIGSTOP);
+  ASSERT_TRUE(robot.wait_for_lines("] captured ", 4));
   server_.process().signal(SIGCONT);
   ASSERT_EQ(robot.wait(), 0) << robot.output();
   auto account = closing_account(robot);
