@@ -266,12 +266,10 @@ Parsed<ErrorMessage> parse_error(const Header& header, std::span<const std::uint
   assert(header.type == Type::kError);
   Body in(header, body);
   const auto code = in.take<std::uint16_t>();
-  const bool is_known = code >= static_cast<std::uint16_t>(ErrorCode::kMalformed) &&
-                        code <= static_cast<std::uint16_t>(ErrorCode::kRefused);
+  const bool is_known = code != 0 && code <= static_cast<std::uint16_t>(ErrorCode::kRefused);
   // A newer peer may have reasons of its own; its text still tells them.
-  ErrorMessage error{is_known ? static_cast<ErrorCode>(code) : ErrorCode::kRefused, {}};
-  error.text = clean(in.take_text("text", kMaxTextBytes));
-  return in.finish(std::move(error));
+  return in.finish(ErrorMessage{is_known ? static_cast<ErrorCode>(code) : ErrorCode::kRefused,
+                                clean(in.take_text("text", kMaxTextBytes))});
 }
 
 Parsed<EncodedFrame> parse_frame(const Header& header,

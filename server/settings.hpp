@@ -41,7 +41,7 @@ struct Settings {
   std::string log_level = "info";
   ListenSettings listen;
   std::string status_socket = kAutomaticSocket;  ///< "": none
-  std::optional<Address> http_address;  ///< of the live page; nothing: there is none
+  std::optional<Address> http_address;           ///< of the live page; nothing: there is none
   std::chrono::nanoseconds session_timeout = std::chrono::minutes(10);
   std::chrono::nanoseconds drain_timeout = std::chrono::seconds(2);
   SinkSettings sinks;
