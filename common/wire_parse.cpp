@@ -54,8 +54,7 @@ std::string quote(std::span<const std::uint8_t> bytes) {
 }
 
 bool is_type(std::uint8_t type) {
-  return type >= static_cast<std::uint8_t>(Type::kHello) &&
-         type <= static_cast<std::uint8_t>(Type::kError);
+  return type != 0 && type <= static_cast<std::uint8_t>(Type::kError);
 }
 
 std::optional<Fault> check_length(const Header& header, std::uint32_t max_jpeg_bytes) {
@@ -244,9 +243,9 @@ Parsed<Report> parse_stats(const Header& header, std::span<const std::uint8_t> b
   assert(header.type == Type::kStats);
   Body in(header, body);
   Report report;
-  Stats& stats = report.account;
-  for (std::uint64_t* const count : {&stats.captured, &stats.skipped, &stats.failed, &stats.dropped,
-                                     &stats.acknowledged, &stats.waiting, &stats.in_flight}) {
+  auto& [captured, skipped, failed, dropped, acknowledged, waiting, in_flight] = report.account;
+  for (std::uint64_t* const count :
+       {&captured, &skipped, &failed, &dropped, &acknowledged, &waiting, &in_flight}) {
     *count = in.take<std::uint64_t>();
   }
   report.capacity = in.take<std::uint32_t>();

@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <string>
 
+#include "common/log.hpp"
 #include "tests/support/notify_socket.hpp"
 
 namespace orbbuf {
@@ -60,10 +61,11 @@ TEST_F(ServiceStatusTest, TheWatchdogIsOnlyForTheProcessThatItNames) {
 
 TEST_F(ServiceStatusTest, AManagerThatIsGoneIsNoMatterAndIsLoggedOnce) {
   ::setenv("NOTIFY_SOCKET", (manager_.path() + "-gone").c_str(), 1);
-  ::testing::internal::CaptureStdout();
+  set_up_log("info");
+  ::testing::internal::CaptureStderr();
   service_.ready();
   service_.feed();
-  const std::string log = ::testing::internal::GetCapturedStdout();
+  const std::string log = ::testing::internal::GetCapturedStderr();
   EXPECT_NE(log.find("cannot tell systemd \"READY=1\": No such file or directory"),
             std::string::npos)
       << log;
