@@ -18,7 +18,7 @@ std::string hash_of(std::string_view text) {
   std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
   unsigned size = 0;
   ::EVP_Digest(text.data(), text.size(), digest.data(), &size, ::EVP_sha256(), nullptr);
-  std::array<unsigned char, 2 * EVP_MAX_MD_SIZE> base64{};
+  std::array<unsigned char, std::size_t{2} * EVP_MAX_MD_SIZE> base64{};
   ::EVP_EncodeBlock(base64.data(), digest.data(), static_cast<int>(size));
   return fmt::format("'sha256-{}'", reinterpret_cast<const char*>(base64.data()));
 }
@@ -41,8 +41,8 @@ HttpResponse make_page() {
 }  // namespace
 
 HttpResponse page() {
-  static const HttpResponse kPage = make_page();
-  return kPage;
+  static const HttpResponse once = make_page();
+  return once;
 }
 
 }  // namespace orbbuf

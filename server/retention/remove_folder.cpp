@@ -17,7 +17,7 @@ Result<bool> remove_folder(const fs::path& folder, std::chrono::steady_clock::ti
     const fs::path& path = entry->path();
     std::error_code ignored;  // then unlink() says why
     if (fs::is_directory(entry->symlink_status(ignored))) {
-      const auto is_gone = remove_folder(path, deadline);
+      auto is_gone = remove_folder(path, deadline);
       if (!is_gone || !is_gone.value()) return is_gone;
     } else if (::unlink(path.c_str()) != 0 && errno != ENOENT) {
       return system_error("remove " + path.string(), errno);

@@ -69,7 +69,7 @@ class ChildOutput : public std::enable_shared_from_this<ChildOutput> {
   boost::asio::posix::stream_descriptor pipe_;
   boost::asio::steady_timer pause_;
   const std::shared_ptr<OutputLog> log_;
-  std::array<char, 16 * 1024> block_{};
+  std::array<char, 16'384> block_{};
 };
 
 }  // namespace orbbuf

@@ -43,6 +43,7 @@ class FrameSink {
 
   /// Nothing more will be written: `drained` runs, possibly from within the call, when all that was
   /// answered has gone where it goes. It may take for ever; close() ends it.
+  // NOLINTNEXTLINE(performance-unnecessary-value-param): who overrides it keeps it
   virtual void async_drain(std::function<void()> drained) { drained(); }
 
   /// Nothing more will be written; readers see the end. An outstanding call ends soon, with an
