@@ -8,7 +8,7 @@ build=build/$1
 targets=(all)
 choice=()
 if [ "${2-}" = quick ]; then
-  targets=(orbbufd orbbuf-server orbbuf-pipe-reader e2e_test)
+  targets=(orbbufd orbbuf-server orbbuf-follow e2e_test)
   choice=(-R '^(Delivery|Pipe[.]|Programs|Stereo[.])')
 fi
 

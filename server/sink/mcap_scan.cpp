@@ -43,7 +43,8 @@ class Source {
       if (more <= 0) break;
       got += static_cast<std::size_t>(more);
     }
-    bytes.resize(failed_ == 0 ? got : 0);
+    if (failed_ != 0) got = 0;
+    bytes.erase(bytes.begin() + static_cast<std::ptrdiff_t>(got), bytes.end());
     return bytes;
   }
 
