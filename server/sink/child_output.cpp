@@ -16,7 +16,7 @@ namespace asio = boost::asio;
 using boost::system::error_code;
 
 constexpr std::chrono::milliseconds kPause{5};
-constexpr std::size_t kMostLeftBytes = 64 * 1024;  // what a pipe holds
+constexpr std::size_t kMostLeftBytes = 65'536;  // what a pipe holds
 
 }  // namespace
 
