@@ -55,9 +55,12 @@ refuses 'brightness takes -1 to .*, not 7' "${mode[@]}" controls.brightness=7
 film busy "${mode[@]}"
 expect 'frames' wait_for 30 has_frames busy 5
 first=$daemon
+log=/tmp/refused.log
 refuses 'none that it can use (one that another program films with may be left out)' "${mode[@]}"
+log=/tmp/daemon.log
 daemon=$first
 end_film
+cat "$log" >>refusals.log
 chmod 660 /dev/media* /dev/video*
 as=(chroot --userspec=65534:65534 --groups=65534 /)
 refuses 'Permission denied; who films must be root or in the group' "${mode[@]}"
