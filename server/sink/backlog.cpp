@@ -40,7 +40,7 @@ std::optional<EncodedFrame> parse_line(std::string_view line) {
 int add_file(const std::filesystem::path& path, std::vector<std::uint8_t>& bytes) {
   const UniqueFd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (!fd) return errno;
-  std::array<std::uint8_t, 64 * 1024> block;
+  std::array<std::uint8_t, 65'536> block;
   for (;;) {
     const ssize_t got = ::read(fd.get(), block.data(), block.size());
     if (got < 0) return errno;

@@ -158,7 +158,7 @@ void PipeSink::go_on() {
     if (is_behind_) {
       catch_up();
     } else if (done_) {
-      send(frame_);
+      send(FramePtr(frame_));  // it is given up where it cannot be sent
     }
   }
   if (drained_ && !is_busy_ && !done_) asio::post(main_, std::exchange(drained_, nullptr));
@@ -205,7 +205,7 @@ void PipeSink::caught_up_with(Result<FramePtr> frame) {
   go_on();
 }
 
-void PipeSink::send(FramePtr frame) {
+void PipeSink::send(const FramePtr& frame) {
   is_busy_ = true;
   if (format_ == PipeFormat::kMjpeg) return encoded(frame, to_mjpeg(*frame, session_id_));
   run_in_pool(

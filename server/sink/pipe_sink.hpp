@@ -86,7 +86,7 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   void serve_call();
   void catch_up();
   void caught_up_with(Result<FramePtr> frame);
-  void send(FramePtr frame);
+  void send(const FramePtr& frame);
   void encoded(const FramePtr& frame, Result<Block> block);
   void write_block(const FramePtr& frame);
   void note_sent(Sequence sequence);
