@@ -5,10 +5,10 @@
 
 #include <algorithm>
 #include <boost/asio/buffer.hpp>
-#include <boost/asio/executor_work_guard.hpp>
-#include <boost/asio/post.hpp>
 #include <boost/asio/write.hpp>
 #include <utility>
+
+#include "server/run_in_pool.hpp"
 
 namespace orbbuf {
 namespace {
@@ -97,15 +97,14 @@ void HttpConnection::write_next() {
 }
 
 void HttpConnection::read_file() {
-  asio::post(files_, [self = shared_from_this(), file = response_.file,
-                      main = asio::make_work_guard(stream_.get_executor())] {
-    asio::post(main.get_executor(), [self, piece = file->read()]() mutable {
-      if (self->is_closed_) return;
-      if (piece.empty()) return self->close();  // what was promised is not there any more
-      self->piece_ = std::move(piece);
-      self->write(self->piece_);
-    });
-  });
+  run_in_pool(
+      stream_.get_executor(), files_, [file = response_.file] { return file->read(); },
+      [self = shared_from_this()](std::vector<std::uint8_t> piece) {
+        if (self->is_closed_) return;
+        if (piece.empty()) return self->close();  // what was promised is not there any more
+        self->piece_ = std::move(piece);
+        self->write(self->piece_);
+      });
 }
 
 void HttpConnection::write(std::span<const std::uint8_t> piece) {

@@ -2,9 +2,7 @@
 #include "server/http/site.hpp"
 
 #include <algorithm>
-#include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/ip/address.hpp>
-#include <boost/asio/post.hpp>
 #include <charconv>
 #include <string_view>
 #include <utility>
@@ -15,6 +13,7 @@
 #include "server/http/metrics.hpp"
 #include "server/http/page.hpp"
 #include "server/http/session_list.hpp"
+#include "server/run_in_pool.hpp"
 #include "server/sink/session_names.hpp"
 
 namespace orbbuf {
@@ -175,12 +174,7 @@ void Site::sessions(const Words& words, Answer answer) const {
 }
 
 void Site::run_on_files(std::function<HttpResponse()> work, Answer answer) const {
-  asio::post(files_, [guard = asio::make_work_guard(main_), work = std::move(work),
-                      answer = std::move(answer)]() mutable {
-    asio::post(guard.get_executor(), [answer = std::move(answer), response = work()]() mutable {
-      answer(std::move(response));
-    });
-  });
+  run_in_pool(main_, files_, std::move(work), std::move(answer));
 }
 
 }  // namespace orbbuf

@@ -4,8 +4,6 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <boost/asio/executor_work_guard.hpp>
-#include <boost/asio/post.hpp>
 #include <cerrno>
 #include <cstdio>
 #include <map>
@@ -13,6 +11,7 @@
 #include <utility>
 
 #include "server/retention/remove_folder.hpp"
+#include "server/run_in_pool.hpp"
 
 namespace orbbuf {
 namespace {
@@ -54,14 +53,16 @@ void Retention::pause_then(std::chrono::nanoseconds pause, std::function<void()>
 
 /// One step of a pass, and all that follow.
 void Retention::survey(bool is_new) {
-  asio::post(pool_, [this, self = shared_from_this(), is_new] {
-    if (is_new) survey_.begin();
-    const bool is_over = survey_.go_on(steady_clock::now() + kStep);
-    asio::post(main_, [this, self, is_over] {
-      if (is_over) return surveyed();
-      pause_then(kPause, [this] { survey(false); });
-    });
-  });
+  run_in_pool(
+      main_, pool_,
+      [this, is_new] {
+        if (is_new) survey_.begin();
+        return survey_.go_on(steady_clock::now() + kStep);
+      },
+      [this, self = shared_from_this()](bool is_over) {
+        if (is_over) return surveyed();
+        pause_then(kPause, [this] { survey(false); });
+      });
 }
 
 void Retention::surveyed() {
@@ -125,15 +126,15 @@ void Retention::fail(const Error& error) {
 
 /// One step, and all that follow.
 void Retention::remove(const fs::path& folder) {
-  asio::post(pool_, [this, self = shared_from_this(), folder] {
-    auto is_gone = remove_folder(folder, steady_clock::now() + kStep);
-    asio::post(main_, [this, self, folder, is_gone = std::move(is_gone)] {
-      if (is_gone && !is_gone.value())
-        return pause_then(kPause, [this, folder] { remove(folder); });
-      if (!is_gone) fail(is_gone.error());
-      pause_then(kPause, [this] { remove_next(); });
-    });
-  });
+  run_in_pool(
+      main_, pool_, [folder] { return remove_folder(folder, steady_clock::now() + kStep); },
+      [this, self = shared_from_this(), folder](const Result<bool>& is_gone) {
+        if (is_gone && !is_gone.value()) {
+          return pause_then(kPause, [this, folder] { remove(folder); });
+        }
+        if (!is_gone) fail(is_gone.error());
+        pause_then(kPause, [this] { remove_next(); });
+      });
 }
 
 }  // namespace orbbuf

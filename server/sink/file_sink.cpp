@@ -3,27 +3,13 @@
 
 #include <spdlog/spdlog.h>
 
-#include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/post.hpp>
 #include <utility>
 
+#include "server/run_in_pool.hpp"
+
 namespace orbbuf {
-namespace {
-
 namespace asio = boost::asio;
-
-/// Runs `work` in the pool and then `done` with its result on `main`, which cannot run out of work
-/// in between.
-template <class Work>
-void run_in_pool(asio::io_context& main, asio::thread_pool& pool, Work work, FrameSink::Done done) {
-  asio::post(pool, [guard = asio::make_work_guard(main), work = std::move(work),
-                    done = std::move(done)]() mutable {
-    asio::post(guard.get_executor(),
-               [done = std::move(done), error = work()] { done(std::move(error)); });
-  });
-}
-
-}  // namespace
 
 FileSink::FileSink(asio::io_context& main, asio::thread_pool& pool,
                    std::unique_ptr<SessionRecord> record, wire::Position position)

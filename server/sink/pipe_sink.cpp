@@ -5,12 +5,13 @@
 #include <sys/ioctl.h>
 
 #include <algorithm>
-#include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/write.hpp>
 #include <cassert>
 #include <chrono>
 #include <utility>
+
+#include "server/run_in_pool.hpp"
 
 namespace orbbuf {
 namespace {
@@ -19,19 +20,6 @@ namespace asio = boost::asio;
 using boost::system::error_code;
 
 constexpr std::chrono::seconds kRetry{1};
-
-/// Runs `work` in the pool and then `done` with its result on `main`, where alone the sink that
-/// both may hold can end.
-template <class Work, class Done>
-void run_in_pool(asio::io_context& main, asio::thread_pool& pool, Work work, Done done) {
-  asio::post(pool, [guard = asio::make_work_guard(main), work = std::move(work),
-                    done = std::move(done)]() mutable {
-    auto result = work();
-    asio::post(guard.get_executor(),
-               [work = std::move(work), done = std::move(done),
-                result = std::move(result)]() mutable { done(std::move(result)); });
-  });
-}
 
 }  // namespace
 

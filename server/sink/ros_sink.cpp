@@ -2,7 +2,6 @@
 #include "server/sink/ros_sink.hpp"
 
 #include <algorithm>
-#include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <cctype>
@@ -11,6 +10,7 @@
 
 #include "common/log.hpp"
 #include "server/dataset/calibration.hpp"
+#include "server/run_in_pool.hpp"
 #include "server/sink/ros_node.hpp"
 
 namespace orbbuf {
@@ -76,11 +76,13 @@ class RosSink final : public FrameSink {
                                                 ros_camera(info.calibration, true)})) {}
 
   void async_write(FramePtr frame, Done done) override {
-    asio::post(the_ros().thread, [guard = asio::make_work_guard(main_), source = source_,
-                                  frame = std::move(frame), done = std::move(done)]() mutable {
-      publish(*source, *frame);
-      asio::post(guard.get_executor(), [done = std::move(done)] { done(std::nullopt); });
-    });
+    run_in_pool(
+        main_, the_ros().thread,
+        [source = source_, frame = std::move(frame)]() -> std::optional<Error> {
+          publish(*source, *frame);
+          return std::nullopt;
+        },
+        std::move(done));
   }
 
   void async_write_drops(std::vector<DropRecord> /*records*/, Done done) override {
