@@ -5,10 +5,10 @@
 
 #include <algorithm>
 #include <chrono>
-#include <stdexcept>
 #include <utility>
 #include <vector>
 
+#include "server/listen_on.hpp"
 #include "server/sink/make_sinks.hpp"
 
 namespace orbbuf {
@@ -20,26 +20,6 @@ using boost::system::error_code;
 
 constexpr std::chrono::milliseconds kAcceptRetry{200};
 constexpr std::size_t kSupersededKept = 1000;
-
-tcp::acceptor listen_on(asio::io_context& main, const ListenSettings& settings) {
-  try {
-    tcp::resolver resolver(main);
-    const tcp::endpoint endpoint = *resolver.resolve(
-        settings.address.host, std::to_string(settings.address.port), tcp::resolver::passive);
-    tcp::acceptor acceptor(main, endpoint.protocol());
-    acceptor.set_option(tcp::acceptor::reuse_address(true));
-    if (settings.receive_buffer_bytes > 0) {  // accepted sockets inherit it, if set before listen
-      acceptor.set_option(
-          asio::socket_base::receive_buffer_size(static_cast<int>(settings.receive_buffer_bytes)));
-    }
-    acceptor.bind(endpoint);
-    acceptor.listen();
-    return acceptor;
-  } catch (const boost::system::system_error& error) {
-    throw std::runtime_error("listen on " + to_string(settings.address) + ": " +
-                             error.code().message());
-  }
-}
 
 /// Best effort, at once: there is no room to be polite to more than we can serve.
 void turn_away(tcp::socket& socket, const std::string& why) {
@@ -59,7 +39,8 @@ Listener::Listener(asio::io_context& main, asio::thread_pool& pool, Settings set
       settings_(std::move(settings)),
       figures_(figures),
       tls_(make_tls_context(settings_.listen.tls)),
-      acceptor_(listen_on(main, settings_.listen)),
+      acceptor_(listen_on(main, "listen on", settings_.listen.address,
+                          settings_.listen.receive_buffer_bytes)),
       retry_(main) {}
 
 void Listener::start() {

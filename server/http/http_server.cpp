@@ -3,11 +3,10 @@
 
 #include <spdlog/spdlog.h>
 
-#include <stdexcept>
-#include <string>
 #include <utility>
 
 #include "server/connection.hpp"
+#include "server/listen_on.hpp"
 
 namespace orbbuf {
 namespace {
@@ -17,17 +16,6 @@ using asio::ip::tcp;
 using boost::system::error_code;
 
 constexpr std::chrono::milliseconds kPageRetry{200};
-
-tcp::acceptor listen_on(asio::io_context& main, const Address& address) {
-  try {
-    tcp::resolver resolver(main);
-    const tcp::endpoint endpoint =
-        *resolver.resolve(address.host, std::to_string(address.port), tcp::resolver::passive);
-    return {main, endpoint};
-  } catch (const boost::system::system_error& error) {
-    throw std::runtime_error("serve http on " + to_string(address) + ": " + error.code().message());
-  }
-}
 
 std::filesystem::path folder_of(const SinkSettings& sinks) {
   return sinks.files_enabled ? sinks.files_path : std::filesystem::path();
@@ -41,7 +29,7 @@ HttpServer::HttpServer(asio::io_context& main, asio::thread_pool& files, const S
       tls_(make_tls_context(settings.listen.tls)),
       site_(main, files, figures, folder_of(settings.sinks),
             !tls_ && is_loopback(*settings.http_address)),
-      acceptor_(listen_on(main, *settings.http_address)),
+      acceptor_(listen_on(main, "serve http on", *settings.http_address)),
       retry_(main) {}
 
 void HttpServer::start() {
