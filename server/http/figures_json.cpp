@@ -73,12 +73,9 @@ void add_timeline(Json& json, const RobotFigures& robot, std::uint64_t since_ms,
 
 void add_robot(Json& json, const RobotFigures& robot, std::uint64_t since_ms,
                RobotFigures::Time now) {
-  const char* const state = robot.is_ended()       ? "ended"
-                            : robot.is_connected() ? "connected"
-                                                   : "disconnected";
   json.add(R"({{"robot":"{}","session":"{}","state":"{}","connections":{},)"
            R"("frames":{},"bytes":{},"drops":{},"frame_rate":{:.2f},)",
-           robot.info().robot_id, robot.info().session_id, state, robot.connections(),
+           robot.info().robot_id, robot.info().session_id, robot.state(), robot.connections(),
            robot.frames(), robot.bytes(), robot.drops(), robot.frame_rate(now));
   if (const auto age = robot.timeline().age(now)) json.add(R"("age_s":{:.3f},)", to_seconds(*age));
   if (const FramePtr& frame = robot.newest()) {

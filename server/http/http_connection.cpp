@@ -8,6 +8,7 @@
 #include <boost/asio/write.hpp>
 #include <utility>
 
+#include "common/as_bytes.hpp"
 #include "server/run_in_pool.hpp"
 
 namespace orbbuf {
@@ -20,7 +21,7 @@ using boost::system::error_code;
 std::span<const std::uint8_t> body_of(const HttpResponse& response) {
   if (response.image) return response.image->left();
   if (!response.text) return {};
-  return {reinterpret_cast<const std::uint8_t*>(response.text->data()), response.text->size()};
+  return as_bytes(*response.text);
 }
 
 }  // namespace
@@ -45,10 +46,20 @@ void HttpConnection::start() {
   });
 }
 
-/// Serves what has come already, or reads more.
+/// Answers what has come already; false if there is nothing to answer yet.
+bool HttpConnection::serve() {
+  if (const auto request = reader_.next()) {
+    ask(*request);
+    return true;
+  }
+  if (reader_.fault() == 0) return false;
+  respond(error_response(reader_.fault()), false, false);
+  return true;
+}
+
+/// After an answer.
 void HttpConnection::go_on() {
-  if (const auto request = reader_.next()) return ask(*request);
-  if (reader_.fault() != 0) return respond(error_response(reader_.fault()), false, false);
+  if (serve()) return;
   if (reader_.is_between_requests()) limit(kIdleTime);
   read();
 }
@@ -66,9 +77,7 @@ void HttpConnection::read() {
 void HttpConnection::bytes_came(std::size_t bytes) {
   if (reader_.is_between_requests()) limit(kRequestTime);
   reader_.add(std::span(in_).first(bytes));
-  if (const auto request = reader_.next()) return ask(*request);
-  if (reader_.fault() != 0) return respond(error_response(reader_.fault()), false, false);
-  read();
+  if (!serve()) read();
 }
 
 void HttpConnection::ask(const HttpRequest& request) {

@@ -53,6 +53,7 @@ class HttpConnection final : public std::enable_shared_from_this<HttpConnection>
   void close();
 
  private:
+  bool serve();
   void go_on();
   void read();
   void bytes_came(std::size_t bytes);

@@ -50,6 +50,11 @@ void RobotFigures::ended(Time now) {
   ended_ = now;
 }
 
+std::string RobotFigures::state() const {
+  if (is_ended()) return "ended";
+  return is_connected_ ? "connected" : "disconnected";
+}
+
 double RobotFigures::frame_rate(Time now) const {
   if (ended_) return 0;
   const std::chrono::duration<double> time = now - counting_since_;

@@ -40,6 +40,8 @@ class RobotFigures {
   const SessionInfo& info() const { return info_; }
   bool is_connected() const { return is_connected_; }
   bool is_ended() const { return ended_.has_value(); }
+  /// One word: `connected`, `disconnected` or `ended`.
+  std::string state() const;
   std::optional<Time> ended_at() const { return ended_; }
   std::uint64_t connections() const { return connections_; }
 

@@ -22,10 +22,7 @@ std::string to_text(std::optional<std::chrono::nanoseconds> age) {
 
 Row row_of(const RobotFigures& robot, RobotFigures::Time now) {
   const bool is_connected = robot.is_connected();
-  Row row{robot.info().robot_id, robot.info().session_id,
-          robot.is_ended() ? "ended"
-          : is_connected   ? "connected"
-                           : "disconnected",
+  Row row{robot.info().robot_id, robot.info().session_id, robot.state(),
           fmt::format("{:.1f}", robot.frame_rate(now)),
           robot.is_ended() ? "-" : to_text(robot.timeline().age(now))};
   std::fill(row.begin() + 5, row.end(), std::string(1, '-'));

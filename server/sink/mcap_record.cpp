@@ -98,10 +98,9 @@ void put_message(Bytes& out, const MessageHead& head, std::span<const std::uint8
 }
 
 void put_message_index(Bytes& out, std::uint16_t channel_id, std::span<const IndexEntry> entries) {
-  constexpr std::size_t kEntryBytes = 16;
   put_record(out, Opcode::kMessageIndex, [&] {
     put(out, channel_id);
-    put(out, static_cast<std::uint32_t>(entries.size() * kEntryBytes));
+    put(out, static_cast<std::uint32_t>(entries.size() * kIndexEntryBytes));
     for (const IndexEntry& entry : entries) {
       put(out, entry.time_ns);
       put(out, entry.offset);

@@ -38,6 +38,8 @@ enum class Opcode : std::uint8_t {
 inline constexpr std::size_t kPrefixBytes = 9;
 /// Of a chunk record without compression, up to the records in it.
 inline constexpr std::size_t kChunkHeadBytes = 49;
+/// Of each message in a message index.
+inline constexpr std::size_t kIndexEntryBytes = 16;
 /// Of a message record, up to its data.
 inline constexpr std::size_t kMessageHeadBytes = 31;
 

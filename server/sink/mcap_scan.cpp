@@ -17,7 +17,6 @@
 namespace orbbuf::mcap {
 namespace {
 
-constexpr std::size_t kIndexEntryBytes = 16;
 constexpr std::size_t kBlockBytes = 65536;
 
 std::uint32_t joined(std::uint32_t crc, std::uint32_t next_crc, std::uint64_t next_bytes) {
