@@ -12,8 +12,8 @@
 #include "common/log.hpp"
 #include "common/wire.hpp"
 #include "server/dataset/calibration.hpp"
-#include "server/dataset/read_file.hpp"
 #include "server/dataset/recorded_session.hpp"
+#include "server/sink/read_file.hpp"
 #include "server/sink/session_names.hpp"
 
 namespace orbbuf {
@@ -102,8 +102,7 @@ class Check {
     if (!fs::exists(path, ignored) && !ignored) return problem("{}: missing", name);
     const auto content = read_file(path);
     if (!content) return problem("{}", content.error().text);
-    const std::span bytes(reinterpret_cast<const std::uint8_t*>(content.value().data()),
-                          content.value().size());
+    const std::span<const std::uint8_t> bytes = content.value();
     report_.image_bytes += bytes.size();
     const auto checksum = session_.checksums.find(name);
     if (checksum != session_.checksums.end() && wire::crc32(bytes) != checksum->second) {

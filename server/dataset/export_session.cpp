@@ -10,7 +10,9 @@
 #include <system_error>
 #include <utility>
 
-#include "server/dataset/read_file.hpp"
+#include "common/as_bytes.hpp"
+#include "server/sink/read_file.hpp"
+#include "server/sink/session_names.hpp"
 #include "server/sink/write_file.hpp"
 
 namespace orbbuf {
@@ -52,14 +54,13 @@ class Output {
     if (::link(from.c_str(), (folder_ / to).c_str()) == 0) return true;
     const auto content = read_file(from);  // says why, if it was not the link
     if (!content) return content.error();
-    if (auto error = add_text(to, content.value())) return std::move(*error);
+    if (auto error = add_file(to, content.value())) return std::move(*error);
     return false;
   }
 
-  std::optional<Error> add_text(const std::string& to, const std::string& content) {
+  std::optional<Error> add_file(const std::string& to, std::span<const std::uint8_t> bytes) {
     if (auto error = make_folder_of(to)) return error;
-    const std::span bytes(reinterpret_cast<const std::uint8_t*>(content.data()), content.size());
-    return write_file(folder_ / to, folder_ / "incoming.tmp", bytes);
+    return write_file(folder_ / to, folder_ / session_names::kIncoming, bytes);
   }
 
   void keep() { is_ours_ = false; }
@@ -118,7 +119,7 @@ Result<ExportReport> export_session(const fs::path& folder, const fs::path& out,
     ++(is_linked.value() ? report.linked : report.copied);
   }
   for (const Dataset::Text& text : dataset.texts) {
-    if (auto error = output.add_text(text.to, text.content)) return std::move(*error);
+    if (auto error = output.add_file(text.to, as_bytes(text.content))) return std::move(*error);
   }
   output.keep();
   return report;

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "server/dataset/camera_files.hpp"
+#include "server/sink/session_lines.hpp"
 #include "server/sink/session_names.hpp"
 
 namespace orbbuf {
@@ -34,15 +35,15 @@ void lay_out_tum_mono(Work& work) {
     work.image(from, folder, fmt::format("{:06}", sequence));
     const auto checksum = work.session.checksums.find(from);
     if (checksum == work.session.checksums.end()) return;
-    checksums += fmt::format("{} {:08X}\n", work.made.images.back().to, checksum->second);
+    checksums += session_lines::checksum(work.made.images.back().to, checksum->second) + '\n';
   };
   for (const RecordedFrame& frame : work.session.frames) {
     add(session_names::left_image(frame.sequence), session_names::kImages, frame.sequence);
     if (work.session.is_stereo) {
       add(session_names::right_image(frame.sequence), session_names::kRightImages, frame.sequence);
     }
-    times += fmt::format("{} {} {}\n", frame.sequence, format_seconds(frame.capture_time_ns),
-                         frame.exposure_ms);
+    times +=
+        session_lines::to_text({frame.sequence, frame.capture_time_ns, frame.exposure_ms}) + '\n';
   }
   std::string drops = std::string(kDropCsvHeader) + '\n';
   for (const DropRecord& drop : work.session.drops) drops += to_csv(drop) + '\n';

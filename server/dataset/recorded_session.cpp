@@ -10,7 +10,8 @@
 #include <utility>
 
 #include "common/log.hpp"
-#include "server/dataset/read_file.hpp"
+#include "server/sink/read_file.hpp"
+#include "server/sink/session_lines.hpp"
 #include "server/sink/session_names.hpp"
 
 namespace orbbuf {
@@ -22,7 +23,9 @@ namespace fs = std::filesystem;
 Result<std::string> read_text(const fs::path& path) {
   std::error_code ignored;  // then reading says why
   if (!fs::exists(path, ignored) && !ignored) return std::string();
-  return read_file(path);
+  const auto content = read_file(path);
+  if (!content) return content.error();
+  return std::string(content.value().begin(), content.value().end());
 }
 
 /// Hands each line of `text` to `take`, which says whether it could read it.
@@ -45,36 +48,17 @@ void for_each_line(const char* name, std::string_view text,
   }
 }
 
-template <class Number>
-bool parse_whole(std::string_view text, Number& number, int base = 10) {
-  const char* const end = text.data() + text.size();
-  const auto [stop, failed] = std::from_chars(text.data(), end, number, base);
-  return failed == std::errc{} && stop == end;
-}
-
 bool is_decimal(std::string_view text) {
   return !text.empty() && text.find_first_not_of("0123456789.") == std::string_view::npos;
 }
 
-/// SEQUENCE SECONDS EXPOSURE.
-std::optional<RecordedFrame> parse_frame(std::string_view line) {
-  const auto first = line.find(' ');
-  const auto second = line.rfind(' ');
-  if (first == second) return std::nullopt;
-  RecordedFrame frame;
-  const auto time = parse_seconds(line.substr(first + 1, second - first - 1));
-  if (!parse_whole(line.substr(0, first), frame.sequence) || !time) return std::nullopt;
-  frame.capture_time_ns = *time;
-  frame.exposure_ms = line.substr(second + 1);
-  if (!is_decimal(frame.exposure_ms)) return std::nullopt;
-  return frame;
-}
-
 void parse_times(std::string_view text, RecordedSession& session) {
   const auto take = [&](std::string_view line) {
-    auto frame = parse_frame(line);
-    if (frame) session.frames.push_back(std::move(*frame));
-    return frame.has_value();
+    const auto times = session_lines::parse_times(line);
+    if (!times || !is_decimal(times->exposure_ms)) return false;
+    session.frames.push_back(
+        {times->sequence, times->capture_time_ns, std::string(times->exposure_ms)});
+    return true;
   };
   for_each_line(session_names::kTimes, text, take, session.problems);
 }
@@ -97,7 +81,9 @@ void parse_checksums(std::string_view text, RecordedSession& session) {
     const auto blank = line.rfind(' ');
     if (blank == std::string_view::npos || line.size() - blank - 1 != kDigits) return false;
     std::uint32_t crc = 0;
-    if (!parse_whole(line.substr(blank + 1), crc, 16)) return false;
+    const char* const end = line.data() + line.size();
+    const auto [stop, failed] = std::from_chars(end - kDigits, end, crc, 16);
+    if (failed != std::errc{} || stop != end) return false;
     session.checksums.insert_or_assign(std::string(line.substr(0, blank)), crc);
     return true;
   };

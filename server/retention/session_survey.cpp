@@ -43,7 +43,7 @@ system_clock::time_point last_write(const struct stat& status) {
 }
 
 bool is_session(const fs::path& folder) {
-  const std::string recording = folder.filename().string() + ".mcap";
+  const std::string recording = session_names::recording(folder.filename().string());
   return status_of(folder / session_names::kTimes) || status_of(folder / session_names::kDrops) ||
          status_of(folder / recording);
 }

@@ -7,47 +7,20 @@
 
 #include <array>
 #include <cerrno>
-#include <charconv>
-#include <optional>
 #include <string>
 #include <string_view>
+#include <system_error>
 #include <utility>
 
-#include "common/drop_record.hpp"
 #include "common/unique_fd.hpp"
+#include "server/sink/read_file.hpp"
+#include "server/sink/session_lines.hpp"
 #include "server/sink/session_names.hpp"
 
 namespace orbbuf {
 namespace {
 
 constexpr std::size_t kBlockBytes = 4096;
-
-/// What the pipe tells of a frame, from `SEQUENCE SECONDS EXPOSURE`.
-std::optional<EncodedFrame> parse_line(std::string_view line) {
-  EncodedFrame frame;
-  const auto [rest, failed] =
-      std::from_chars(line.data(), line.data() + line.size(), frame.sequence);
-  const auto digits = static_cast<std::size_t>(rest - line.data());
-  const auto second = line.rfind(' ');
-  if (failed != std::errc{} || line.find(' ') != digits || second == digits) return std::nullopt;
-  const auto time = parse_seconds(line.substr(digits + 1, second - digits - 1));
-  if (!time) return std::nullopt;
-  frame.capture_time_ns = *time;
-  return frame;
-}
-
-/// Adds a whole file to `bytes`. Zero or an errno value.
-int add_file(const std::filesystem::path& path, std::vector<std::uint8_t>& bytes) {
-  const UniqueFd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  if (!fd) return errno;
-  std::array<std::uint8_t, 65'536> block;
-  for (;;) {
-    const ssize_t got = ::read(fd.get(), block.data(), block.size());
-    if (got < 0) return errno;
-    if (got == 0) return 0;
-    bytes.insert(bytes.end(), block.begin(), block.begin() + got);
-  }
-}
 
 }  // namespace
 
@@ -67,11 +40,11 @@ Result<FramePtr> Backlog::next(Sequence first) {
     std::string_view lines(block.data(), static_cast<std::size_t>(got));
     if (lines.find('\n') == lines.npos) return FramePtr();
     for (std::size_t end = 0; (end = lines.find('\n')) != lines.npos;) {
-      const auto listed = parse_line(lines.substr(0, end));
+      const auto listed = session_lines::parse_times(lines.substr(0, end));
       lines.remove_prefix(end + 1);
       offset_ += static_cast<off_t>(end + 1);
       if (!listed || listed->sequence < first) continue;
-      auto frame = load(*listed);
+      auto frame = load(listed->sequence, listed->capture_time_ns);
       if (frame) return frame;
       spdlog::warn("{}: passed over frame {}: {}", folder_.string(), listed->sequence,
                    frame.error().text);
@@ -79,15 +52,22 @@ Result<FramePtr> Backlog::next(Sequence first) {
   }
 }
 
-Result<FramePtr> Backlog::load(const EncodedFrame& listed) const {
-  EncodedFrame frame = listed;
-  const std::string name = session_names::image(frame.sequence);
-  const auto left = folder_ / session_names::kImages / name;
-  if (int failed = add_file(left, frame.jpeg)) return system_error("read " + left.string(), failed);
+Result<FramePtr> Backlog::load(Sequence sequence, std::int64_t capture_time_ns) const {
+  const std::string name = session_names::image(sequence);
+  auto left = read_file(folder_ / session_names::kImages / name);
+  if (!left) return std::move(left).error();
+  EncodedFrame frame;
+  frame.sequence = sequence;
+  frame.capture_time_ns = capture_time_ns;
+  frame.jpeg = std::move(left).value();
   frame.left_bytes = static_cast<std::uint32_t>(frame.jpeg.size());
-  const auto right = folder_ / session_names::kRightImages / name;
-  const int failed = add_file(right, frame.jpeg);
-  if (failed != 0 && failed != ENOENT) return system_error("read " + right.string(), failed);
+  const auto right_path = folder_ / session_names::kRightImages / name;
+  std::error_code ignored;  // then reading says why
+  if (std::filesystem::exists(right_path, ignored) || ignored) {
+    const auto right = read_file(right_path);
+    if (!right) return right.error();
+    frame.jpeg.insert(frame.jpeg.end(), right.value().begin(), right.value().end());
+  }
   return FramePtr(std::make_shared<const EncodedFrame>(std::move(frame)));
 }
 

@@ -24,7 +24,7 @@ class Backlog {
   Result<FramePtr> next(Sequence first);
 
  private:
-  Result<FramePtr> load(const EncodedFrame& listed) const;
+  Result<FramePtr> load(Sequence sequence, std::int64_t capture_time_ns) const;
 
   const std::filesystem::path folder_;
   off_t offset_ = 0;    // in times.txt, where the next line begins

@@ -8,6 +8,8 @@
 #include <initializer_list>
 #include <utility>
 
+#include "common/as_bytes.hpp"
+
 namespace orbbuf::foxglove {
 namespace {
 
@@ -28,9 +30,7 @@ class Message {
     put_raw(bytes.size());
     bytes_.insert(bytes_.end(), bytes.begin(), bytes.end());
   }
-  void put_text(std::uint32_t field, std::string_view text) {
-    put_bytes(field, {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
-  }
+  void put_text(std::uint32_t field, std::string_view text) { put_bytes(field, as_bytes(text)); }
   void put_message(std::uint32_t field, const Message& message) {
     put_bytes(field, message.bytes_);
   }

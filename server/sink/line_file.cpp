@@ -7,9 +7,9 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <span>
 #include <utility>
 
+#include "common/as_bytes.hpp"
 #include "common/unique_fd.hpp"
 #include "server/sink/write_file.hpp"
 
@@ -40,10 +40,6 @@ struct Scan {
     }
   }
 };
-
-std::span<const std::uint8_t> as_bytes(std::string_view text) {
-  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
-}
 
 }  // namespace
 

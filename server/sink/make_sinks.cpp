@@ -10,6 +10,7 @@
 #include "server/sink/file_sink.hpp"
 #include "server/sink/mcap_recording.hpp"
 #include "server/sink/session_files.hpp"
+#include "server/sink/session_names.hpp"
 #ifdef ORBBUF_ROS
 #include "server/sink/ros_sink.hpp"
 #endif
@@ -41,7 +42,8 @@ std::optional<Error> add_records(const SinkSettings& settings, const SessionInfo
     files_sink = std::make_shared<FileSink>(main, pool, std::move(files), *held);
   }
   if (settings.mcap_enabled) {
-    auto recording = std::make_unique<McapRecording>(folder / (info.session_id + ".mcap"), info);
+    auto recording =
+        std::make_unique<McapRecording>(folder / session_names::recording(info.session_id), info);
     auto position = recording->recover(held);
     if (!position) return std::move(position).error();
     if (!kept) kept = KeptFrames{};

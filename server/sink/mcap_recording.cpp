@@ -8,6 +8,7 @@
 #include <set>
 #include <utility>
 
+#include "common/as_bytes.hpp"
 #include "server/sink/foxglove.hpp"
 
 namespace orbbuf {
@@ -57,10 +58,6 @@ constexpr std::string_view kDropJsonSchema =
     R"("reason":{"type":"string","enum":["policy","busy","failed","shutdown"]},)"
     R"("similarity":{"type":"integer"}}})";
 
-std::span<const std::uint8_t> bytes_of(std::string_view text) {
-  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
-}
-
 std::string drop_json(const DropRecord& record) {
   constexpr std::int64_t kNsPerSecond = 1'000'000'000;
   const std::int64_t nsec = (record.capture_time_ns % kNsPerSecond + kNsPerSecond) % kNsPerSecond;
@@ -80,7 +77,7 @@ mcap::MessageHead head_of(std::uint16_t channel, std::uint64_t sequence, std::in
 template <class Put>
 void with_schema(std::uint16_t id, Put put) {
   if (id == kDropSchema) {
-    return put(mcap::Schema{id, "orbbuf.Drop", "jsonschema", bytes_of(kDropJsonSchema)});
+    return put(mcap::Schema{id, "orbbuf.Drop", "jsonschema", as_bytes(kDropJsonSchema)});
   }
   const auto schema = id == kImageSchema ? foxglove::compressed_image_schema()
                                          : foxglove::camera_calibration_schema();
@@ -146,7 +143,7 @@ std::optional<Error> McapRecording::write_drops(std::span<const DropRecord> reco
   describe(kDrops, batch);
   std::uint64_t number = next_drop_;
   for (const DropRecord& record : records) {
-    batch.add(head_of(kDrops, number++, record.capture_time_ns), bytes_of(drop_json(record)));
+    batch.add(head_of(kDrops, number++, record.capture_time_ns), as_bytes(drop_json(record)));
   }
   auto error = file_.append(batch);
   if (!error) next_drop_ = number;

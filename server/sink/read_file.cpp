@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/dataset/read_file.hpp"
+#include "server/sink/read_file.hpp"
 
 #include <fcntl.h>
 #include <sys/stat.h>
@@ -10,12 +10,12 @@
 
 namespace orbbuf {
 
-Result<std::string> read_file(const std::filesystem::path& path) {
+Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path) {
   const UniqueFd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
   struct stat status {};
   if (!fd || ::fstat(fd.get(), &status) != 0) return system_error("read " + path.string(), errno);
   constexpr std::size_t kSpare = 4096;  // and for the read that finds the end
-  std::string content(static_cast<std::size_t>(status.st_size) + kSpare, '\0');
+  std::vector<std::uint8_t> content(static_cast<std::size_t>(status.st_size) + kSpare);
   std::size_t bytes = 0;
   while (true) {
     const ssize_t got = ::read(fd.get(), content.data() + bytes, content.size() - bytes);
@@ -25,7 +25,7 @@ Result<std::string> read_file(const std::filesystem::path& path) {
     bytes += static_cast<std::size_t>(got);
     if (bytes == content.size()) content.resize(2 * bytes);
   }
-  content.resize(bytes);
+  content.erase(content.begin() + static_cast<std::ptrdiff_t>(bytes), content.end());
   return content;
 }
 

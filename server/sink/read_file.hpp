@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
-#include <string>
+#include <vector>
 
 #include "common/error.hpp"
 
 namespace orbbuf {
 
 /// The whole content of a file. Blocking.
-Result<std::string> read_file(const std::filesystem::path& path);
+Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path);
 
 }  // namespace orbbuf

@@ -11,6 +11,8 @@
 #include <system_error>
 #include <utility>
 
+#include "common/as_bytes.hpp"
+#include "server/sink/session_lines.hpp"
 #include "server/sink/session_names.hpp"
 #include "server/sink/write_file.hpp"
 
@@ -31,13 +33,14 @@ std::optional<std::uint64_t> leading_number(std::string_view text, std::string_v
 
 std::string times_line(const EncodedFrame& frame) {
   constexpr std::uint32_t kNsPerMs = 1'000'000;
-  return fmt::format("{} {} {}.{:06}\n", frame.sequence, format_seconds(frame.capture_time_ns),
-                     frame.exposure_ns / kNsPerMs, frame.exposure_ns % kNsPerMs);
+  const std::string exposure_ms =
+      fmt::format("{}.{:06}", frame.exposure_ns / kNsPerMs, frame.exposure_ns % kNsPerMs);
+  return session_lines::to_text({frame.sequence, frame.capture_time_ns, exposure_ms}) + '\n';
 }
 
 std::string checksum_lines(const EncodedFrame& frame) {
   const auto line = [](const std::string& image, std::uint32_t crc) {
-    return fmt::format("{} {:08X}\n", image, crc);
+    return session_lines::checksum(image, crc) + '\n';
   };
   const std::string left = session_names::left_image(frame.sequence);
   if (!frame.is_stereo()) return line(left, frame.jpeg_crc);
@@ -148,9 +151,8 @@ std::optional<Error> SessionFiles::prepare() {
   fs::create_directories(images_, failed);
   if (failed) return system_error("create " + images_.string(), failed.value());
   if (!calibration_.empty()) {
-    const std::span bytes(reinterpret_cast<const std::uint8_t*>(calibration_.data()),
-                          calibration_.size());
-    if (auto error = write_file(folder_ / session_names::kCamera, temporary_, bytes)) return error;
+    const fs::path camera = folder_ / session_names::kCamera;
+    if (auto error = write_file(camera, temporary_, as_bytes(calibration_))) return error;
   }
   is_prepared_ = true;
   return std::nullopt;

@@ -20,6 +20,9 @@ inline constexpr const char* kIncoming = "incoming.tmp";
 
 inline std::string image(Sequence sequence) { return fmt::format("{:06}.jpg", sequence); }
 
+/// The MCAP file of a session.
+inline std::string recording(const std::string& session_id) { return session_id + ".mcap"; }
+
 /// Of an image in the folder: `images/000123.jpg`, `images_right/000123.jpg`.
 inline std::string left_image(Sequence sequence) {
   return fmt::format("{}/{}", kImages, image(sequence));

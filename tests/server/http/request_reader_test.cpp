@@ -5,23 +5,21 @@
 
 #include <string_view>
 
+#include "common/as_bytes.hpp"
+
 namespace orbbuf {
 namespace {
 
-std::span<const std::uint8_t> bytes_of(std::string_view text) {
-  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
-}
-
 unsigned fault_of(std::string_view text) {
   RequestReader reader;
-  reader.add(bytes_of(text));
+  reader.add(as_bytes(text));
   EXPECT_FALSE(reader.next());
   return reader.fault();
 }
 
 TEST(RequestReader, ReadsARequest) {
   RequestReader reader;
-  reader.add(bytes_of("GET /api/robots?since=7 HTTP/1.1\r\nHost: a:1\r\nAccept: */*\r\n\r\n"));
+  reader.add(as_bytes("GET /api/robots?since=7 HTTP/1.1\r\nHost: a:1\r\nAccept: */*\r\n\r\n"));
   const auto request = reader.next();
   ASSERT_TRUE(request);
   EXPECT_TRUE(request->is_get);
@@ -38,7 +36,7 @@ TEST(RequestReader, ReadsItByteByByteAndTheNextBehindIt) {
   RequestReader reader;
   std::string paths;
   for (const char byte : two) {
-    reader.add(bytes_of({&byte, 1}));
+    reader.add(as_bytes({&byte, 1}));
     if (const auto request = reader.next()) paths += request->path + (request->is_head ? "H" : "");
   }
   EXPECT_EQ(paths, "/H/b");
@@ -47,7 +45,7 @@ TEST(RequestReader, ReadsItByteByByteAndTheNextBehindIt) {
 
 TEST(RequestReader, ReadsRequestsThatComeAtOnceOneByOne) {
   RequestReader reader;
-  reader.add(bytes_of("GET /a HTTP/1.1\r\n\r\nGET /b HTTP/1.1\r\nConnection: close\r\n\r\n"));
+  reader.add(as_bytes("GET /a HTTP/1.1\r\n\r\nGET /b HTTP/1.1\r\nConnection: close\r\n\r\n"));
   EXPECT_EQ(reader.next()->path, "/a");
   EXPECT_FALSE(reader.is_between_requests());
   const auto second = reader.next();
@@ -58,7 +56,7 @@ TEST(RequestReader, ReadsRequestsThatComeAtOnceOneByOne) {
 
 TEST(RequestReader, OtherMethodsAreSaidToBeOthers) {
   RequestReader reader;
-  reader.add(bytes_of("DELETE / HTTP/1.1\r\n\r\n"));
+  reader.add(as_bytes("DELETE / HTTP/1.1\r\n\r\n"));
   EXPECT_FALSE(reader.next()->is_get);
 }
 

@@ -8,6 +8,8 @@
 #include <cstring>
 #include <string>
 
+#include "common/as_bytes.hpp"
+
 namespace orbbuf::foxglove {
 namespace {
 
@@ -16,9 +18,7 @@ using namespace std::string_literals;
 std::string text(const std::vector<std::uint8_t>& bytes) { return {bytes.begin(), bytes.end()}; }
 
 std::string image_at(std::int64_t time_ns) {
-  const std::string jpeg = "JPEG";
-  return text(compressed_image(time_ns, "r1",
-                               {reinterpret_cast<const std::uint8_t*>(jpeg.data()), jpeg.size()}));
+  return text(compressed_image(time_ns, "r1", as_bytes("JPEG")));
 }
 
 TEST(Foxglove, AnImageIsTimeDataFormatAndFrame) {

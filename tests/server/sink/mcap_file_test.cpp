@@ -7,6 +7,7 @@
 
 #include <string>
 
+#include "common/as_bytes.hpp"
 #include "tests/server/resource_limit.hpp"
 #include "tests/support/temporary_folder.hpp"
 
@@ -14,10 +15,6 @@ namespace orbbuf::mcap {
 namespace {
 
 constexpr std::uint64_t kSecond = 1'000'000'000;
-
-std::span<const std::uint8_t> as_bytes(std::string_view text) {
-  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
-}
 
 class McapFileTest : public testing::Test {
  protected:
