@@ -10,6 +10,7 @@
 
 #include "common/jpeg.hpp"
 #include "common/log.hpp"
+#include "common/progress.hpp"
 #include "common/wire.hpp"
 #include "server/dataset/calibration.hpp"
 #include "server/dataset/recorded_session.hpp"
@@ -36,9 +37,11 @@ class Check {
     check_calibration();
     check_strays(session_names::kImages);
     if (session_.is_stereo) check_strays(session_names::kRightImages);
+    Progress progress("check", "frames", session_.frames.size());
     for (const RecordedFrame& frame : session_.frames) {
       check_image(session_names::left_image(frame.sequence));
       if (session_.is_stereo) check_image(session_names::right_image(frame.sequence));
+      progress.add();
     }
     return std::move(report_);
   }
@@ -73,6 +76,15 @@ class Check {
       }
       next = sequence + 1;
     }
+    check_end(next);
+  }
+
+  /// A frame's checksum is written before its line of times.txt, so one may be ahead of that.
+  void check_end(Sequence end) {
+    Sequence received = end;
+    while (session_.checksums.contains(session_names::left_image(received))) ++received;
+    if (received < end + 2) return;
+    problem("frames {} to {} have their checksums, but no line in times.txt", end, received - 1);
   }
 
   void check_calibration() {

@@ -28,7 +28,7 @@ std::string summary(const SessionReport& report);
 ///
 /// An image is compared with its checksum; where the session was recorded without, the JPEG is
 /// decoded, which misses what still decodes. An error if `folder` is no session or cannot be read.
-/// Reads every image. Blocking; reentrant.
+/// Reads every image. Blocking, with its progress on stderr; reentrant.
 Result<SessionReport> check_session(const std::filesystem::path& folder);
 
 }  // namespace orbbuf

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "common/as_bytes.hpp"
+#include "common/progress.hpp"
 #include "server/sink/read_file.hpp"
 #include "server/sink/session_names.hpp"
 #include "server/sink/write_file.hpp"
@@ -113,10 +114,12 @@ Result<ExportReport> export_session(const fs::path& folder, const fs::path& out,
   report.notes.insert(report.notes.end(), dataset.notes.begin(), dataset.notes.end());
   Output output(out);
   if (auto error = output.begin()) return std::move(*error);
+  Progress progress("export", "images", dataset.images.size());
   for (const Dataset::Image& image : dataset.images) {
     const auto is_linked = output.add_image(folder / image.from, image.to);
     if (!is_linked) return is_linked.error();
     ++(is_linked.value() ? report.linked : report.copied);
+    progress.add();
   }
   for (const Dataset::Text& text : dataset.texts) {
     if (auto error = output.add_file(text.to, as_bytes(text.content))) return std::move(*error);

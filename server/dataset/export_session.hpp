@@ -24,7 +24,7 @@ struct ExportReport {
 /// same. What is accepted when it begins counts, so that a session may still be recorded.
 ///
 /// An error: no session, no frames, frames out of order, an image that is missing, or what the
-/// system says; `out` is then as it was. Blocking; reentrant.
+/// system says; `out` is then as it was. Blocking, with its progress on stderr; reentrant.
 Result<ExportReport> export_session(const std::filesystem::path& folder,
                                     const std::filesystem::path& out, Layout layout,
                                     std::string_view extension);

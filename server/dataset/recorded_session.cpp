@@ -90,13 +90,22 @@ void parse_checksums(std::string_view text, RecordedSession& session) {
   for_each_line(session_names::kChecksums, text, take, session.problems);
 }
 
+std::string why_no_session(const fs::path& folder) {
+  const fs::path named = folder.has_filename() ? folder : folder.parent_path();
+  const std::string recording = session_names::recording(named.filename().string());
+  std::error_code ignored;  // then it is no session either
+  return fs::exists(folder / recording, ignored)
+             ? ": there is only " + recording + ", which is not read: [files] makes what is"
+             : ": not a session: neither times.txt nor drops.csv in it";
+}
+
 }  // namespace
 
 Result<RecordedSession> read_recorded_session(const fs::path& folder) {
   std::error_code ignored;  // what is not there is no session
   if (!fs::exists(folder / session_names::kTimes, ignored) &&
       !fs::exists(folder / session_names::kDrops, ignored)) {
-    return Error{folder.string() + ": not a session: neither times.txt nor drops.csv in it"};
+    return Error{folder.string() + why_no_session(folder)};
   }
   RecordedSession session;
   session.folder = folder;

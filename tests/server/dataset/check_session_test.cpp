@@ -127,6 +127,15 @@ TEST_F(CheckSession, OfTwoChecksumsTheLastCounts) {
   EXPECT_THAT(problems(), IsEmpty());
 }
 
+TEST_F(CheckSession, TheEndOfTimesIsMissedByTheChecksums) {
+  record();
+  append("checksums.sfv", "images/000010.jpg 00000000\n");
+  EXPECT_THAT(problems(), IsEmpty()) << "the frame that was just under way";
+  append("checksums.sfv", "images/000011.jpg 00000000\n");
+  EXPECT_THAT(problems(),
+              ElementsAre("frames 10 to 11 have their checksums, but no line in times.txt"));
+}
+
 TEST_F(CheckSession, NamesAStrayAmongTheImagesOfEitherSide) {
   record(true);
   write_file(session_ / "images/000004.jpg", read_file(session_ / "images/000005.jpg"));
@@ -200,6 +209,18 @@ TEST_F(CheckSession, WithoutTheFolderOfImagesEachIsNamed) {
   const auto found = problems();
   ASSERT_EQ(found.size(), 1U + kFrames);
   EXPECT_EQ(found[0], "images: No such file or directory");
+}
+
+TEST_F(CheckSession, OfAnMcapFileAloneItIsSaidThatItIsNotRead) {
+  fs::create_directories(session_);
+  const std::string name = session_.filename().string() + ".mcap";
+  write_file(session_ / name, "");
+  for (const fs::path& folder : {session_, session_ / ""}) {
+    const auto report = check_session(folder);
+    ASSERT_FALSE(report);
+    EXPECT_EQ(report.error().text, folder.string() + ": there is only " + name +
+                                       ", which is not read: [files] makes what is");
+  }
 }
 
 TEST_F(CheckSession, AFolderThatIsNoSessionIsAnError) {
