@@ -2,6 +2,7 @@
 #include "common/watched_thread.hpp"
 
 #include <algorithm>
+#include <functional>
 
 #include "common/log.hpp"
 
@@ -33,13 +34,15 @@ WatchedThread::~WatchedThread() {
   this_thread = nullptr;
 }
 
-std::optional<WatchedThread::Still> WatchedThread::find_still(std::chrono::nanoseconds limit) {
+std::vector<WatchedThread::Still> WatchedThread::find_still(std::chrono::nanoseconds limit) {
+  std::vector<Still> still;
   const std::lock_guard lock(mutex);
-  const auto oldest = std::ranges::min_element(threads(), {}, &Entry::last_beat);
-  if (oldest == threads().end()) return std::nullopt;
-  const auto time = Clock::now() - oldest->last_beat;
-  if (time <= limit) return std::nullopt;
-  return Still{oldest->name, time};
+  for (const Entry& entry : threads()) {
+    const auto time = Clock::now() - entry.last_beat;
+    if (time > limit) still.push_back({entry.name, time});
+  }
+  std::ranges::sort(still, std::greater(), &Still::time);
+  return still;
 }
 
 void beat() {

@@ -5,10 +5,10 @@
 #include <condition_variable>
 #include <list>
 #include <mutex>
-#include <optional>
 #include <stop_token>
 #include <string>
 #include <utility>
+#include <vector>
 
 namespace orbbuf {
 
@@ -32,8 +32,9 @@ class WatchedThread {
     std::string name;
     std::chrono::nanoseconds time;  ///< since it last beat
   };
-  /// Any thread: the one that has not beaten for longest, if that is longer than `limit`.
-  static std::optional<Still> find_still(std::chrono::nanoseconds limit);
+  /// Any thread: those that have not beaten for longer than `limit`, the longest first. One that
+  /// stands still with a lock stops others that want it, so the first need not be the cause.
+  static std::vector<Still> find_still(std::chrono::nanoseconds limit);
 
  private:
   friend void beat();

@@ -51,13 +51,14 @@ void Health::tell(const wire::Stats& stats, const Sender& sender) {
 void Health::feed_if_moving() {
   const auto limit = std::max<nanoseconds>(watchdog_ / 2, 2 * kBeatInterval);
   const auto still = WatchedThread::find_still(limit);
-  if (!still) {
-    is_still_ = false;
-    service_.feed();
-  } else if (!std::exchange(is_still_, true)) {
+  for (const auto& [name, time] : still) {
+    if (!still_.insert(name).second) continue;
     spdlog::error("thread {} has stood still for {:.1f} s; the watchdog is not fed until it moves",
-                  still->name, duration<double>(still->time).count());
+                  name, duration<double>(time).count());
   }
+  if (!still.empty()) return;
+  still_.clear();
+  service_.feed();
 }
 
 }  // namespace orbbuf

@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <cstddef>
+#include <set>
 #include <string>
 
 #include "common/service_status.hpp"
@@ -31,7 +32,7 @@ class Health {
   ServiceStatus& service_;
   const std::size_t capacity_;
   const std::chrono::nanoseconds watchdog_;  // 0: none
-  bool is_still_ = false;                    // and logged
+  std::set<std::string> still_;              // threads, and logged
   wire::Stats told_;                         // at told_time_
   Clock::time_point told_time_ = Clock::now();
 };

@@ -13,6 +13,7 @@ namespace orbbuf::test {
 namespace {
 
 pid_t find(pid_t process, const std::string& name) {
+  if (name == "main") return process;
   const auto threads = "/proc/" + std::to_string(process) + "/task";
   for (const auto& thread : std::filesystem::directory_iterator(threads)) {
     if (read_file(thread.path() / "comm") == name + "\n")
