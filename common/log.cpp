@@ -65,11 +65,13 @@ class JournalPrefixFlag : public spdlog::custom_flag_formatter {
   }
 };
 
-/// The calling thread is the one that logs, since the logger is synchronous.
+/// The calling thread is the one that logs, since the logger is synchronous. The first one goes by
+/// the program's name in the kernel, for pgrep and top, and by "main" in the log.
 class ThreadNameFlag : public spdlog::custom_flag_formatter {
  public:
   void format(const spdlog::details::log_msg& /*message*/, const std::tm& /*time*/,
               spdlog::memory_buf_t& to) override {
+    if (gettid() == getpid()) return append(to, "main");
     std::array<char, 16> name{};
     if (pthread_getname_np(pthread_self(), name.data(), name.size()) == 0) append(to, name.data());
   }

@@ -15,7 +15,9 @@ void set_up_log(std::string_view level);
 /// `text` with '?' for all that is not printable ASCII: fit for the log, whoever chose it.
 std::string printable(std::string text);
 
-/// Names the calling thread, at most 15 characters, for the log and for tools such as top -H.
+/// Names the calling thread, at most 15 characters, for the log and for tools such as top -H. Not
+/// for the first thread: its name is the process's, which pgrep looks for, and in the log it is
+/// `main`.
 void name_this_thread(const char* name);
 
 }  // namespace orbbuf

@@ -48,7 +48,6 @@ int main(int argc, char** argv) {
       return EXIT_SUCCESS;
     }
     orbbuf::set_up_log(settings.log_level);
-    orbbuf::name_this_thread("main");
     if (probe_only) {
       std::cout << orbbuf::probe(settings);
       return EXIT_SUCCESS;

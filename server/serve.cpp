@@ -59,7 +59,6 @@ std::unique_ptr<StatusSocket> open_status(asio::io_context& main, const std::str
 }  // namespace
 
 void serve(const Settings& settings) {
-  name_this_thread("main");
   std::signal(SIGPIPE, SIG_IGN);
   check_sinks(settings.sinks);
   allow_descriptors_for(settings.listen.max_connections + HttpServer::kMaxConnections);

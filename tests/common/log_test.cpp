@@ -27,7 +27,6 @@ class Log : public testing::Test {
     ::dup2(file, STDERR_FILENO);
     ::close(file);
     ::unsetenv("JOURNAL_STREAM");
-    name_this_thread("main");
   }
   ~Log() override {
     ::dup2(stderr_, STDERR_FILENO);
