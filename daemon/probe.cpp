@@ -2,15 +2,19 @@
 #include "daemon/probe.hpp"
 
 #include <spdlog/fmt/fmt.h>
+#include <spdlog/fmt/ranges.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <condition_variable>
 #include <deque>
+#include <map>
 #include <mutex>
 #include <stdexcept>
+#include <string>
 #include <thread>
+#include <vector>
 
 namespace orbbuf {
 namespace {
@@ -87,6 +91,29 @@ void time_frames(const Settings& settings, const std::deque<RawFrame>& frames,
   }
 }
 
+std::string in_toml(const std::string& text) {
+  std::string quoted = "\"";
+  for (const char letter : text) {
+    const auto code = static_cast<unsigned char>(letter);
+    if (code < 0x20 || code == 0x7F) {
+      quoted += fmt::format("\\u{:04X}", code);
+      continue;
+    }
+    if (letter == '"' || letter == '\\') quoted += '\\';
+    quoted += letter;
+  }
+  return quoted + '"';
+}
+
+/// Their names are bare keys: a camera has none that is not.
+std::string in_toml(const std::map<std::string, double>& controls) {
+  std::vector<std::string> entries(controls.size());
+  std::ranges::transform(controls, entries.begin(), [](const auto& control) {
+    return fmt::format("{} = {}", control.first, control.second);
+  });
+  return fmt::format("{{ {} }}", fmt::join(entries, ", "));
+}
+
 }  // namespace
 
 std::string probe(const Settings& settings) {
@@ -121,13 +148,17 @@ std::string suggest(const Settings& settings, const ProbeResult& result) {
   const SourceSettings& source = settings.source;
   std::string text = fmt::format("[source]\nkind = \"{}\"\n", source.kind);
   if (source.kind == "v4l2") {
-    text += fmt::format("device = \"{}\"\nformat = \"{}\"\n", source.device, source.format);
+    text += fmt::format("device = {}\nformat = \"{}\"\n", in_toml(source.device), source.format);
   } else if (source.kind == "libcamera") {
-    text += fmt::format("camera = \"{}\"\nformat = \"{}\"\n", source.camera, source.format);
+    text += fmt::format("camera = {}\nformat = \"{}\"\n", in_toml(source.camera), source.format);
   }
   if (!source.device_right.empty()) {
-    text += fmt::format("device_right = \"{}\"\n", source.device_right);
+    text += fmt::format("device_right = {}\n", in_toml(source.device_right));
   }
+  if (!source.controls.empty()) {
+    text += fmt::format("controls = {}\n", in_toml(source.controls));
+  }
+  if (source.crop) text += fmt::format("crop = \"{}\"\n", to_string(*source.crop));
   if (source.is_side_by_side) text += "stereo = \"side-by-side\"\n";
   return text + fmt::format(
                     "width = {}\nheight = {}\nfps = {:.4g}\n[features]\npixels = {}\n[buffer]\n"

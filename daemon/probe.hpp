@@ -23,8 +23,9 @@ struct ProbeResult {
   double jpeg_bytes = 0;
 };
 
-/// The part of orbbufd.toml that would suit what was measured: the true size and rate, a buffer of
-/// one second, and, where features take over half of a frame's time, fewer pixels for them.
+/// The part of orbbufd.toml that films the same and would suit what was measured: the true size and
+/// rate, a buffer of one second, and, where features take over half of a frame's time, fewer pixels
+/// for them.
 std::string suggest(const Settings& settings, const ProbeResult& result);
 
 }  // namespace orbbuf

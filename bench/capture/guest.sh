@@ -20,13 +20,18 @@ short=10 long=40 # seconds
 # cpu COMMAND...: user and system seconds of it and its children, to the file `cpu`.
 cpu() { TIMEFORMAT='%U %S' && { time "$@" >out 2>&1; } 2>cpu; }
 
-# Each films SECONDS at WIDTH HEIGHT FPS and leaves the number of frames in `count`.
-orbbufd_films() {
+# Each films SECONDS at WIDTH HEIGHT FPS and leaves the number of frames in `count`. The JPEG of orbbufd
+# is gray, that of the others in colour, of which orbbufd takes none from YUYV: orbbufd_color films RGB24.
+orbbufd_films() { orbbufd_films_with source.format=YUYV jpeg.color=false "$@"; }
+orbbufd_color_films() { orbbufd_films_with source.format=RGB24 jpeg.color=true "$@"; }
+orbbufd_films_with() {
+  local settings=(--set "$1" --set "$2")
+  shift 2
   rm -rf frames
   orbbuf-server --set listen.address=127.0.0.1:7722 --set files.path=frames 2>server.log &
   local server=$!
   until grep -q listening server.log; do sleep 0.1; done
-  cpu timeout -s TERM "$1" orbbufd --set robot.id=r --set source.kind=v4l2 --set source.format=YUYV \
+  cpu timeout -s TERM "$1" orbbufd --set robot.id=r --set source.kind=v4l2 "${settings[@]}" \
     --set "source.width=$2" --set "source.height=$3" --set "source.fps=$4" --set jpeg.quality=80
   kill "$server"
   wait "$server"
@@ -47,7 +52,7 @@ gstreamer_films() {
   rm -f /tmp/gst-*.jpg
 }
 
-# per_frame PROGRAM SIZE FPS: milliseconds of CPU a frame.
+# per_frame PROGRAM SIZE FPS: milliseconds of CPU a frame, or `none` if it did not film.
 per_frame() {
   local program=$1 size=$2 fps=$3 seconds
   : >runs
@@ -55,7 +60,13 @@ per_frame() {
     "${program}_films" "$seconds" "${size%x*}" "${size#*x}" "$fps"
     echo "$(cat cpu) $(cat count)" >>runs
   done
-  awk 'NR == 1 { c = $1 + $2; n = $3 } NR == 2 { print (NR && $3 > n) ? 1000 * ($1 + $2 - c) / ($3 - n) : "nan" }' runs
+  awk 'NR == 1 { c = $1 + $2; n = $3 } NR == 2 { print ($3 > n ? 1000 * ($1 + $2 - c) / ($3 - n) : "none") }' runs
+}
+
+# ratio NAME PROGRAM RIVAL: of their costs; without one of them, the bench fails.
+ratio() {
+  awk -v name="$1" -v a="${cost[$2]}" -v b="${cost[$3]}" \
+    'BEGIN { if (a + 0 > 0 && b + 0 > 0) printf "RESULT %s %.3f\n", name, a / b; else print "FAIL " name }'
 }
 
 # Once for nothing: programs come from the disk, and GStreamer fills its registry, which has to be
@@ -66,16 +77,17 @@ orbbufd_films $short 640 480 25
 declare -A cost
 for mode in 640x480@25 1280x720@12.5; do
   size=${mode%@*} fps=${mode#*@}
-  for program in orbbufd ustreamer gstreamer; do
+  for program in orbbufd orbbufd_color ustreamer gstreamer; do
     cost[$program]=$(per_frame $program "$size" "$fps")
     echo "capture: $size $program ${cost[$program]} ms of CPU a frame;" \
       "$(tail -n 1 runs | cut -d' ' -f3) frames in $long s"
-    [ "${cost[$program]}" != nan ] || tail -n 20 out
+    [ "${cost[$program]}" != none ] || tail -n 20 out
   done
   for rival in ustreamer gstreamer; do
-    awk -v name="capture.cpu_vs_$rival.$size" -v a="${cost[orbbufd]}" -v b="${cost[$rival]}" \
-      'BEGIN { printf "RESULT %s %.3f\n", name, a / b }'
+    ratio "capture.cpu_vs_$rival.$size" orbbufd $rival
+    ratio "capture.cpu_color_vs_$rival.$size" orbbufd_color $rival
   done
 done
+echo DONE
 sync
 poweroff -f

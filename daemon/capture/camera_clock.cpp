@@ -2,40 +2,44 @@
 #include "daemon/capture/camera_clock.hpp"
 
 #include <algorithm>
+#include <ctime>
 #include <limits>
 
 namespace orbbuf {
 namespace {
 
-constexpr std::int64_t kSleepNs = 1'000'000'000;
-constexpr std::uint32_t kLargestGap = 1U << 31;  // beyond that, it is a step back
+constexpr std::int64_t kShortestSleepNs = 10'000'000;  // less is how far off a reading may be
+constexpr std::uint32_t kLargestGap = 1U << 31;        // beyond that, it is a step back
 
-template <class Clock>
-std::int64_t now_ns() {
-  using std::chrono::nanoseconds;
-  return std::chrono::duration_cast<nanoseconds>(Clock::now().time_since_epoch()).count();
+std::int64_t now_ns(clockid_t clock) {
+  timespec now{};
+  ::clock_gettime(clock, &now);
+  return now.tv_sec * 1'000'000'000LL + now.tv_nsec;
 }
 
 }  // namespace
 
-ClockPair read_clocks() {
-  ClockPair closest;
+ClockReading read_clocks() {
+  ClockReading closest;
   std::int64_t least_ns = std::numeric_limits<std::int64_t>::max();
   for (int i = 0; i < 5; ++i) {
-    const auto before_ns = now_ns<std::chrono::steady_clock>();
-    const auto utc_ns = now_ns<std::chrono::system_clock>();
-    const auto taken_ns = now_ns<std::chrono::steady_clock>() - before_ns;
+    const auto before_ns = now_ns(CLOCK_MONOTONIC);
+    const auto utc_ns = now_ns(CLOCK_REALTIME);
+    const auto since_boot_ns = now_ns(CLOCK_BOOTTIME);
+    const auto taken_ns = now_ns(CLOCK_MONOTONIC) - before_ns;
     if (taken_ns >= least_ns) continue;
     least_ns = taken_ns;
-    closest = {before_ns + taken_ns / 2, utc_ns};
+    const auto middle_ns = before_ns + taken_ns / 2;
+    closest = {middle_ns, utc_ns, since_boot_ns - middle_ns};
   }
   return closest;
 }
 
-bool CaptureClock::start(const ClockPair& now) {
-  const std::int64_t offset_ns = now.utc_ns - now.monotonic_ns;
-  if (is_started_ && offset_ns <= offset_ns_ + kSleepNs) return false;
-  offset_ns_ = offset_ns;
+bool CaptureClock::follow(const ClockReading& now) {
+  const std::int64_t slept_ns = now.asleep_ns - asleep_ns_;
+  if (is_started_ && slept_ns < kShortestSleepNs) return false;
+  offset_ns_ = is_started_ ? offset_ns_ + slept_ns : now.utc_ns - now.monotonic_ns;
+  asleep_ns_ = now.asleep_ns;
   is_started_ = true;
   return true;
 }

@@ -1,29 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <chrono>
 #include <cstdint>
 
 namespace orbbuf {
 
-/// Two clocks at one moment: the monotonic one that drivers stamp buffers with, which is Linux's
-/// steady_clock, and UTC.
-struct ClockPair {
+/// Clocks at one moment: the monotonic one that drivers stamp buffers with, which is Linux's
+/// steady_clock and stands still while the machine sleeps, UTC, and for how long it has slept since
+/// it was booted.
+struct ClockReading {
   std::int64_t monotonic_ns = 0;
   std::int64_t utc_ns = 0;
+  std::int64_t asleep_ns = 0;
 };
 
-/// Both clocks, within a few microseconds of each other.
-ClockPair read_clocks();
+/// Within a few microseconds of each other; takes about one.
+ClockReading read_clocks();
 
-/// Capture times in UTC from a driver's monotonic time stamps, by an offset taken at the start and
-/// kept, so that steps of the system's clock do not reach into the images' times. Times strictly
-/// increase. Thread-bound.
+/// Capture times in UTC from a driver's monotonic time stamps, by an offset that is taken once and
+/// then grows only by the time that the machine sleeps, so that steps of the system's clock do not
+/// reach into the images' times. Times strictly increase. Thread-bound.
 class CaptureClock {
  public:
-  /// A stream starts. The first takes the offset; a later one only if it has grown by over 1 s, as
-  /// it does where the machine slept. True if it was taken.
-  bool start(const ClockPair& now);
+  /// Before each frame's time is asked for. True if that changed the offset: at the first reading,
+  /// and where the machine has slept since the one before. What was filmed before it slept, and is
+  /// read after, has the time of a frame from after.
+  bool follow(const ClockReading& now);
 
   std::int64_t offset_ns() const { return offset_ns_; }
 
@@ -33,6 +35,7 @@ class CaptureClock {
 
  private:
   std::int64_t offset_ns_ = 0;
+  std::int64_t asleep_ns_ = 0;
   std::int64_t last_utc_ns_ = 0;
   bool is_started_ = false;
 };

@@ -31,6 +31,11 @@ double seconds_between(std::chrono::steady_clock::time_point a,
   return duration<double>(b - a).count();
 }
 
+std::string describe(const CameraMode& mode) {
+  return fmt::format("{} {}x{} px, {}", to_string(mode.format), mode.width_px, mode.height_px,
+                     mode.fps > 0 ? fmt::format("{:.4g} fps", mode.fps) : "rate unknown");
+}
+
 }  // namespace
 
 CameraSource::CameraSource(OpenCamera open_camera, std::string name, double fps)
@@ -97,9 +102,13 @@ RawFrame CameraSource::frame_of(const CameraBuffer& buffer) {
     frame = unpack(stream_->mode(), buffer.data);
     if (!frame.defect.empty()) ++corrupt_;
   }
-  const nanoseconds now = Clock::now().time_since_epoch();
   frame.exposure_ns = buffer.exposure_ns;
-  frame.capture_time_ns = clock_.utc_ns(buffer.stamp_ns, now.count());
+  const auto now = read_clocks();
+  if (clock_.follow(now)) {
+    spdlog::info("camera {}: capture times are the monotonic clock's plus {} ns", name_,
+                 clock_.offset_ns());
+  }
+  frame.capture_time_ns = clock_.utc_ns(buffer.stamp_ns, now.monotonic_ns);
   frame.monotonic_ns = frame.capture_time_ns - clock_.offset_ns();
   return frame;
 }
@@ -113,23 +122,32 @@ void CameraSource::count_missed(std::uint32_t sequence) {
 }
 
 void CameraSource::open() {
-  stream_ = open_camera_();
+  auto stream = open_camera_();
+  const CameraMode& mode = stream->mode();
+  if (!first_mode_) first_mode_ = mode;
+  if (mode.width_px != first_mode_->width_px || mode.height_px != first_mode_->height_px) {
+    throw std::runtime_error(
+        fmt::format("it would film {} now, not {}", describe(mode), describe(*first_mode_)));
+  }
+  stream_ = std::move(stream);
   await_frame_for(kFirstFrame);
   gaps_.start();
-  if (clock_.start(read_clocks())) {
-    spdlog::info("camera {}: capture times are the monotonic clock's plus {} ns", name_,
-                 clock_.offset_ns());
-  }
 }
 
 void CameraSource::reopen() {
   backoff_ = std::clamp(2 * backoff_, kFirstBackoff, kLongestBackoff);
   try {
     open();
+    return;
+  } catch (const CameraGone& error) {
+    spdlog::debug("camera {}: still gone: {}", name_, error.what());
   } catch (const std::runtime_error& error) {
-    spdlog::debug("cannot reopen: {}", error.what());
-    deadline_ = Clock::now() + backoff_;
+    if (error.what() != why_shut_) {
+      spdlog::warn("camera {}: cannot open it again: {}; trying on", name_, error.what());
+    }
+    why_shut_ = error.what();
   }
+  deadline_ = Clock::now() + backoff_;
 }
 
 void CameraSource::give_up(const std::string& why) {
@@ -138,7 +156,9 @@ void CameraSource::give_up(const std::string& why) {
   } else {
     spdlog::warn("camera {}: lost: {}; opening it again", name_, why);
     lost_at_ = Clock::now();
+    why_shut_.clear();
   }
+  if (!is_lost_ && waiting_since_ - delivers_since_ > kLongestBackoff) backoff_ = 0ms;
   is_lost_ = true;
   stream_.reset();  // may take as long as the driver waits for a camera that does not answer
   deadline_ = Clock::now() + backoff_;
@@ -146,7 +166,7 @@ void CameraSource::give_up(const std::string& why) {
 
 void CameraSource::greet() {
   is_lost_ = false;
-  backoff_ = 0ms;
+  delivers_since_ = Clock::now();
   ++reopened_;
   spdlog::info("{}: back after {:.1f} s", description(), seconds_between(lost_at_, Clock::now()));
 }
@@ -174,10 +194,7 @@ nanoseconds CameraSource::longest_pause() const { return 1s + 3 * frame_time(); 
 
 std::string CameraSource::description() const {
   if (!stream_) return fmt::format("camera {}", name_);
-  const CameraMode& mode = stream_->mode();
-  return fmt::format("camera {}: {} {}x{} px, {}", stream_->description(), to_string(mode.format),
-                     mode.width_px, mode.height_px,
-                     mode.fps > 0 ? fmt::format("{:.4g} fps", mode.fps) : "rate unknown");
+  return fmt::format("camera {}: {}", stream_->description(), describe(stream_->mode()));
 }
 
 }  // namespace orbbuf

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "common/log_limit.hpp"
@@ -18,9 +19,11 @@ namespace orbbuf {
 ///
 /// Once it has delivered, it does not give up. When it is unplugged, its driver fails, or no frame
 /// comes for 1 s and three frames' time (5 s for a first one), it is closed and opened again, after
-/// a while that grows to 2 s, until it is back: one line in the log each way, and the session goes
-/// on. Frames that the driver numbered but did not give are counted; a buffer that the driver calls
-/// corrupt is a frame with a defect. At the end the log has the account.
+/// a while that grows to 2 s, until it is back and films in the size of its first frames: one line
+/// in the log each way, one for each other reason than that it is not there, and the session goes
+/// on. That while is 0 again only once frames have come for over 2 s. Frames that the driver
+/// numbered but did not give are counted; a buffer that the driver calls corrupt is a frame with a
+/// defect. At the end the log has the account.
 class CameraSource : public FrameSource {
  public:
   /// Opens the camera, and throws as `open_camera` does, which is kept to open it again. name:
@@ -54,12 +57,15 @@ class CameraSource : public FrameSource {
   UniqueFd stop_event_;                   // readable once next() has to return
   std::unique_ptr<CameraStream> stream_;  // null: lost, and to be opened again
   CaptureClock clock_;
+  std::optional<CameraMode> first_mode_;  // whose size the session has
   GapCounter gaps_;
   LogLimit gap_log_{std::chrono::seconds(10)};
 
   Clock::time_point waiting_since_;
-  Clock::time_point deadline_;  // of the next frame, or of the next attempt to open
+  Clock::time_point deadline_;        // of the next frame, or of the next attempt to open
+  Clock::time_point delivers_since_;  // the first frame after the last loss
   Clock::time_point lost_at_;
+  std::string why_shut_;  // the last reason that was logged since then
   std::chrono::milliseconds backoff_{0};
   bool is_lost_ = false;  // from give_up() to the first frame after it
   std::uint64_t frames_ = 0;

@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <stdexcept>
 #include <string>
 
 #include "common/error.hpp"
@@ -48,8 +49,14 @@ class CameraStream {
   virtual std::optional<Error> give_back(const CameraBuffer& buffer) = 0;
 };
 
-/// Opens, sets up and starts a camera. Throws std::runtime_error saying what failed, or that the
-/// camera does not do as asked, with what it offers.
+/// No such camera is there: unplugged, or not plugged in yet.
+class CameraGone : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// Opens, sets up and starts a camera. Throws CameraGone, or std::runtime_error saying what failed,
+/// or that the camera does not do as asked, with what it offers.
 using OpenCamera = std::function<std::unique_ptr<CameraStream>()>;
 
 }  // namespace orbbuf

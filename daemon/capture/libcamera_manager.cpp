@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "common/error.hpp"
+#include "daemon/capture/camera_stream.hpp"
 #include "daemon/capture/libcamera_controls.hpp"
 #include "daemon/capture/libcamera_formats.hpp"
 
@@ -115,9 +116,12 @@ std::shared_ptr<libcamera::Camera> find_libcamera(CameraManager& manager,
   const bool is_place = !camera.empty() && camera.size() < 4 &&
                         camera.find_first_not_of("0123456789") == std::string::npos;
   if (is_place && std::stoul(camera) < cameras.size()) return cameras[std::stoul(camera)];
-  throw std::runtime_error(fmt::format(
-      "libcamera has no camera {}: {}", camera,
-      cameras.empty() ? "there is none that it can use" + why_none() : ids_of(cameras)));
+  const auto why = cameras.empty() ? why_none() : "";
+  const auto text =
+      fmt::format("libcamera has no camera {}: {}", camera,
+                  cameras.empty() ? "there is none that it can use" + why : ids_of(cameras));
+  if (why.empty()) throw CameraGone(text);
+  throw std::runtime_error(text);
 }
 
 std::string list_libcamera() {

@@ -121,7 +121,9 @@ LibcameraStream::Film::~Film() {
 void LibcameraStream::Film::must(std::string_view attempt, int status) const {
   if (status >= 0) return;
   const auto tried = fmt::format("camera {}: cannot {}", camera_->id(), attempt);
-  throw std::runtime_error(system_error(tried, -status).text + std::string(hint_at(-status)));
+  const auto text = system_error(tried, -status).text + std::string(hint_at(-status));
+  if (status == -ENODEV) throw CameraGone(text);
+  throw std::runtime_error(text);
 }
 
 void LibcameraStream::Film::start(const SourceSettings& settings) {

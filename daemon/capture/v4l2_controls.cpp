@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cerrno>
 #include <cmath>
 #include <stdexcept>
 
@@ -38,6 +39,10 @@ bool can_be_set(const v4l2_query_ext_ctrl& query) {
     default:
       return false;
   }
+}
+
+bool is_switch(const v4l2_query_ext_ctrl& query) {
+  return query.type == V4L2_CTRL_TYPE_BOOLEAN || query.type == V4L2_CTRL_TYPE_MENU;
 }
 
 std::vector<std::string> menu_of(const V4l2Device& device, const v4l2_query_ext_ctrl& query) {
@@ -127,11 +132,22 @@ std::vector<CameraControl> list_controls(const V4l2Device& device) {
                           static_cast<std::int64_t>(query.step),
                           query.default_value,
                           menu_of(device, query),
-                          query.type == V4L2_CTRL_TYPE_INTEGER64};
+                          query.type == V4L2_CTRL_TYPE_INTEGER64,
+                          is_switch(query)};
     if (query.type == V4L2_CTRL_TYPE_BITMASK) control.min = 0;
     controls.push_back(std::move(control));
   }
   return controls;
+}
+
+std::vector<std::string> setting_order(const std::vector<CameraControl>& controls,
+                                       const CameraControls& values) {
+  std::vector<std::string> names(values.size());
+  std::ranges::transform(values, names.begin(), &CameraControls::value_type::first);
+  std::stable_partition(names.begin(), names.end(), [&](const std::string& name) {
+    return std::ranges::find(controls, name, &CameraControl::name)->is_switch;
+  });
+  return names;
 }
 
 void set_controls(const V4l2Device& device, const CameraControls& values) {
@@ -141,19 +157,21 @@ void set_controls(const V4l2Device& device, const CameraControls& values) {
     const std::string why = why_refused(find(device, controls, name), value);
     if (!why.empty()) throw std::runtime_error(fmt::format("camera {}: {}", device.path(), why));
   }
-  CameraControls waiting = values;
+  auto waiting = setting_order(controls, values);
   while (!waiting.empty()) {
     int error = 0;
     std::string refused;
-    const auto accepted = std::erase_if(waiting, [&](const auto& entry) {
-      const int status = set_one(device, find(device, controls, entry.first), entry.second);
+    const auto accepted = std::erase_if(waiting, [&](const std::string& name) {
+      const int status = set_one(device, find(device, controls, name), values.at(name));
       if (status != 0) {
         error = status;
-        refused = entry.first;
+        refused = name;
       }
       return status == 0;
     });
-    if (accepted == 0) device.fail("set its control " + refused, error);
+    if (accepted != 0) continue;
+    device.fail("set its control " + refused, error,
+                error == EACCES ? " (it is inactive: is its automatic on?)" : "");
   }
 }
 

@@ -24,6 +24,7 @@ struct CameraControl {
   std::int64_t fallback = 0;
   std::vector<std::string> menu;  ///< `1 Manual Mode`; empty: any number of the range
   bool is_wide = false;           ///< 64 bits
+  bool is_switch = false;         ///< a boolean, or a menu of words
 };
 
 /// The name to set a control by, which is the one v4l2-ctl has for it: "Exposure, Auto" becomes
@@ -36,9 +37,16 @@ std::string why_refused(const CameraControl& control, double value);
 /// Every control that has a number and can be set.
 std::vector<CameraControl> list_controls(const V4l2Device& device);
 
-/// Sets all of `values`. A control may first need another one set (a manual exposure needs
-/// exposure_auto off): what is refused is tried again as long as others are accepted. Throws
-/// std::runtime_error naming the control and what it takes, or all names if there is none like it.
+/// The names of `values`, all of them of `controls`, in the order to set them in: switches first.
+/// Whoever switches an automatic off is left with the number it had chosen, whatever was set
+/// before.
+std::vector<std::string> setting_order(const std::vector<CameraControl>& controls,
+                                       const CameraControls& values);
+
+/// Sets all of `values`, in setting_order(). A control may first need another one set (a manual
+/// exposure needs exposure_auto off): what is refused is tried again as long as others are
+/// accepted. Throws std::runtime_error naming the control and what it takes, or all names if there
+/// is none like it.
 void set_controls(const V4l2Device& device, const CameraControls& values);
 
 }  // namespace orbbuf

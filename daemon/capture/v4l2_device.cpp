@@ -15,15 +15,14 @@
 
 #include "common/error.hpp"
 #include "common/log.hpp"
+#include "daemon/capture/camera_stream.hpp"
 
 namespace orbbuf {
 namespace {
 
-/// What the system's text for `error` does not say.
+/// What the system's text for `error` of an open device does not say.
 std::string_view hint_at(int error) {
   switch (error) {
-    case EACCES:
-      return " (who films must be root or in the group `video`)";
     case EBUSY:
       return " (another program films with it)";
     case ENODEV:
@@ -31,6 +30,11 @@ std::string_view hint_at(int error) {
     default:
       return "";
   }
+}
+
+std::string_view hint_at_opening(int error) {
+  if (error == EACCES) return " (who films must be root or in the group `video`)";
+  return error == ENODEV ? "" : hint_at(error);
 }
 
 /// A string of the driver's, which need not end within its array. A USB device chooses its own
@@ -92,11 +96,13 @@ V4l2Device::V4l2Device(std::string path) : path_(std::move(path)) {
   if (!fd_) {
     const int error = errno;
     const auto nodes = video_nodes();
-    throw std::runtime_error(
+    const auto text =
         fmt::format("cannot open camera {}: {}{}; {}", path_,
-                    std::generic_category().message(error), error == ENODEV ? "" : hint_at(error),
+                    std::generic_category().message(error), hint_at_opening(error),
                     nodes.empty() ? "there is no /dev/video*"
-                                  : fmt::format("there is {}", fmt::join(nodes, ", "))));
+                                  : fmt::format("there is {}", fmt::join(nodes, ", ")));
+    if (error == ENOENT || error == ENODEV || error == ENXIO) throw CameraGone(text);
+    throw std::runtime_error(text);
   }
   v4l2_capability capability{};
   const int error = call(VIDIOC_QUERYCAP, &capability);
@@ -137,9 +143,12 @@ void V4l2Device::must(std::string_view attempt, unsigned long request, void* arg
   if (const int error = call(request, argument); error != 0) fail(attempt, error);
 }
 
-void V4l2Device::fail(std::string_view attempt, int error) const {
+void V4l2Device::fail(std::string_view attempt, int error, std::string_view hint) const {
   const auto tried = fmt::format("camera {}: cannot {}", path_, attempt);
-  throw std::runtime_error(system_error(tried, error).text + std::string(hint_at(error)));
+  const auto text =
+      system_error(tried, error).text + std::string(hint_at(error)) + std::string(hint);
+  if (error == ENODEV) throw CameraGone(text);
+  throw std::runtime_error(text);
 }
 
 std::vector<std::string> video_nodes() {

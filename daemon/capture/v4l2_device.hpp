@@ -38,8 +38,8 @@ class V4l2Device {
   /// call() for what must not fail. Throws std::runtime_error: `camera PATH: cannot ATTEMPT: why`.
   void must(std::string_view attempt, unsigned long request, void* argument) const;
 
-  /// Throws as must() does, for the errno value `error`.
-  [[noreturn]] void fail(std::string_view attempt, int error) const;
+  /// Throws as must() does, for the errno value `error`. hint: what its text does not say.
+  [[noreturn]] void fail(std::string_view attempt, int error, std::string_view hint = "") const;
 
  private:
   std::string path_;

@@ -50,6 +50,16 @@ Crop crop_of(const v4l2_rect& part) {
   return {static_cast<int>(part.width), static_cast<int>(part.height), part.left, part.top};
 }
 
+v4l2_selection selection_of(__u32 target) {
+  v4l2_selection selection{};
+  selection.type = kType;
+  selection.target = target;
+  return selection;
+}
+
+/// By what the driver answers when asked for, or to change, the part of the sensor.
+bool has_no_crop(int error) { return error == ENOTTY || error == EINVAL || error == ENODATA; }
+
 /// When, by the monotonic clock, which not every driver uses; 0: it does not say.
 std::int64_t stamp_of(const v4l2_buffer& buffer) {
   const auto kind = buffer.flags & V4L2_BUF_FLAG_TIMESTAMP_MASK;
@@ -60,7 +70,11 @@ std::int64_t stamp_of(const v4l2_buffer& buffer) {
 }  // namespace
 
 V4l2Stream::V4l2Stream(const SourceSettings& settings) : device_(settings.device) {
-  if (settings.crop) set_crop(*settings.crop);
+  if (settings.crop) {
+    set_crop(*settings.crop);
+  } else {
+    undo_crop();
+  }
   set_format(settings);
   set_rate(settings.fps);
   set_controls(device_, settings.controls);
@@ -81,11 +95,9 @@ std::string V4l2Stream::description() const {
 /// Before the format, which says what size the part is brought to.
 void V4l2Stream::set_crop(const Crop& crop) {
   const auto attempt = fmt::format("film {} of its sensor", to_string(crop));
-  v4l2_selection bounds{};
-  bounds.type = kType;
-  bounds.target = V4L2_SEL_TGT_CROP_BOUNDS;
+  v4l2_selection bounds = selection_of(V4L2_SEL_TGT_CROP_BOUNDS);
   const int error = device_.call(VIDIOC_G_SELECTION, &bounds);
-  if (error == ENOTTY || error == EINVAL || error == ENODATA) {
+  if (has_no_crop(error)) {
     throw std::runtime_error(fmt::format("camera {}: cannot {}: it films all of it or nothing",
                                          device_.path(), attempt));
   }
@@ -99,6 +111,21 @@ void V4l2Stream::set_crop(const Crop& crop) {
   throw std::runtime_error(fmt::format("camera {}: cannot {}: it would be {}, of {}",
                                        device_.path(), attempt, to_string(crop_of(wanted.r)),
                                        to_string(crop_of(bounds.r))));
+}
+
+/// The driver keeps the part of whoever filmed before, of this program or another.
+void V4l2Stream::undo_crop() {
+  v4l2_selection current = selection_of(V4L2_SEL_TGT_CROP);
+  v4l2_selection all = selection_of(V4L2_SEL_TGT_CROP_DEFAULT);
+  if (device_.call(VIDIOC_G_SELECTION, &current) != 0) return;
+  if (device_.call(VIDIOC_G_SELECTION, &all) != 0) return;
+  const Crop wanted = crop_of(all.r);
+  if (crop_of(current.r) == wanted) return;
+  all.target = V4L2_SEL_TGT_CROP;
+  const int error = device_.call(VIDIOC_S_SELECTION, &all);
+  if (error != 0 && !has_no_crop(error)) {
+    device_.fail(fmt::format("film {} of its sensor", to_string(wanted)), error);
+  }
 }
 
 void V4l2Stream::set_format(const SourceSettings& settings) {

@@ -31,6 +31,7 @@ class V4l2Stream : public CameraStream {
 
  private:
   void set_crop(const Crop& crop);
+  void undo_crop();
   void set_format(const SourceSettings& settings);
   void set_rate(double fps);
   void map_buffers();

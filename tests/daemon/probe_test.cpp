@@ -58,6 +58,25 @@ TEST(Probe, ACameraIsSuggestedByItsName) {
               HasSubstr("kind = \"libcamera\"\ncamera = \"platform/vimc.0 Sensor B\"\n"));
 }
 
+TEST(Probe, WhatIsSuggestedFilmsTheSame) {
+  Settings settings;
+  settings.source.kind = "libcamera";
+  settings.source.camera = "\\_SB_.PCI0 \"left\"\t\x7F";
+  settings.source.controls = {{"brightness", -0.25}, {"exposuretime", 10000}};
+  settings.source.crop = Crop{320, 180, 480, 270};
+  const test::TemporaryFolder folder;
+  test::write_file(folder / "c.toml",
+                   suggest(settings, {.fps = 20, .width_px = 64, .height_px = 64}));
+  const SourceSettings suggested = load_settings(folder / "c.toml", {}).source;
+  EXPECT_EQ(suggested.camera, settings.source.camera);
+  EXPECT_EQ(suggested.controls, settings.source.controls);
+  EXPECT_EQ(suggested.crop, settings.source.crop);
+  settings.source.kind = "v4l2";
+  settings.source.device = settings.source.device_right = "/dev/v4l/by-id/\\x";
+  EXPECT_THAT(suggest(settings, {.fps = 20}), HasSubstr("device = \"/dev/v4l/by-id/\\\\x\"\n"));
+  EXPECT_THAT(suggest(settings, {.fps = 20}), HasSubstr("_right = \"/dev/v4l/by-id/\\\\x\"\n"));
+}
+
 TEST(Probe, TheBufferHoldsASecondAndAtLeastThree) {
   ProbeResult result{.fps = 29.97, .width_px = 64, .height_px = 64};
   EXPECT_THAT(suggest({}, result), HasSubstr("fps = 29.97\n"));

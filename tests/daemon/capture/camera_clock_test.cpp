@@ -10,25 +10,35 @@ constexpr std::int64_t kSecond = 1'000'000'000;
 
 TEST(CaptureClock, StampsAreMovedByTheOffsetOfTheStart) {
   CaptureClock clock;
-  EXPECT_TRUE(clock.start({.monotonic_ns = 100, .utc_ns = 1'000'100}));
+  EXPECT_TRUE(clock.follow({.monotonic_ns = 100, .utc_ns = 1'000'100, .asleep_ns = 500}));
   EXPECT_EQ(clock.offset_ns(), 1'000'000);
   EXPECT_EQ(clock.utc_ns(150, 200), 1'000'150);
   EXPECT_EQ(clock.utc_ns(250, 300), 1'000'250);
 }
 
-TEST(CaptureClock, TheOffsetIsKeptUnlessTheMachineSlept) {
+TEST(CaptureClock, StepsOfTheSystemsClockDoNotShow) {
   CaptureClock clock;
-  clock.start({0, 50 * kSecond});
-  EXPECT_FALSE(clock.start({10 * kSecond, 40 * kSecond}));
-  EXPECT_FALSE(clock.start({10 * kSecond, 61 * kSecond}));
+  clock.follow({0, 50 * kSecond, 7 * kSecond});
+  EXPECT_FALSE(clock.follow({10 * kSecond, 40 * kSecond, 7 * kSecond}));
+  EXPECT_FALSE(clock.follow({10 * kSecond, 3600 * kSecond, 7 * kSecond + 9'999'999}));
+  EXPECT_FALSE(clock.follow({10 * kSecond, 60 * kSecond, 7 * kSecond - 9'999'999}));
   EXPECT_EQ(clock.offset_ns(), 50 * kSecond);
-  EXPECT_TRUE(clock.start({10 * kSecond, 61 * kSecond + 1}));
-  EXPECT_EQ(clock.offset_ns(), 51 * kSecond + 1);
+}
+
+TEST(CaptureClock, TheOffsetGrowsByTheTimeAsleep) {
+  CaptureClock clock;
+  clock.follow({0, 50 * kSecond, 7 * kSecond});
+  EXPECT_TRUE(clock.follow({1 * kSecond, 3600 * kSecond, 17 * kSecond}));
+  EXPECT_EQ(clock.offset_ns(), 60 * kSecond);
+  EXPECT_EQ(clock.utc_ns(2 * kSecond, 2 * kSecond), 62 * kSecond);
+  EXPECT_FALSE(clock.follow({3 * kSecond, 3602 * kSecond, 17 * kSecond}));
+  EXPECT_TRUE(clock.follow({4 * kSecond, 0, 18 * kSecond}));
+  EXPECT_EQ(clock.offset_ns(), 61 * kSecond);
 }
 
 TEST(CaptureClock, AStampThatCannotBeIsReplacedByNow) {
   CaptureClock clock;
-  clock.start({0, 1000});
+  clock.follow({0, 1000, 0});
   EXPECT_EQ(clock.utc_ns(0, 500), 1500);
   EXPECT_EQ(clock.utc_ns(701, 700), 1700);
   EXPECT_EQ(clock.utc_ns(800, 800), 1800);
@@ -36,7 +46,7 @@ TEST(CaptureClock, AStampThatCannotBeIsReplacedByNow) {
 
 TEST(CaptureClock, TimesStrictlyIncrease) {
   CaptureClock clock;
-  clock.start({0, 1000});
+  clock.follow({0, 1000, 0});
   EXPECT_EQ(clock.utc_ns(500, 500), 1500);
   EXPECT_EQ(clock.utc_ns(500, 600), 1501);
   EXPECT_EQ(clock.utc_ns(400, 700), 1502);
@@ -48,6 +58,7 @@ TEST(CaptureClock, TheClocksAreReadTogether) {
   const auto second = read_clocks();
   EXPECT_LE(first.monotonic_ns, second.monotonic_ns);
   EXPECT_GT(first.utc_ns, kSecond);
+  EXPECT_NEAR(static_cast<double>(second.asleep_ns - first.asleep_ns), 0, 9'999'999);
 }
 
 TEST(GapCounter, WhatIsLeftOutIsMissed) {

@@ -3,6 +3,8 @@
 
 #include <gmock/gmock.h>
 #include <sys/eventfd.h>
+#include <sys/timerfd.h>
+#include <unistd.h>
 
 #include <deque>
 #include <stdexcept>
@@ -10,24 +12,43 @@
 #include <vector>
 
 #include "tests/daemon/capture/source_test_support.hpp"
+#include "tests/server/captured_log.hpp"
 
 namespace orbbuf {
 namespace {
 
+using namespace std::chrono_literals;
 using testing::HasSubstr;
+using Clock = std::chrono::steady_clock;
 
 constexpr double kFps = 1000;  // so that a stall is noticed after little over 1 s
 
 /// What a camera does from being opened until it fails.
 struct Script {
-  std::string refusal;                ///< not empty: it does not even open
-  std::deque<CameraBuffer> buffers;   ///< given in turn
-  std::string failure = "unplugged";  ///< afterwards; empty: it stands still
+  std::string refusal;   ///< not empty: it does not even open
+  bool is_gone = false;  ///< which is why
+  int width_px = 2;
+  std::deque<CameraBuffer> buffers;       ///< given in turn
+  std::string failure = "unplugged";      ///< afterwards; empty: it stands still
+  std::chrono::milliseconds interval{0};  ///< from buffer to buffer
 };
+
+/// To poll: readable at each interval, or for ever if there is none.
+UniqueFd event_every(std::chrono::milliseconds interval) {
+  if (interval == 0ms) return UniqueFd(::eventfd(1, 0));
+  const timespec step = {0, std::chrono::nanoseconds(interval).count()};
+  const itimerspec steps = {step, step};
+  UniqueFd timer(::timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK));
+  ::timerfd_settime(timer.get(), 0, &steps, nullptr);
+  return timer;
+}
 
 class ScriptedStream : public CameraStream {
  public:
-  explicit ScriptedStream(Script script) : script_(std::move(script)), event_(::eventfd(1, 0)) {
+  explicit ScriptedStream(Script script)
+      : script_(std::move(script)), event_(event_every(script_.interval)) {
+    mode_.width_px = script_.width_px;
+    if (script_.is_gone) throw CameraGone(script_.refusal);
     if (!script_.refusal.empty()) throw std::runtime_error(script_.refusal);
   }
 
@@ -38,6 +59,10 @@ class ScriptedStream : public CameraStream {
   Result<std::optional<CameraBuffer>> borrow() override {
     if (stands_still()) return std::optional<CameraBuffer>();
     if (script_.buffers.empty()) return Error{script_.failure};
+    std::uint64_t ticks = 0;
+    if (script_.interval > 0ms && ::read(event_.get(), &ticks, sizeof ticks) < 0) {
+      return std::optional<CameraBuffer>();
+    }
     const CameraBuffer next = script_.buffers.front();
     script_.buffers.pop_front();
     return std::optional(next);
@@ -64,7 +89,11 @@ CameraBuffer buffer(std::uint32_t sequence) {
   return buffer;
 }
 
-Script films(std::deque<CameraBuffer> buffers) { return {"", std::move(buffers)}; }
+Script films(std::deque<CameraBuffer> buffers) {
+  Script script;
+  script.buffers = std::move(buffers);
+  return script;
+}
 
 /// A source whose camera follows one script after the other, and then does not open any more.
 CameraSource source_of(std::deque<Script> scripts) {
@@ -123,16 +152,64 @@ TEST(CameraSource, ACameraThatFailsIsOpenedAgainUntilItIsBack) {
   EXPECT_GT(after->capture_time_ns, before->capture_time_ns);
 }
 
+TEST(CameraSource, ACameraThatIsBackInAnotherSizeIsOpenedUntilItHasTheFirst) {
+  const test::CapturedLog log;
+  Script wide = films({buffer(1)});
+  wide.width_px = 4;
+  auto source = source_of({films({buffer(1)}), wide, wide, films({buffer(1)})});
+  source.next({});
+  EXPECT_EQ(source.next({})->width_px, 2);
+  EXPECT_THAT(log.lines("cannot open"),
+              testing::ElementsAre("warning camera 7: cannot open it again: it would film GREY 4x1 "
+                                   "px, 1000 fps now, not GREY 2x1 px, 1000 fps; trying on"));
+}
+
+TEST(CameraSource, WhyItDoesNotOpenIsToldOnceUnlessItIsGone) {
+  const test::CapturedLog log;
+  Script gone;
+  gone.refusal = "no such camera";
+  gone.is_gone = true;
+  Script refused;
+  refused.refusal = "not allowed";
+  const Script brief = films({buffer(1)});
+  auto source = source_of({brief, gone, refused, refused, brief});
+  source.next({});
+  source.next({});
+  EXPECT_EQ(log.lines("no such camera").size(), 0U);
+  EXPECT_EQ(log.lines("warning camera 7: cannot open it again: not allowed; trying on").size(), 1U);
+}
+
 TEST(CameraSource, ACameraThatStandsStillIsOpenedAgain) {
   Script still = films({buffer(1)});
   still.failure = "";
   auto source = source_of({still, films({buffer(1)})});
-  const auto start = std::chrono::steady_clock::now();
+  const auto start = Clock::now();
   source.next({});
   ASSERT_TRUE(source.next({}));
-  const auto waited = std::chrono::steady_clock::now() - start;
-  EXPECT_GE(waited, std::chrono::milliseconds(1003));
-  EXPECT_LT(waited, std::chrono::seconds(3));
+  const auto waited = Clock::now() - start;
+  EXPECT_GE(waited, 1003ms);
+  EXPECT_LT(waited, 3s);
+}
+
+TEST(CameraSource, ACameraThatFailsAfterEachFrameIsOpenedLessAndLessOften) {
+  const Script brief = films({buffer(1)});
+  auto source = source_of({brief, brief, brief, brief});
+  source.next({});
+  const auto start = Clock::now();
+  for (int i = 0; i < 3; ++i) source.next({});
+  EXPECT_GE(Clock::now() - start, 300ms);  // 0 + 100 + 200
+}
+
+TEST(CameraSource, ACameraThatFilmedForAWhileIsOpenedAtOnceAgain) {
+  const Script brief = films({buffer(1)});
+  Script lasting = films({});
+  for (std::uint32_t i = 0; i < 22; ++i) lasting.buffers.push_back(buffer(i));
+  lasting.interval = 100ms;
+  auto source = source_of({brief, brief, brief, brief, brief, lasting, brief});
+  for (int i = 0; i < 5 + 22; ++i) source.next({});
+  const auto lost = Clock::now();
+  ASSERT_TRUE(source.next({}));
+  EXPECT_LT(Clock::now() - lost, 1600ms);  // what else would be next
 }
 
 TEST(CameraSource, StopEndsTheWaitForACameraThatIsGone) {

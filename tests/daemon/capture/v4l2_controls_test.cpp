@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/capture/v4l2_controls.hpp"
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
 
 namespace orbbuf {
 namespace {
@@ -38,6 +38,19 @@ TEST(V4l2Controls, WhatIsNotInTheMenuIsRefusedWithTheMenu) {
   EXPECT_EQ(why_refused(exposure, 3), "");
   EXPECT_EQ(why_refused(exposure, 2),
             "auto_exposure takes 1 Manual Mode, 3 Aperture Priority Mode, not 2");
+}
+
+TEST(V4l2Controls, AutomaticsAreSwitchedBeforeTheirNumbersAreSet) {
+  std::vector<CameraControl> controls(4);
+  controls[0].name = "gain";
+  controls[1].name = "gain_automatic";
+  controls[1].is_switch = true;
+  controls[2].name = "auto_exposure";
+  controls[2].is_switch = true;
+  controls[3].name = "brightness";
+  const CameraControls values = {{"brightness", 5}, {"gain", 100}, {"gain_automatic", 0}};
+  EXPECT_THAT(setting_order(controls, values),
+              testing::ElementsAre("gain_automatic", "brightness", "gain"));
 }
 
 }  // namespace

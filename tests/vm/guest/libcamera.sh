@@ -52,8 +52,8 @@ verdict 'libcamera: as adjusted, and --probe'
 refuses 'libcamera has no camera 1: there is 0: platform/vimc.0 Sensor B' "${mode[@]}" camera=1
 refuses 'it has no control zoom; it has brightness, ' "${mode[@]}" controls.zoom=1
 refuses 'brightness takes -1 to .*, not 7' "${mode[@]}" controls.brightness=7
-film busy "${mode[@]}"
-expect 'frames' wait_for 30 has_frames busy 5
+film taken "${mode[@]}"
+expect 'frames' wait_for 30 has_frames taken 5
 first=$daemon
 log=/tmp/refused.log
 refuses 'none that it can use (one that another program films with may be left out)' "${mode[@]}"

@@ -48,9 +48,10 @@ survives() {
   expect "$1: films on" wait_for 10 has_frames faults $((before + 5))
 }
 
-film faults "${mode[@]}" format=YUYV controls.brightness=100 controls.gain_automatic=false
+film faults "${mode[@]}" format=YUYV controls.brightness=100 controls.gain_automatic=false controls.gain=77
 expect 'frames' wait_for 30 has_frames faults 10
 expect 'brightness' [ "$(v4l2-ctl -d $camera -C brightness)" = 'brightness: 100' ]
+expect 'gain, which was automatic' [ "$(v4l2-ctl -d $camera -C gain)" = 'gain: 77' ]
 v4l2-ctl -d $camera -c percentage_of_dropped_buffers=50
 expect 'missed frames are counted' wait_for 10 logged 1 'missed by the camera'
 v4l2-ctl -d $camera -c percentage_of_dropped_buffers=0
@@ -117,11 +118,16 @@ expect "the part, not $(cat part.txt)" grep -q 'Left 480, Top 270, Width 320, He
 end_film
 first_image=$(find "$(session_of crop)/images" -name '*.jpg' | sort | head -n 1)
 expect "images of ${width}x$height" [ "$(size_of "$first_image")" = ${width}x$height ]
+film all "${mode[@]}" format=GREY
+expect 'frames' wait_for 60 has_frames all 5
+v4l2-ctl -d $camera --get-selection target=crop >part.txt 2>&1
+expect "all again, not $(cat part.txt)" grep -q 'Left 0, Top 0, Width 1280, Height 720' part.txt
+end_film
 refuses 'cannot film 320x180+1200+0 of its sensor: it would be 320x180+960+0, of 1280x720+0+0' \
   "${mode[@]}" crop=320x180+1200+0
 modprobe -r vivid
 mv refusals.log "$log"
-verdict 'vivid: a part of the sensor'
+verdict 'vivid: a part of the sensor, and then all of it'
 
 # Two cameras that start at moments of their own are a stereo pair all the same.
 modprobe vivid n_devs=2 node_types=0x1,0x1 num_inputs=1,1 input_types=0x0,0x0
