@@ -61,6 +61,13 @@ std::optional<DropRecord> drop_from_csv(std::string_view line) {
   return DropRecord{*sequence, *time, *reason};
 }
 
+SplitTime split_seconds(std::int64_t time_ns) {
+  constexpr auto kStep = static_cast<std::int64_t>(kNsPerSecond);
+  const SplitTime towards_zero{time_ns / kStep, time_ns % kStep};
+  if (towards_zero.nanoseconds >= 0) return towards_zero;
+  return {towards_zero.seconds - 1, towards_zero.nanoseconds + kStep};
+}
+
 std::string format_seconds(std::int64_t time_ns) {
   // Unsigned negation, since the most negative time has no positive twin.
   const auto bits = static_cast<std::uint64_t>(time_ns);

@@ -8,16 +8,11 @@ namespace {
 
 using std::chrono::nanoseconds;
 
-constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 constexpr std::chrono::seconds kSilence{1};
 constexpr std::chrono::milliseconds kLate{500};
 constexpr std::chrono::minutes kMinute{1};
 /// Differences of times up to that can be subtracted, too. It is the year 2067.
 constexpr std::int64_t kLatest = std::numeric_limits<std::int64_t>::max() / 3;
-
-std::int64_t floor_second(std::int64_t time_ns) {
-  return time_ns / kNsPerSecond - (time_ns % kNsPerSecond < 0 ? 1 : 0);
-}
 
 }  // namespace
 
@@ -82,7 +77,7 @@ nanoseconds Timeline::note_offset(nanoseconds offset, Time now) {
 /// Null for what is too old. A frame in order that is far from the others shows that the robot's
 /// clock was set: the others no longer mean anything.
 TimelineSecond* Timeline::second_of(std::int64_t capture_time_ns, bool is_in_order) {
-  const std::int64_t second = floor_second(capture_time_ns);
+  const std::int64_t second = split_seconds(capture_time_ns).seconds;
   const std::int64_t newest = seconds_.empty() ? second : seconds_.back().second;
   const bool is_far = second > newest + kSeconds || second <= newest - kSeconds;
   if (is_far && !is_in_order) return nullptr;

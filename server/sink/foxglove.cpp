@@ -3,12 +3,12 @@
 
 #include <array>
 #include <bit>
-#include <cassert>
 #include <cstddef>
 #include <initializer_list>
 #include <utility>
 
 #include "common/as_bytes.hpp"
+#include "common/drop_record.hpp"
 
 namespace orbbuf::foxglove {
 namespace {
@@ -117,31 +117,17 @@ std::vector<std::uint8_t> with_timestamp(const Message& importing) {
 }
 
 Message timestamp(std::int64_t time_ns) {
-  constexpr std::int64_t kNsPerSecond = 1'000'000'000;
-  std::int64_t seconds = time_ns / kNsPerSecond;
-  std::int64_t nanos = time_ns % kNsPerSecond;
-  if (nanos < 0) {  // they count forwards, also before 1970
-    nanos += kNsPerSecond;
-    --seconds;
-  }
+  const auto [seconds, nanos] = split_seconds(time_ns);  // nanos count forwards, also before 1970
   Message message;
   message.put_varint(1, static_cast<std::uint64_t>(seconds));
   message.put_varint(2, static_cast<std::uint64_t>(nanos));
   return message;
 }
 
-/// The name of a distortion model.
-std::string_view model_of(const Calibration& camera) {
-  switch (camera.model) {
-    case LensModel::kPinhole:
-    case LensModel::kRadTan:
-      return "plumb_bob";
-    case LensModel::kEquidistant:
-      return "kannala_brandt";
-    case LensModel::kFov:
-      break;
-  }
-  return "";
+/// ROS's name of a distortion model as Foxglove has it.
+std::string_view model_of(const CameraInfo& camera) {
+  if (camera.distortion_model == "equidistant") return "kannala_brandt";
+  return camera.distortion_model;
 }
 
 }  // namespace
@@ -179,28 +165,17 @@ std::vector<std::uint8_t> compressed_image(std::int64_t time_ns, std::string_vie
   return message.take();
 }
 
-bool can_express(const Calibration& camera) { return !model_of(camera).empty(); }
-
 std::vector<std::uint8_t> camera_calibration(std::int64_t time_ns, std::string_view frame_id,
-                                             const Calibration& camera, Side side) {
-  assert(can_express(camera));
-  const double fx = camera.fx_px;
-  const double fy = camera.fy_px;
-  const double cx = camera.cx_px;
-  const double cy = camera.cy_px;
-  const double tx = side == Side::kRight ? -fx * camera.baseline_m : 0;
-  // plumb_bob has a k3, which DSO's RadTan has not; a pinhole is one that bends nothing.
-  std::vector<double> distortion = camera.distortion;
-  if (camera.model != LensModel::kEquidistant) distortion.resize(5);
+                                             const CameraInfo& camera) {
   Message message;
   message.put_message(1, timestamp(time_ns));
-  message.put_fixed32(2, static_cast<std::uint32_t>(camera.width_px));
-  message.put_fixed32(3, static_cast<std::uint32_t>(camera.height_px));
+  message.put_fixed32(2, camera.width_px);
+  message.put_fixed32(3, camera.height_px);
   message.put_text(4, model_of(camera));
-  message.put_doubles(5, distortion);
-  message.put_doubles(6, std::array{fx, 0., cx, 0., fy, cy, 0., 0., 1.});
+  message.put_doubles(5, camera.distortion);
+  message.put_doubles(6, camera.k);
   message.put_doubles(7, std::array{1., 0., 0., 0., 1., 0., 0., 0., 1.});
-  message.put_doubles(8, std::array{fx, 0., cx, tx, 0., fy, cy, 0., 0., 0., 1., 0.});
+  message.put_doubles(8, camera.p);
   message.put_text(9, frame_id);
   return message.take();
 }

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "common/as_bytes.hpp"
+#include "server/dataset/calibration.hpp"
 #include "server/sink/foxglove.hpp"
 
 namespace orbbuf {
@@ -59,14 +60,12 @@ constexpr std::string_view kDropJsonSchema =
     R"("similarity":{"type":"integer"}}})";
 
 std::string drop_json(const DropRecord& record) {
-  constexpr std::int64_t kNsPerSecond = 1'000'000'000;
-  const std::int64_t nsec = (record.capture_time_ns % kNsPerSecond + kNsPerSecond) % kNsPerSecond;
+  const auto [sec, nsec] = split_seconds(record.capture_time_ns);
   const std::string similarity = record.similarity == kUnknownSimilarity
                                      ? ""
                                      : fmt::format(R"(,"similarity":{})", record.similarity);
-  return fmt::format(R"({{"timestamp":{{"sec":{},"nsec":{}}},"sequence":{},"reason":"{}"{}}})",
-                     (record.capture_time_ns - nsec) / kNsPerSecond, nsec, record.sequence,
-                     to_string(record.reason), similarity);
+  return fmt::format(R"({{"timestamp":{{"sec":{},"nsec":{}}},"sequence":{},"reason":"{}"{}}})", sec,
+                     nsec, record.sequence, to_string(record.reason), similarity);
 }
 
 mcap::MessageHead head_of(std::uint16_t channel, std::uint64_t sequence, std::int64_t time_ns) {
@@ -91,22 +90,25 @@ void with_channel(std::uint16_t id, const std::string& robot_id, Put put) {
   put(mcap::Channel{id, kind.schema, topic, kind.schema == kDropSchema ? "json" : "protobuf"});
 }
 
-/// What a recording can express of it; a warning if that is nothing.
-std::optional<Calibration> expressible(const SessionInfo& info) {
-  if (info.calibration.empty()) return std::nullopt;
-  auto parsed = parse_calibration(info.calibration);
-  if (parsed && foxglove::can_express(parsed.value())) return std::move(parsed).value();
-  spdlog::warn(
-      "{} {}: recorded without calibration: camera.txt: {}", info.robot_id, info.session_id,
-      parsed ? parsed.value().name + " is no distortion model of Foxglove's" : parsed.error().text);
-  return std::nullopt;
+/// What a recording can express of the calibration; a warning if that is nothing.
+CalibratedCameras cameras_of(const SessionInfo& info) {
+  if (info.calibration.empty()) return {};
+  const auto parsed = parse_calibration(info.calibration);
+  auto cameras = parsed ? calibrated_cameras(parsed.value()) : CalibratedCameras();
+  if (!cameras.left) {
+    spdlog::warn("{} {}: recorded without calibration: camera.txt: {}", info.robot_id,
+                 info.session_id,
+                 parsed ? parsed.value().name + " is no distortion model of Foxglove's"
+                        : parsed.error().text);
+  }
+  return cameras;
 }
 
 }  // namespace
 
 McapRecording::McapRecording(std::filesystem::path path, const SessionInfo& info)
     : robot_id_(info.robot_id),
-      calibration_(expressible(info)),
+      cameras_(cameras_of(info)),
       file_(std::move(path), fmt::format("{} {}", kLibrary, ORBBUF_VERSION)) {}
 
 Result<wire::Position> McapRecording::recover(const std::optional<wire::Position>& files) {
@@ -131,9 +133,10 @@ std::optional<Error> McapRecording::write(const EncodedFrame& frame) {
   mcap::Batch batch;
   add_image(frame, is_stereo ? kLeftImage : kImage, frame.left(), batch);
   if (is_stereo) add_image(frame, kRightImage, frame.right(), batch);
-  if (calibration_) {
-    add_calibration(frame, is_stereo ? kLeftCalibration : kCalibration, batch);
-    if (is_stereo && calibration_->baseline_m > 0) add_calibration(frame, kRightCalibration, batch);
+  const auto calibration = is_stereo ? kLeftCalibration : kCalibration;
+  if (cameras_.left) add_calibration(frame, calibration, *cameras_.left, batch);
+  if (is_stereo && cameras_.right) {
+    add_calibration(frame, kRightCalibration, *cameras_.right, batch);
   }
   return file_.append(batch);
 }
@@ -184,12 +187,11 @@ void McapRecording::add_image(const EncodedFrame& frame, std::uint16_t channel,
 }
 
 void McapRecording::add_calibration(const EncodedFrame& frame, std::uint16_t channel,
-                                    mcap::Batch& batch) const {
+                                    const CameraInfo& camera, mcap::Batch& batch) const {
   describe(channel, batch);
   const std::string frame_id = fmt::format("{}{}", robot_id_, kind_of(channel).frame);
-  const auto side = channel == kRightCalibration ? foxglove::Side::kRight : foxglove::Side::kLeft;
   batch.add(head_of(channel, frame.sequence, frame.capture_time_ns),
-            foxglove::camera_calibration(frame.capture_time_ns, frame_id, *calibration_, side));
+            foxglove::camera_calibration(frame.capture_time_ns, frame_id, camera));
 }
 
 }  // namespace orbbuf

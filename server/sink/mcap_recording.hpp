@@ -7,14 +7,14 @@
 #include <string>
 
 #include "common/wire.hpp"
-#include "server/dataset/calibration.hpp"
+#include "server/dataset/camera_info.hpp"
 #include "server/sink/frame_sink.hpp"
 #include "server/sink/mcap_file.hpp"
 #include "server/sink/session_record.hpp"
 
 namespace orbbuf {
 
-/// One session as an MCAP file (https://mcap.dev), which Foxglove and the tools of ROS 2 open:
+/// One session as an MCAP file (https://mcap.dev), which Foxglove and mcap's own tools open:
 ///
 ///   /ROBOT/image              foxglove.CompressedImage, the frames byte for byte
 ///   /ROBOT/calibration        foxglove.CameraCalibration, one with each frame, if the robot sent a
@@ -42,10 +42,11 @@ class McapRecording final : public SessionRecord {
   void describe(std::uint16_t channel, mcap::Batch& batch) const;
   void add_image(const EncodedFrame& frame, std::uint16_t channel,
                  std::span<const std::uint8_t> jpeg, mcap::Batch& batch) const;
-  void add_calibration(const EncodedFrame& frame, std::uint16_t channel, mcap::Batch& batch) const;
+  void add_calibration(const EncodedFrame& frame, std::uint16_t channel, const CameraInfo& camera,
+                       mcap::Batch& batch) const;
 
   std::string robot_id_;
-  std::optional<Calibration> calibration_;  // that can be expressed
+  CalibratedCameras cameras_;
   std::uint64_t next_drop_ = 0;
   mcap::File file_;
 };

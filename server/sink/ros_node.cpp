@@ -51,13 +51,15 @@ class RosNode::Topics {
 
 RosNode::RosNode() = default;
 
-RosNode::~RosNode() {
+RosNode::~RosNode() = default;
+
+void RosNode::close() {
   topics_.reset();
-  if (is_initialised_) ros::shutdown();
+  if (std::exchange(is_initialised_, false)) ros::shutdown();
 }
 
 void RosNode::publish(const std::string& base, std::int64_t time_ns, const std::uint8_t* jpeg,
-                      std::size_t bytes, const RosCamera* camera) {
+                      std::size_t bytes, const CameraInfo* camera) {
   if (!is_connected()) return;
   sensor_msgs::CompressedImage image;
   image.header.stamp = stamp_of(time_ns);

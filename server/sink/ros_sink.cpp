@@ -2,21 +2,27 @@
 #include "server/sink/ros_sink.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <boost/asio/post.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <cctype>
+#include <chrono>
+#include <future>
 #include <optional>
 #include <utility>
 
 #include "common/log.hpp"
 #include "server/dataset/calibration.hpp"
-#include "server/run_in_pool.hpp"
+#include "server/dataset/camera_info.hpp"
 #include "server/sink/ros_node.hpp"
 
 namespace orbbuf {
 namespace {
 
 namespace asio = boost::asio;
+
+constexpr int kMostWaiting = 100;  // frames of a session, as many as roscpp itself keeps of a topic
+constexpr std::chrono::seconds kFarewell{1};
 
 /// A robot's id as the first part of a topic's name.
 std::string topic_of(const std::string& robot_id) {
@@ -27,62 +33,63 @@ std::string topic_of(const std::string& robot_id) {
   return "/" + name;
 }
 
-/// Nothing if ROS has no name for the lens, or nobody knows where the right camera is.
-std::optional<RosCamera> ros_camera(const std::string& camera_txt, bool is_right) {
-  const auto parsed = parse_calibration(camera_txt);
-  if (!parsed || parsed.value().model == LensModel::kFov) return std::nullopt;
-  const Calibration& camera = parsed.value();
-  if (is_right && camera.baseline_m <= 0) return std::nullopt;
-  const bool is_fisheye = camera.model == LensModel::kEquidistant;
-  const double tx = is_right ? -camera.fx_px * camera.baseline_m : 0;
-  RosCamera ros;
-  ros.width_px = static_cast<std::uint32_t>(camera.width_px);
-  ros.height_px = static_cast<std::uint32_t>(camera.height_px);
-  ros.distortion_model = is_fisheye ? "equidistant" : "plumb_bob";
-  ros.distortion = camera.distortion;
-  if (!is_fisheye) ros.distortion.resize(5);  // DSO has no k3, and a pinhole has none at all
-  ros.k = {camera.fx_px, 0, camera.cx_px, 0, camera.fy_px, camera.cy_px, 0, 0, 1};
-  ros.p = {camera.fx_px, 0, camera.cx_px, tx, 0, camera.fy_px, camera.cy_px, 0, 0, 0, 1, 0};
-  return ros;
+CalibratedCameras cameras_of(const SessionInfo& info) {
+  const auto parsed = parse_calibration(info.calibration);
+  return parsed ? calibrated_cameras(parsed.value()) : CalibratedCameras();
 }
 
-/// The node and the thread it lives on, for as long as the process.
+/// The node and the thread it lives on.
 struct Ros {
-  Ros() : node(std::make_unique<RosNode>()) {
+  Ros() {
     asio::post(thread, [] { name_this_thread("ros"); });
   }
-  ~Ros() {
-    asio::post(thread, [this] { node.reset(); });
-    thread.join();
-  }
-  Ros(const Ros&) = delete;
-  Ros& operator=(const Ros&) = delete;
 
-  std::unique_ptr<RosNode> node;  // used on `ros` only
+  RosNode node;  // used on `ros` only
   asio::thread_pool thread{1};
 };
 
+/// Ends with the process. roscpp waits without limit for a master that takes a connection and says
+/// nothing: what still waits for one then is left to the system.
+class RosForTheProcess {
+ public:
+  RosForTheProcess() : ros_(std::make_unique<Ros>()) {}
+  ~RosForTheProcess() {
+    const auto ended = std::make_shared<std::promise<void>>();
+    asio::post(ros_->thread, [ros = ros_.get(), ended] {
+      ros->node.close();
+      ended->set_value();
+    });
+    if (ended->get_future().wait_for(kFarewell) == std::future_status::ready) return;
+    static_cast<void>(ros_.release());
+  }
+  RosForTheProcess(const RosForTheProcess&) = delete;
+  RosForTheProcess& operator=(const RosForTheProcess&) = delete;
+
+  Ros& operator*() const { return *ros_; }
+
+ private:
+  std::unique_ptr<Ros> ros_;
+};
+
 Ros& the_ros() {
-  static Ros ros;
-  return ros;
+  static const RosForTheProcess ros;
+  return *ros;
 }
 
 class RosSink final : public FrameSink {
  public:
   RosSink(asio::io_context& main, const SessionInfo& info)
-      : main_(main),
-        source_(std::make_shared<Source>(Source{topic_of(info.robot_id),
-                                                ros_camera(info.calibration, false),
-                                                ros_camera(info.calibration, true)})) {}
+      : main_(main), source_(std::make_shared<Source>(info)) {}
 
   void async_write(FramePtr frame, Done done) override {
-    run_in_pool(
-        main_, the_ros().thread,
-        [source = source_, frame = std::move(frame)]() -> std::optional<Error> {
-          publish(*source, *frame);
-          return std::nullopt;
-        },
-        std::move(done));
+    if (source_->waiting < kMostWaiting) {
+      ++source_->waiting;
+      asio::post(the_ros().thread, [source = source_, frame = std::move(frame)] {
+        publish(*source, *frame);
+        --source->waiting;
+      });
+    }
+    asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
   }
 
   void async_write_drops(std::vector<DropRecord> /*records*/, Done done) override {
@@ -91,23 +98,27 @@ class RosSink final : public FrameSink {
 
  private:
   struct Source {
-    std::string topic;
-    std::optional<RosCamera> left;
-    std::optional<RosCamera> right;
+    explicit Source(const SessionInfo& info)
+        : topic(topic_of(info.robot_id)), cameras(cameras_of(info)) {}
+
+    const std::string topic;
+    const CalibratedCameras cameras;
+    std::atomic<int> waiting = 0;  ///< frames that `ros` has not come to
   };
 
   static void publish(const Source& source, const EncodedFrame& frame) {
     const auto image = [&](const std::string& base, std::span<const std::uint8_t> jpeg,
-                           const std::optional<RosCamera>& camera) {
-      the_ros().node->publish(base, frame.capture_time_ns, jpeg.data(), jpeg.size(),
-                              camera ? &*camera : nullptr);
+                           const std::optional<CameraInfo>& camera) {
+      the_ros().node.publish(base, frame.capture_time_ns, jpeg.data(), jpeg.size(),
+                             camera ? &*camera : nullptr);
     };
-    image(frame.is_stereo() ? source.topic + "/left" : source.topic, frame.left(), source.left);
-    if (frame.is_stereo()) image(source.topic + "/right", frame.right(), source.right);
+    const auto& [left, right] = source.cameras;
+    image(frame.is_stereo() ? source.topic + "/left" : source.topic, frame.left(), left);
+    if (frame.is_stereo()) image(source.topic + "/right", frame.right(), right);
   }
 
   asio::io_context& main_;
-  const std::shared_ptr<const Source> source_;  // shared with the call in progress only
+  const std::shared_ptr<Source> source_;  // shared with what waits on `ros`
 };
 
 }  // namespace

@@ -50,5 +50,14 @@ TEST(DropRecord, SecondsAreReadBackToTheLastDigit) {
   }
 }
 
+TEST(SplitSeconds, CountsForwardsFromAWholeSecondAtAnyTime) {
+  EXPECT_EQ(split_seconds(1'633'012'000), (SplitTime{1, 633'012'000}));
+  EXPECT_EQ(split_seconds(0), (SplitTime{0, 0}));
+  EXPECT_EQ(split_seconds(-1), (SplitTime{-1, 999'999'999}));
+  EXPECT_EQ(split_seconds(-2'000'000'000), (SplitTime{-2, 0}));
+  EXPECT_EQ(split_seconds(std::numeric_limits<std::int64_t>::min()),
+            (SplitTime{-9'223'372'037, 145'224'192}));
+}
+
 }  // namespace
 }  // namespace orbbuf

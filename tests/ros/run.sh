@@ -6,7 +6,7 @@ build=$(cd "$1" && pwd)
 work=$(mktemp -d)
 pids=()
 cleanup() {
-  for pid in "${pids[@]}"; do kill "$pid" 2>/dev/null || true; done
+  for pid in "${pids[@]}"; do kill -TERM "$pid" || true; kill -CONT "$pid" || true; done 2>/dev/null
   wait
   rm -rf "$work"
 }
@@ -29,10 +29,18 @@ export ROS_IP=127.0.0.1 ROS_HOME=$work/ros ROS_LOG_DIR=$work/ros
 ROS_MASTER_URI=http://127.0.0.1:$((20000 + RANDOM % 10000))
 export ROS_MASTER_URI
 
-start server "$build/server/orbbuf-server" --set listen.address=127.0.0.1:0 \
-  --set "files.path=$work/data" --set ros.enabled=true
-until_line server 'listening on'
-address=$(sed -n 's/.*listening on //p' "$work/server.log")
+serve() { # NAME
+  start "$1" "$build/server/orbbuf-server" --set listen.address=127.0.0.1:0 \
+    --set "files.path=$work/data" --set ros.enabled=true
+  server=${pids[-1]}
+  until_line "$1" 'listening on'
+  address=$(sed -n 's/.*listening on //p' "$work/$1.log")
+}
+end_server() {
+  kill -TERM "$server"
+  wait "$server" || fail "the server ended with $?"
+}
+serve server
 camera='camera.calibration="RadTan 100 101 80 60 -0.1 0.01 0.001 -0.001\n160 120\nnone\n160 120\n0.1\n"'
 
 film() { # ID SEED FRAMES
@@ -53,7 +61,21 @@ film b 4 100
 grep -c 'no master' "$work/server.log" | grep -qx 1 || fail 'the missing master is not said once'
 [ "$(wc -l <"$(last_session b)/times.txt")" -eq 100 ] || fail 'a missing master has cost frames'
 
+# Nor does one that takes connections and says nothing hold anybody.
 start master rosmaster --core -p "${ROS_MASTER_URI##*:}"
+master=${pids[-1]}
+SECONDS=0
+until (exec 3<>"/dev/tcp/127.0.0.1/${ROS_MASTER_URI##*:}") 2>/dev/null; do
+  [ $SECONDS -lt 30 ] || fail 'no master'
+  sleep 0.05
+done
+kill -STOP "$master"
+film c 5 300
+[ "$(wc -l <"$(last_session c)/times.txt")" -eq 300 ] || fail 'a master that has stopped has cost frames'
+end_server
+kill -CONT "$master"
+
+serve server-again
 mkdir "$work/heard"
 start listener "$build/tests/orbbuf-ros-listener" "$work/heard" /mono_1 /ros_2/left /ros_2/right
 for topic in {/mono_1,/ros_2/left,/ros_2/right}/{image_raw/compressed,camera_info}; do
@@ -90,5 +112,4 @@ for side in '/mono_1 mono-1 images 0.000000' '/ros_2/left 2 images 0.000000' \
   echo "ros: $base: 100 frames, each with its stamp, its bytes and its calibration"
 done
 
-kill -TERM "${pids[0]}"
-wait "${pids[0]}" || fail "the server ended with $?"
+end_server

@@ -3,6 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cstdint>
+#include <limits>
+
 #include "tests/server/captured_log.hpp"
 #include "tests/server/frames.hpp"
 #include "tests/support/temporary_folder.hpp"
@@ -80,12 +83,17 @@ TEST_F(McapRecordingTest, SaysWhyThereIsNoCalibration) {
 
 TEST_F(McapRecordingTest, DropsAreJson) {
   auto out = recording();
-  EXPECT_FALSE(out.write_drops(std::vector<DropRecord>{{4, 1'633'012'000, DropReason::kPolicy, 17},
-                                                       {6, -1, DropReason::kBusy}}));
+  EXPECT_FALSE(out.write_drops(
+      std::vector<DropRecord>{{4, 1'633'012'000, DropReason::kPolicy, 17},
+                              {6, -1, DropReason::kBusy},
+                              {7, std::numeric_limits<std::int64_t>::min(), DropReason::kFailed}}));
   EXPECT_EQ(count(R"({"timestamp":{"sec":1,"nsec":633012000},"sequence":4,)"
                   R"("reason":"policy","similarity":17})"),
             1U);
   EXPECT_EQ(count(R"({"timestamp":{"sec":-1,"nsec":999999999},"sequence":6,"reason":"busy"})"), 1U);
+  EXPECT_EQ(count(R"({"timestamp":{"sec":-9223372037,"nsec":145224192},"sequence":7,)"
+                  R"("reason":"failed"})"),
+            1U);
 }
 
 TEST_F(McapRecordingTest, WhatTheFilesLackWasNotAcknowledgedAndGoes) {
