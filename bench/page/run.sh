@@ -35,17 +35,23 @@ curl -s "$page/api/robots" | grep -oP '"robot":"\K[^"]+' | sed "s|.*|url = $page
 [ "$(wc -l <"$work/urls")" -eq "$robots" ] || { echo "page: not all robots film" >&2 && exit 1; }
 echo "url = $page/api/robots" >>"$work/urls"
 sed -i 's|$|\noutput = /dev/null|' "$work/urls"
+printf 'write-out = "%%{http_code} %%{size_download}\\n"\n' >>"$work/urls"
 
 used=(0 0) # with nobody looking, with a page
+touch "$work/answers"
 for ((i = 0; i < stretches; ++i)); do
   before=$(cpu_ns)
   end=$((SECONDS + 5))
   while [ $SECONDS -lt $end ]; do
-    [ $((i % 2)) -eq 0 ] || curl -s -K "$work/urls"
+    [ $((i % 2)) -eq 0 ] || curl -s -K "$work/urls" >>"$work/answers"
     sleep 1
   done
   used[i % 2]=$((${used[i % 2]} + $(cpu_ns) - before))
 done
+awk -v s="$((stretches * 5 / 2))" -v n="$robots" '{ bytes += $2 } $1 != 200 { ++refused } END {
+  printf "  the page: %d answers (at least %d were to come), %.0f kB/s, %d refused\n",
+    NR, n * s / 2, bytes / s / 1000, refused
+  exit refused > 0 || NR < n * s / 2 }' "$work/answers"
 wait "$load" || { cat "$work/load.log" && exit 1; }
 grep -h 'RESULT load.\(delivered_share\|p99_ms\)' "$work/load.log" | sed 's/RESULT/  with the page:/'
 awk -v off="${used[0]}" -v on="${used[1]}" -v s="$((stretches * 5 / 2))" -v n="$robots" 'BEGIN {

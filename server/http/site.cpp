@@ -106,7 +106,7 @@ void Site::answer(const HttpRequest& request, Answer answer) const {
 
 void Site::answer_path(const HttpRequest& request, const Words& words, Answer answer) const {
   const std::string& first = words.front();
-  if (first == "healthz" && words.size() == 1) {  // `main` runs, and so does the disk
+  if (first == "healthz" && words.size() == 1) {  // `main` runs, and so does `files`
     return run_on_files([] { return text_response("ok\n"); }, std::move(answer));
   }
   if (first == "metrics" && words.size() == 1) {

@@ -73,6 +73,7 @@ Result<std::string> ask(const fs::path& path) {
   });
   io.run_for(kPatience);
   if (!is_whole) return Error{path.string() + ": no answer"};
+  if (!table.ends_with('\n')) return Error{path.string() + ": the answer was cut short"};
   return table;
 }
 

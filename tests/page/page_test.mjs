@@ -103,6 +103,15 @@ async function load() {
   assert.ok(bytes < 150_000, `${bytes} bytes`);
 }
 
+/** A server that stands still is not shown as if it went on. */
+async function freeze() {
+  await page.waitForSelector("#summary:not(.bad)");
+  server.process.kill("SIGSTOP");
+  await page.waitForSelector('#summary.bad:has-text("has not answered for")');
+  server.process.kill("SIGCONT");
+  await page.waitForSelector("#summary:not(.bad)");
+}
+
 /** The newest image is there, and another one a moment later. */
 async function watch() {
   const image = page.locator('article[data-robot="front"] img');
@@ -170,6 +179,7 @@ async function sessionPages() {
 
 try {
   await load();
+  await freeze();
   const robot = await stream();
   await compare(robot);
   const delivered = await value("acknowledged");

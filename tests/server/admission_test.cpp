@@ -97,7 +97,7 @@ TEST_F(ListenerTest, ARobotAtLineRateDoesNotStarveAnother) {
   });
   constexpr Sequence kModest = 50;
   std::vector<Sequence> meanwhile;
-  for (Sequence i = 0; i < kModest; ++i) {
+  for (Sequence i = 0; i < kModest || frames_kept("greedy/s") <= kModest; ++i) {
     const Sequence before = sent;
     modest.send_frame(plain_frame(i, 40'000));
     ASSERT_TRUE(modest.acked(i + 1));
@@ -109,7 +109,7 @@ TEST_F(ListenerTest, ARobotAtLineRateDoesNotStarveAnother) {
   EXPECT_GT(frames_kept("greedy/s"), kModest) << "there was no flood";
   // What the kernel's two buffers take in at once is no turn of the server's.
   std::ranges::sort(meanwhile);
-  EXPECT_LT(meanwhile[kModest / 2], 60U) << "of the other's frames for one of ours";
+  EXPECT_LT(meanwhile[meanwhile.size() / 2], 60U) << "of the other's frames for one of ours";
 }
 
 }  // namespace

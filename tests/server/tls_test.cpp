@@ -3,8 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <memory>
+#include <optional>
 
 #include "tests/server/captured_log.hpp"
+#include "tests/server/http/http_client.hpp"
 #include "tests/server/robot_client.hpp"
 #include "tests/server/running_server.hpp"
 #include "tests/support/certificates.hpp"
@@ -14,8 +16,10 @@ namespace orbbuf {
 namespace {
 
 using test::Certificates;
+using test::HttpClient;
 using test::RobotClient;
 using testing::HasSubstr;
+using testing::Not;
 using testing::SizeIs;
 
 /// A server with TLS, and openssl's own client as whoever comes.
@@ -24,6 +28,7 @@ class TlsServer : public testing::Test {
   TlsServer() {
     settings_.sinks.files_path = folder_ / "data";
     settings_.listen.tls = keys_.server();
+    settings_.http_address = Address{"127.0.0.1", 0};
     server_ = std::make_unique<test::RunningServer>(settings_);
   }
 
@@ -35,6 +40,15 @@ class TlsServer : public testing::Test {
         "-key",    tls.key.string(), "-ign_eof"};
     command.insert(command.end(), arguments.begin(), arguments.end());
     test::run(command);
+  }
+  /// What openssl s_client sees of the live page's /healthz with the certificate of `tls`, if any.
+  std::string look(const std::optional<TlsSettings>& tls) const {
+    std::string command =
+        R"(printf 'GET /healthz HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n' | )";
+    command += "openssl s_client -quiet -CAfile " + keys_.robot().ca.string();
+    command += " -connect 127.0.0.1:" + std::to_string(server_->http_port());
+    if (tls) command += " -cert " + tls->certificate.string() + " -key " + tls->key.string();
+    return test::run({"sh", "-c", command}).output;
   }
   /// What the server has warned of by now.
   std::vector<std::string> warnings() {
@@ -94,6 +108,13 @@ TEST_F(TlsServer, APlainRobotIsRefused) {
   const auto said = warnings();
   ASSERT_THAT(said, SizeIs(1));
   EXPECT_THAT(said[0], HasSubstr("the other end does not speak TLS"));
+}
+
+TEST_F(TlsServer, ThePageIsForWhoeverShowsACertificateOfTheCa) {
+  EXPECT_THAT(look(keys_.robot()), HasSubstr("\r\n\r\nok\n"));
+  EXPECT_THAT(look(std::nullopt), Not(HasSubstr("HTTP/1.1")));
+  EXPECT_THAT(look(Certificates().robot()), Not(HasSubstr("HTTP/1.1")));
+  EXPECT_EQ(HttpClient(server_->http_port()).get("/healthz").status, 0);  // plain HTTP
 }
 
 TEST_F(TlsServer, WhoeverNeverShakesHandsIsDisconnected) {

@@ -1,6 +1,7 @@
 "use strict";
 
 const kPollMs = 1000;
+const kPatienceMs = 3000;
 const kTimelineSeconds = 120;
 const $ = (id) => document.getElementById(id);
 const main = $("main");
@@ -242,7 +243,8 @@ let answered = Date.now();
 async function poll() {
   if (!document.hidden) {
     try {
-      const answer = await (await fetch(`/api/robots?since=${clock}`)).json();
+      const patience = AbortSignal.timeout(kPatienceMs);
+      const answer = await (await fetch(`/api/robots?since=${clock}`, { signal: patience })).json();
       if (answer.clock_ms < clock) return location.reload(); // another server
       clock = answer.clock_ms;
       answered = Date.now();

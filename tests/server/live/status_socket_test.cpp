@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <sys/stat.h>
 
+#include <boost/asio/write.hpp>
 #include <fstream>
 #include <memory>
 #include <thread>
@@ -94,6 +95,15 @@ TEST_F(StatusSocketTest, AFileThatIsNoSocketIsLeftAlone) {
 TEST_F(StatusSocketTest, AServerThatStandsStillIsGivenUp) {
   boost::asio::local::stream_protocol::acceptor silent(main_, path_);
   EXPECT_THAT(failure(), HasSubstr(path_ + ": no answer"));
+}
+
+TEST_F(StatusSocketTest, ATableThatWasCutShortIsNone) {
+  boost::asio::local::stream_protocol::acceptor hasty(main_, path_);
+  hasty.async_accept([](const boost::system::error_code& /*failed*/, auto socket) {
+    boost::asio::write(socket, boost::asio::buffer("ROBOT   SES", 11));
+  });
+  thread_ = std::thread([this] { main_.run(); });
+  EXPECT_THAT(failure(), HasSubstr(path_ + ": the answer was cut short"));
 }
 
 TEST(StatusTable, HasItsHeadingWithoutRobots) {

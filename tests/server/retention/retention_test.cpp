@@ -47,12 +47,13 @@ class RetentionTest : public test::EventLoop {
     if (retention_) retention_->stop();
     retention_.reset();
   }
-  /// ROBOT/SESSION of all that is there.
+  /// ROBOT/SESSION of all that is there. Asks the folders only: what they name may go at any
+  /// moment.
   std::vector<std::string> left() const {
     std::vector<std::string> names;
     for (const auto& robot : fs::directory_iterator(folder_.path())) {
       for (const auto& session : fs::directory_iterator(robot)) {
-        names.push_back(fs::relative(session.path(), folder_.path()));
+        names.push_back(session.path().lexically_relative(folder_.path()));
       }
     }
     std::ranges::sort(names);

@@ -3,14 +3,14 @@
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
-#include <sys/ioctl.h>
+#include <sys/inotify.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <chrono>
 #include <memory>
 #include <thread>
 
+#include "common/unique_fd.hpp"
 #include "server/sink/pipe_format.hpp"
 #include "tests/server/frames.hpp"
 #include "tests/support/temporary_folder.hpp"
@@ -186,18 +186,18 @@ TEST_F(OrbbufPipeTest, AFifoIsFollowedPastItsWritersEnds) {
     for (Sequence i = first; i <= last; ++i) all += jpeg_of(*jpeg_frame_ptr(i, 64, 64));
     return all;
   };
+  const UniqueFd watch(::inotify_init1(IN_CLOEXEC));
+  ASSERT_GE(::inotify_add_watch(watch.get(), path.c_str(), IN_CLOSE_NOWRITE), 0);
   std::jthread writers([&] {
     // The second breaks off in an image, the third begins with a repeat of what was whole.
     for (const auto& stream :
-         {images(0, 1), images(2, 3) + images(4, 4).substr(0, 50), images(3, 6), images(7, 7)}) {
+         {images(0, 1), images(2, 3) + images(4, 4).substr(0, 50), images(3, 6)}) {
       test::write_file(path, stream);
       // The reader must see this end: a writer that comes at once would not be told from this one.
-      int unread = 1;
-      const int fd = ::open(path.c_str(), O_RDONLY | O_NONBLOCK);
-      while (unread > 0 && ::ioctl(fd, FIONREAD, &unread) == 0) std::this_thread::yield();
-      ::close(fd);
-      std::this_thread::sleep_for(std::chrono::milliseconds(50));
+      inotify_event reader_closed{};
+      EXPECT_GT(::read(watch.get(), &reader_closed, sizeof(reader_closed)), 0);
     }
+    test::write_file(path, images(7, 7));
   });
   ASSERT_EQ(orbbuf_reader_follow(&reader_, path.c_str()), 0);
   for (Sequence i = 0; i <= 7; ++i) {
