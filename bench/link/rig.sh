@@ -24,12 +24,15 @@ rig_down() {
   [ -z "$work" ] || rm -rf "$work"
 }
 
+# lay_cable: gives each host its end of a cable, `wire`.
+lay_cable() { ip -n "$robot_ns" link add wire type veth peer name wire netns "$server_ns"; }
+
 rig_up() {
   trap rig_down EXIT
   work=$(mktemp -d "${TMPDIR:-/tmp}/orbbuf-link.XXXXXX")
   {
     ip netns add "$robot_ns" && ip netns add "$server_ns" &&
-      ip -n "$robot_ns" link add wire type veth peer name wire netns "$server_ns" &&
+      lay_cable &&
       ip -n "$robot_ns" addr add 10.77.0.1/24 dev wire &&
       ip -n "$server_ns" addr add "$ADDRESS_cubic/24" dev wire &&
       ip -n "$server_ns" addr add "$ADDRESS_bbr/24" dev wire &&
@@ -37,7 +40,7 @@ rig_up() {
       ip -n "$robot_ns" link set wire up && ip -n "$server_ns" link set wire up &&
       "${on_server[@]}" nft list ruleset
   } >/dev/null 2>"$work/rig.log" ||
-    { say "bench: no network namespaces here (not root?): $(cat "$work/rig.log")" && exit 77; }
+    { say "bench: no network namespaces, or no link between them, here (not root?): $(cat "$work/rig.log")" && exit 77; }
   controls=()
   local control address
   for control in cubic bbr; do

@@ -111,6 +111,33 @@ TEST(Adjust, BringsAMovedKeyframeBack) {
   EXPECT_LT((keyframes[2].translation() - really.translation()).norm(), 1e-3);
 }
 
+/// So many frames, 25 a second.
+std::vector<ListedFrame> listed(std::size_t count) {
+  std::vector<ListedFrame> frames;
+  for (std::size_t i = 0; i < count; ++i) frames.push_back({i, static_cast<double>(i) / kFps});
+  return frames;
+}
+
+TEST(VerdictOf, KeyframesAreEnough) {
+  const Trajectory all = circle(1, 0);
+  const Verdict verdict = verdict_of({all[10], all[40], all[76]}, listed(100));
+  EXPECT_FALSE(verdict.is_lost());
+  EXPECT_EQ(verdict.starting, 10U);
+  EXPECT_EQ(verdict.unplaced, 87U);
+}
+
+TEST(VerdictOf, IsLostWithoutAPoseInTheLastSecond) {
+  const Trajectory all = circle(1, 0);
+  EXPECT_FALSE(verdict_of({all[10], all[74]}, listed(100)).is_lost());
+  EXPECT_EQ(verdict_of({all[10], all[73]}, listed(100)).lost_at, 74U);
+}
+
+TEST(VerdictOf, WithoutAPoseItNeverStarted) {
+  const Verdict verdict = verdict_of({}, listed(100));
+  EXPECT_EQ(verdict.starting, 100U);
+  EXPECT_EQ(verdict.tracked_share(), 0);
+}
+
 /// A pipe's bytes, all of them there.
 std::unique_ptr<std::FILE, int (*)(std::FILE*)> piped(std::string& bytes) {
   return {::fmemopen(bytes.data(), bytes.size(), "r"), std::fclose};

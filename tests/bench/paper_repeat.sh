@@ -5,14 +5,13 @@
 set -euo pipefail
 work=$(mktemp -d "${TMPDIR:-/tmp}/orbbuf-repeat.XXXXXX")
 trap 'rm -rf "$work"' EXIT
-mkdir -p "$work/traces/mahimahi"
-seq 0 20 4000 >"$work/traces/mahimahi/Verizon-LTE-short.up"
+seq 0 20 4000 >"$work/link.up"
 for run in one other; do
   "$1/orbbuf-world" "$work/$run/world" --seed 3 --frames 160
   "$1/orbbuf-trial" "$work/$run/world" --seed 3 --out "$work/$run/results" --run interruption \
-    --run traces --places 1 --outages 1 --repeats 1 --traces "$work/traces" \
+    --run traces --places 1 --outages 1 --repeats 1 --traces "$work/link.up" \
     >"$work/$run/said"
   grep -q '^RESULT paper.interruption.orbbuf.survived_share' "$work/$run/said"
-  grep -q '^RESULT paper.4g.Verizon-LTE-short.orbbuf.ate_ratio' "$work/$run/said"
+  grep -q '^RESULT paper.4g.link.orbbuf.ate_ratio' "$work/$run/said"
 done
 diff -r "$work/one" "$work/other"

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <fstream>
 #include <stdexcept>
+#include <vector>
 
 #include "bench/paper/trial/mobile_link.hpp"
 #include "bench/paper/trial/report.hpp"
@@ -49,6 +50,57 @@ TEST(MobileLink, ReadsBothFormats) {
   EXPECT_DOUBLE_EQ(mahimahi.steps[1].bytes_per_s, 3000);
   std::ofstream(folder.path() / "c.json") << "[]\n";
   EXPECT_THROW(read_trace(folder.path() / "c.json"), std::runtime_error);
+}
+
+TEST(StretchAround, GoesOnBehindTheFirstFrameAfterTheOutage) {
+  const std::vector<std::size_t> in_time{90, 99, 150, 151};
+  const auto stretch = stretch_around({100, 150}, in_time, 25, 1000);
+  ASSERT_TRUE(stretch);
+  EXPECT_EQ(stretch->begin, 75U);
+  EXPECT_EQ(stretch->end, 200U);
+  const std::vector<std::size_t> late{90, 99, 230, 231};
+  const auto later = stretch_around({100, 150}, late, 25, 1000);
+  ASSERT_TRUE(later);
+  EXPECT_EQ(later->end, 280U);
+}
+
+TEST(StretchAround, StaysInTheSequence) {
+  const std::vector<std::size_t> received{0, 95};
+  const auto stretch = stretch_around({10, 60}, received, 25, 100);
+  ASSERT_TRUE(stretch);
+  EXPECT_EQ(stretch->begin, 0U);
+  EXPECT_EQ(stretch->end, 100U);
+}
+
+TEST(StretchAround, WhoIsNotBackHasNone) {
+  const std::vector<std::size_t> gone{90, 99};
+  EXPECT_FALSE(stretch_around({100, 150}, gone, 25, 1000));
+}
+
+TEST(MobileLink, ReadsEntriesHoweverTheyAreBroken) {
+  const test::TemporaryFolder folder;
+  std::ofstream(folder.path() / "a.json")
+      << R"([{"duration_ms":500,"bandwidth_kbps":80}, {"duration_ms" : 250,)"
+      << "\n"
+         R"("bandwidth_kbps":8, "latency_ms":20}])";
+  const RateTrace trace = read_trace(folder.path() / "a.json");
+  ASSERT_EQ(trace.steps.size(), 2U);
+  EXPECT_DOUBLE_EQ(trace.steps[0].bytes_per_s, 10000);
+  EXPECT_DOUBLE_EQ(trace.steps[1].duration_s, 0.25);
+  EXPECT_DOUBLE_EQ(trace.steps[1].bytes_per_s, 1000);
+  std::ofstream(folder.path() / "b.json") << R"([{"duration_ms": 500}, {"duration_ms": 250}])";
+  EXPECT_THROW(read_trace(folder.path() / "b.json"), std::runtime_error);
+}
+
+TEST(LongestGap, CountsWhatIsMissingAtTheEnds) {
+  const std::vector<std::size_t> received{3, 4, 7, 15, 16};
+  EXPECT_EQ(longest_gap(received, {3, 17}), 7U);
+  EXPECT_EQ(longest_gap(received, {3, 25}), 8U);
+  EXPECT_EQ(longest_gap(received, {0, 8}), 3U);
+  EXPECT_EQ(longest_gap(received, {5, 7}), 2U);
+  EXPECT_EQ(longest_gap(received, {17, 40}), 23U);
+  EXPECT_EQ(longest_gap({}, {0, 10}), 10U);
+  EXPECT_EQ(longest_gap(received, {20, 10}), 0U);
 }
 
 TEST(Share, HasWilsonsInterval) {

@@ -17,7 +17,7 @@
 
 #include "bench/paper/judge/frames.hpp"
 #include "bench/paper/judge/verdict.hpp"
-#include "bench/paper/progress.hpp"
+#include "common/progress.hpp"
 
 namespace orbbuf::paper {
 namespace {
@@ -71,7 +71,6 @@ void replace(std::string& text, const std::string& name, const std::filesystem::
   }
 }
 
-/// A program that is lost writes no more poses.
 Verdict judge_other(const Options& options, const std::filesystem::path& camera) {
   std::string command = options.slam;
   replace(command, "{images}", options.folder / "images");
@@ -80,22 +79,7 @@ Verdict judge_other(const Options& options, const std::filesystem::path& camera)
   replace(command, "{trajectory}", options.trajectory);
   std::filesystem::remove(options.trajectory);
   if (std::system(command.c_str()) != 0) throw std::runtime_error("failed: " + command);
-  Verdict verdict;
-  verdict.trajectory = read_trajectory(options.trajectory);
-  const auto frames = list_frames(options.folder);
-  verdict.frames = frames.size();
-  if (verdict.trajectory.empty()) {
-    verdict.starting = verdict.frames;
-    return verdict;
-  }
-  for (const ListedFrame& frame : frames) {
-    if (frame.time_s < verdict.trajectory.front().time_s - 1e-3) ++verdict.starting;
-    const bool is_after = frame.time_s > verdict.trajectory.back().time_s + 1e-3;
-    if (is_after && !verdict.lost_at) verdict.lost_at = frame.id;
-  }
-  verdict.unplaced = verdict.frames - verdict.starting -
-                     std::min(verdict.trajectory.size(), verdict.frames - verdict.starting);
-  return verdict;
+  return verdict_of(read_trajectory(options.trajectory), list_frames(options.folder));
 }
 
 void run(Options options) {
@@ -135,10 +119,11 @@ int main(int argc, char** argv) {
   app.add_option("--camera", options.camera, "camera.txt, if not the folder's");
   app.add_option("--truth", options.truth, "the true path (TUM)");
   app.add_option("--trajectory", options.trajectory, "to write what was found to (TUM)");
-  app.add_option("--slam", options.slam,
-                 "a shell command to judge instead; it reads {images}, {calib} and {times} and "
-                 "writes {trajectory} (TUM, the camera's pose in the world); these are put in "
-                 "quoted");
+  app.add_option(
+      "--slam", options.slam,
+      "a shell command to judge instead; it reads {images}, {calib} and {times} and "
+      "writes {trajectory} (TUM, the camera's pose in the world); these are put in "
+      "quoted. Poses of keyframes are enough; without one in the last second it is lost");
   app.add_option("--without", options.without, "FIRST COUNT: frames to leave out")->expected(2);
   CLI11_PARSE(app, argc, argv);
   try {

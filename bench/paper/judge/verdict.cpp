@@ -3,7 +3,15 @@
 
 #include <spdlog/fmt/fmt.h>
 
+#include <algorithm>
+#include <utility>
+
 namespace orbbuf::paper {
+namespace {
+
+constexpr double kSameTimeS = 1e-3;
+
+}  // namespace
 
 double Verdict::tracked_share() const {
   const std::size_t judged = frames - starting;
@@ -26,6 +34,29 @@ void Judge::see(const JudgedFrame& frame, std::uint64_t id) {
   if (!is_failing_) failing_since_ = id;
   is_failing_ = true;
   if (odometry_.state() == Odometry::State::kLost) verdict_.lost_at = failing_since_;
+}
+
+bool reaches(const Trajectory& trajectory, double end_s) {
+  return !trajectory.empty() && trajectory.back().time_s >= end_s - 1 - kSameTimeS;
+}
+
+Verdict verdict_of(Trajectory trajectory, const std::vector<ListedFrame>& frames) {
+  Verdict verdict;
+  verdict.frames = frames.size();
+  verdict.trajectory = std::move(trajectory);
+  if (verdict.trajectory.empty()) {
+    verdict.starting = verdict.frames;
+    return verdict;
+  }
+  const bool is_lost = !frames.empty() && !reaches(verdict.trajectory, frames.back().time_s);
+  for (const ListedFrame& frame : frames) {
+    if (frame.time_s < verdict.trajectory.front().time_s - kSameTimeS) ++verdict.starting;
+    const bool is_after = frame.time_s > verdict.trajectory.back().time_s + kSameTimeS;
+    if (is_lost && is_after && !verdict.lost_at) verdict.lost_at = frame.id;
+  }
+  verdict.unplaced = verdict.frames - verdict.starting -
+                     std::min(verdict.trajectory.size(), verdict.frames - verdict.starting);
+  return verdict;
 }
 
 std::string to_text(const Verdict& verdict, const TrajectoryError& error) {

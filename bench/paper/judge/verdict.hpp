@@ -5,7 +5,9 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
+#include "bench/paper/judge/frames.hpp"
 #include "bench/paper/judge/odometry.hpp"
 #include "bench/paper/judge/trajectory.hpp"
 
@@ -39,6 +41,13 @@ class Judge {
   std::uint64_t failing_since_ = 0;
   bool is_failing_ = false;
 };
+
+/// Whether the trajectory has a pose in the last second before `end_s`.
+bool reaches(const Trajectory& trajectory, double end_s);
+
+/// What came of any other SLAM program's run over these frames, by the poses it has written, of all
+/// frames or of keyframes only: lost behind the last of them if it does not reach the last frame.
+Verdict verdict_of(Trajectory trajectory, const std::vector<ListedFrame>& frames);
 
 /// One line, for people.
 std::string to_text(const Verdict& verdict, const TrajectoryError& error);

@@ -4,6 +4,8 @@
 //                                those that fall due while it blocks are lost
 //   film WORLD                   the same frames as multipart on the standard output, for
 //                                GStreamer, which never blocks it for long
+//   film-gray WORLD              decoded, for GStreamer to encode: gray pixels, image after image
+//   decode WORLD                 the same, all at once
 //   receive WORLD ADDRESS PORT   JPEG after JPEG from one connection, known by their bytes
 // For each frame `receive` prints a line, ID TIME, in seconds of the system's clock.
 #include <sys/socket.h>
@@ -23,6 +25,8 @@
 #include <vector>
 
 #include "bench/plain_socket.hpp"
+#include "common/as_bytes.hpp"
+#include "common/jpeg.hpp"
 
 namespace {
 
@@ -77,6 +81,14 @@ void print_parts(const std::vector<Frame>& frames) {
   });
 }
 
+void print_gray(const Frame& frame) {
+  static orbbuf::JpegCodec codec;
+  const auto image = codec.decode_gray(orbbuf::as_bytes(frame.jpeg), 1);
+  if (!image) throw std::runtime_error(image.error().text);
+  std::fwrite(image.value().pixels.data(), 1, image.value().pixels.size(), stdout);
+  std::fflush(stdout);
+}
+
 void print_frame(std::size_t id) {
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   std::printf("%06zu %.6f\n", id, std::chrono::duration<double>(now).count());
@@ -110,10 +122,16 @@ int run(const std::vector<std::string>& words) {
     send(read_world(words[1]), orbbuf::bench::connect_to(words[2], words[3]));
   } else if (words.size() == 2 && words[0] == "film") {
     print_parts(read_world(words[1]));
+  } else if (words.size() == 2 && words[0] == "film-gray") {
+    film(read_world(words[1]), print_gray);
+  } else if (words.size() == 2 && words[0] == "decode") {
+    for (const Frame& frame : read_world(words[1])) print_gray(frame);
   } else if (words.size() == 4 && words[0] == "receive") {
     receive(read_world(words[1]), words[2], words[3]);
   } else {
-    std::fputs("usage: orbbuf-paper-peer send|receive WORLD ADDRESS PORT | film WORLD\n", stderr);
+    std::fputs(
+        "usage: orbbuf-paper-peer send|receive WORLD ADDRESS PORT | film|film-gray|decode WORLD\n",
+        stderr);
     return 2;
   }
   return EXIT_SUCCESS;

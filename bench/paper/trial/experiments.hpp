@@ -21,7 +21,7 @@ struct TrialOptions {
   double rate = 2;                          ///< of the link, as a multiple of what the stream needs
   std::size_t repeats = 3;                  ///< starts within each trace
   std::vector<double> needs = {0.5, 1, 2};  ///< of the stream, as multiples of a trace's mean
-  std::filesystem::path traces;             ///< folder with ghent/ and mahimahi/
+  std::vector<std::filesystem::path> traces;  ///< as read_trace() takes them; Ghent's are scaled
   std::vector<std::string> policies{kPolicies.begin(), kPolicies.end()};
   std::vector<std::size_t> buffers = {20};  ///< traces: frames; the tables are of the first
 };
@@ -31,7 +31,8 @@ struct TrialOptions {
 
 /// Sec. IV-A: one outage, its beginning at `places` evenly along the way.
 std::string try_interruptions(Scene& scene, const TrialOptions& options);
-/// Sec. IV-B, fig. "buf": the smallest buffer with which 95 % of the places survive each outage.
+/// Sec. IV-B, fig. "buf": the smallest buffer with which 95 % of the places survive an outage of 3
+/// s; no result for who does not with 95 frames.
 std::string try_buffers(Scene& scene, const TrialOptions& options);
 /// Sec. IV-B: the links of moving cars.
 std::string try_traces(Scene& scene, const TrialOptions& options);
@@ -43,11 +44,13 @@ std::string time_enqueue(Scene& scene, const TrialOptions& options);
 std::string try_tolerance(Scene& scene, const TrialOptions& options);
 
 /// What real processes have delivered: judged around each outage. outages: a file with a line
-/// NAME FIRST LAST for each, frames captured as the link went and came back. `sessions`:
-/// NAME=FOLDER, with a times.txt as orbbuf-server writes it; NAME is CONTENDER or CONTENDER@RUN.
-/// Returns no results.
+/// NAME FIRST LAST for each, frames captured as the link went and came back. `sessions`: as
+/// read_session() takes them. Returns no results.
 std::string judge_sessions(Scene& scene, const TrialOptions& options,
                            const std::filesystem::path& outages,
                            const std::vector<std::string>& sessions);
+/// The same, judged as a whole; a session's run is named after its trace.
+std::string judge_paths(Scene& scene, const TrialOptions& options,
+                        const std::vector<std::string>& sessions);
 
 }  // namespace orbbuf::paper

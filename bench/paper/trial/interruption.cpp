@@ -20,10 +20,9 @@
 namespace orbbuf::paper {
 namespace {
 
-constexpr double kBeforeS = 1;  // of an outage belongs to the stretch that is judged
-constexpr double kAfterS = 2;   // the link needs one to catch up
-constexpr double kLeadS = 2;    // until the judge has its first map, and some more
+constexpr double kLeadS = 2;  // until the judge has its first map, and some more
 constexpr double kSurvive = 0.95;
+constexpr double kBufferOutageS = 3;
 constexpr std::size_t kBufferStep = 5;
 constexpr std::size_t kLargestBuffer = 95;
 
@@ -39,7 +38,11 @@ std::vector<Place> draw_places(const Scene& scene, const TrialOptions& options, 
   const double first_s = kLeadS;
   const double length_s = static_cast<double>(scene.size()) / scene.fps();
   const double step_s =
-      (length_s - outage_s - kAfterS - first_s) / static_cast<double>(options.places);
+      (length_s - outage_s - kJudgedAfterS - first_s) / static_cast<double>(options.places);
+  if (step_s <= 0) {
+    throw std::runtime_error(fmt::format("an outage of {} s needs more than {} s, not {:.1f}",
+                                         outage_s, first_s + outage_s + kJudgedAfterS, length_s));
+  }
   std::vector<Place> places;
   for (std::size_t i = 0; i < options.places; ++i) {
     const double begin_s = first_s + step_s * (static_cast<double>(i) + uniform(random, 0, 1));
@@ -61,7 +64,7 @@ struct Run {
   Place place;
   std::vector<std::size_t> received;
   Stretch stretch;
-  std::size_t gap = 0;  ///< most frames in a row that are missing
+  std::size_t gap = 0;  ///< most frames in a row that are missing; to the end if nobody came back
   int smallest = 0;     ///< similarity between neighbours
   bool survived = false;
 };
@@ -76,14 +79,14 @@ Run simulate_run(Scene& scene, std::string_view policy, const Place& place, std:
                                       contender(policy).make(sequence, place.seed));
   Run run{std::string(policy), place, {}, {}, 0, 0, false};
   run.stretch.begin =
-      static_cast<std::size_t>(std::max(0.0, (place.begin_s - kBeforeS) * scene.fps()));
-  run.stretch.end =
-      std::min(scene.size(),
-               static_cast<std::size_t>((place.begin_s + place.outage_s + kAfterS) * scene.fps()));
+      static_cast<std::size_t>(std::max(0.0, (place.begin_s - kJudgedBeforeS) * scene.fps()));
+  run.stretch.end = std::min(
+      scene.size(),
+      static_cast<std::size_t>((place.begin_s + place.outage_s + kJudgedAfterS) * scene.fps()));
   run.received = scene.only_in(delivery.received, run.stretch);
+  run.gap = longest_gap(run.received, run.stretch);
   run.smallest = 1000;
   for (std::size_t k = run.stretch.begin + 1; k < run.received.size(); ++k) {
-    run.gap = std::max(run.gap, run.received[k] - run.received[k - 1] - 1);
     run.smallest =
         std::min(run.smallest, sequence.similarity(run.received[k - 1], run.received[k]));
   }
@@ -176,11 +179,10 @@ std::string try_interruptions(Scene& scene, const TrialOptions& options) {
 }
 
 std::string try_buffers(Scene& scene, const TrialOptions& options) {
-  const double outage_s = options.outages_s.back();
-  const std::vector<Place> places = draw_places(scene, options, outage_s);
+  const std::vector<Place> places = draw_places(scene, options, kBufferOutageS);
   std::string csv = "policy,capacity,is_enough\n";
   std::string markdown = fmt::format(
-      "| policy | buffer needed for an outage of {} s, frames |\n|---|---|\n", outage_s);
+      "| policy | buffer needed for an outage of {} s, frames |\n|---|---|\n", kBufferOutageS);
   std::string results;
   for (const std::string& policy : options.policies) {
     // Halving: more buffer is taken to be no worse.
@@ -192,6 +194,10 @@ std::string try_buffers(Scene& scene, const TrialOptions& options) {
       const bool suffices = is_enough(scene, policy, places, capacity, options.rate);
       csv += fmt::format("{},{},{}\n", policy, capacity, suffices ? 1 : 0);
       (suffices ? enough : too_small) = capacity;
+    }
+    if (enough > kLargestBuffer) {
+      markdown += fmt::format("| {} | over {} |\n", policy, kLargestBuffer);
+      continue;
     }
     markdown += fmt::format("| {} | {} |\n", policy, enough);
     results += fmt::format("RESULT paper.buffer.{}.needed {}\n", policy, enough);
@@ -206,26 +212,24 @@ std::string judge_sessions(Scene& scene, const TrialOptions& options,
                            const std::vector<std::string>& sessions) {
   std::vector<Run> runs;
   for (const std::string& named : sessions) {
-    const auto equals = named.find('=');
-    std::vector<std::size_t> received;
-    for (const ListedFrame& frame : list_frames(named.substr(equals + 1))) {
-      received.push_back(frame.id);
-    }
-    const std::string session = named.substr(0, equals);
+    const Session session = read_session(named);
     std::ifstream in(outages);
     std::string name;
     for (double begin = 0, end = 0; in >> name >> begin >> end;) {
-      if (name != session) continue;
+      if (name != session.name) continue;
       Run& run = runs.emplace_back();
-      run.policy = session.substr(0, session.find('@'));
+      run.policy = session.contender;
       run.place = {begin / scene.fps(), std::round(2 * (end - begin) / scene.fps()) / 2, 0};
-      const double before = std::max(0.0, begin - kBeforeS * scene.fps());
-      run.stretch = {static_cast<std::size_t>(before),
-                     std::min(scene.size(), static_cast<std::size_t>(end + kAfterS * scene.fps()))};
-      run.received = scene.only_in(received, run.stretch);
-      for (std::size_t k = run.stretch.begin + 1; k < run.received.size(); ++k) {
-        run.gap = std::max(run.gap, run.received[k] - run.received[k - 1] - 1);
+      const auto stretch =
+          stretch_around({begin, end}, session.received, scene.fps(), scene.size());
+      if (!stretch) {
+        run.gap = longest_gap(session.received,
+                              {static_cast<std::size_t>(std::max(0.0, begin)), scene.size()});
+        continue;
       }
+      run.stretch = *stretch;
+      run.received = scene.only_in(session.received, run.stretch);
+      run.gap = longest_gap(run.received, run.stretch);
     }
   }
   judge_all(scene, "sessions", runs);

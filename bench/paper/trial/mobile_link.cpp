@@ -5,7 +5,9 @@
 #include <cmath>
 #include <cstdio>
 #include <fstream>
+#include <iterator>
 #include <stdexcept>
+#include <string_view>
 
 namespace orbbuf::paper {
 namespace {
@@ -14,15 +16,15 @@ constexpr double kMahimahiStepS = 0.5;
 constexpr double kMahimahiBytes = 1500;  // a line is a chance to send so many
 
 void read_ghent(std::ifstream& in, RateTrace& trace) {
-  std::string line;
-  while (std::getline(in, line)) {
+  const std::string text(std::istreambuf_iterator<char>(in), {});
+  const std::string_view key = R"("duration_ms")";
+  for (auto at = text.find(key); at != std::string::npos; at = text.find(key, at + 1)) {
     double duration_ms = 0;
     double kbit_s = 0;
-    const auto at = line.find(R"("duration_ms")");
-    if (at == std::string::npos) continue;
-    if (std::sscanf(line.c_str() + at, R"("duration_ms": %lf, "bandwidth_kbps": %lf)", &duration_ms,
-                    &kbit_s) != 2) {
-      throw std::runtime_error(trace.name + ": cannot read \"" + line + '"');
+    if (std::sscanf(text.c_str() + at, R"("duration_ms" : %lf , "bandwidth_kbps" : %lf)",
+                    &duration_ms, &kbit_s) != 2) {
+      throw std::runtime_error(trace.name + ": cannot read \"" +
+                               text.substr(at, text.find('}', at) - at) + '"');
     }
     trace.steps.push_back({duration_ms * 1e-3, kbit_s * 1000 / 8});
   }

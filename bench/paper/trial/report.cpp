@@ -25,6 +25,10 @@ std::string to_text(const Share& share) {
   return fmt::format("{:.0f} % ({:.0f} to {:.0f})", 100 * share.value(), 100 * low, 100 * high);
 }
 
+std::string ratio_text(double ratio) {
+  return std::isinf(ratio) ? "lost" : fmt::format("{:.2f}", ratio);
+}
+
 void write_text(const std::filesystem::path& file, const std::string& text) {
   std::ofstream out(file, std::ios::binary);
   out << text;

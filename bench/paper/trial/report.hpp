@@ -22,6 +22,9 @@ struct Share {
 /// "95 % (84 to 99)".
 std::string to_text(const Share& share);
 
+/// "1.07"; "lost" if it is infinite.
+std::string ratio_text(double ratio);
+
 /// Writes a whole file. Throws std::runtime_error.
 void write_text(const std::filesystem::path& file, const std::string& text);
 

@@ -4,12 +4,14 @@
 #include <algorithm>
 #include <atomic>
 #include <exception>
+#include <limits>
 #include <mutex>
 #include <numbers>
 #include <numeric>
+#include <stdexcept>
 #include <thread>
 
-#include "bench/paper/progress.hpp"
+#include "common/progress.hpp"
 
 namespace orbbuf::paper {
 namespace {
@@ -119,6 +121,50 @@ std::vector<std::size_t> Scene::only_in(const std::vector<std::size_t>& received
     if (frame >= stretch.begin && frame < stretch.end) frames.push_back(frame);
   }
   return frames;
+}
+
+double Scene::ate_ratio(const std::vector<std::size_t>& received) const {
+  constexpr double kLost = std::numeric_limits<double>::infinity();
+  const Verdict verdict = judge(received, size());
+  if (verdict.is_lost() || !reaches(verdict.trajectory, list_.back().time_s)) return kLost;
+  const Stretch all{0, size()};
+  const TrajectoryError own = error(verdict.trajectory, all);
+  return own.poses < 3 ? kLost : own.ate_m / error(unbroken().trajectory, all).ate_m;
+}
+
+std::optional<Stretch> stretch_around(const Outage& outage, std::span<const std::size_t> received,
+                                      double fps, std::size_t frames) {
+  const auto back = std::ranges::lower_bound(received, static_cast<std::size_t>(outage.end));
+  if (back == received.end()) return std::nullopt;
+  const double before = std::max(0.0, outage.begin - kJudgedBeforeS * fps);
+  const double after = static_cast<double>(*back) + kJudgedAfterS * fps;
+  return Stretch{static_cast<std::size_t>(before),
+                 std::min(frames, static_cast<std::size_t>(after))};
+}
+
+std::size_t longest_gap(std::span<const std::size_t> received, const Stretch& stretch) {
+  std::size_t longest = 0;
+  std::size_t expected = stretch.begin;
+  for (const std::size_t frame : received) {
+    if (frame < stretch.begin || frame >= stretch.end) continue;
+    longest = std::max(longest, frame - expected);
+    expected = frame + 1;
+  }
+  return std::max(longest, std::max(stretch.end, expected) - expected);
+}
+
+Session read_session(const std::string& named) {
+  const auto equals = named.find('=');
+  const auto at = named.find('@');
+  if (at == std::string::npos || equals == std::string::npos || at > equals) {
+    throw std::runtime_error("expected CONTENDER@RUN=FOLDER, not " + named);
+  }
+  Session session{
+      named.substr(0, equals), named.substr(0, at), named.substr(at + 1, equals - at - 1), {}};
+  for (const ListedFrame& frame : list_frames(named.substr(equals + 1))) {
+    session.received.push_back(frame.id);
+  }
+  return session;
 }
 
 }  // namespace orbbuf::paper

@@ -4,6 +4,8 @@
 #include <cstddef>
 #include <filesystem>
 #include <functional>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -23,6 +25,35 @@ struct Stretch {
   std::size_t begin = 0;
   std::size_t end = 0;  ///< one behind
 };
+
+/// What a real process has delivered.
+struct Session {
+  std::string name;  ///< CONTENDER@RUN
+  std::string contender;
+  std::string run;
+  std::vector<std::size_t> received;
+};
+
+/// named: CONTENDER@RUN=FOLDER, with a times.txt in it. Throws std::runtime_error.
+Session read_session(const std::string& named);
+
+/// Of what is around an outage that much is judged, in seconds; the link needs one to catch up.
+inline constexpr double kJudgedBeforeS = 1;
+inline constexpr double kJudgedAfterS = 2;
+
+/// When a link was cut and when it was mended, counted in frames from the beginning.
+struct Outage {
+  double begin = 0;
+  double end = 0;
+};
+
+/// What is judged of an outage: from 1 s before it to 2 s behind the first frame that was filmed
+/// after it and arrived, which is late if its sender was. Nothing if none arrived: all is lost.
+std::optional<Stretch> stretch_around(const Outage& outage, std::span<const std::size_t> received,
+                                      double fps, std::size_t frames);
+
+/// Most frames of the stretch that are missing in a row, those at its ends too.
+std::size_t longest_gap(std::span<const std::size_t> received, const Stretch& stretch);
 
 /// A folder of orbbuf-world in memory: for the policies as orbbufd would have it, for the judge as
 /// images, and the judge as it was every kCheckpoint frames of the unbroken sequence.
@@ -53,6 +84,12 @@ class Scene {
   /// path over it is no more than three times as wrong as the unbroken sequence's, or no more than
   /// 2 % of it. Frames before the stretch all arrived. Thread-safe.
   bool survives(const std::vector<std::size_t>& received, const Stretch& stretch) const;
+
+  /// How wrong the path is, as far as the judge has placed its frames, as a multiple of the whole
+  /// unbroken one's. Infinite if it is lost, or has placed none of the sequence's last second, be
+  /// it because none of it arrived: a link has all the time it needs once filming ends.
+  /// Thread-safe.
+  double ate_ratio(const std::vector<std::size_t>& received) const;
 
   /// All frames, but of the stretch only those listed.
   std::vector<std::size_t> only_in(const std::vector<std::size_t>& received,

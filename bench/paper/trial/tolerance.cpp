@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <numeric>
+#include <stdexcept>
 
 #include "bench/paper/trial/experiments.hpp"
 #include "bench/paper/trial/report.hpp"
@@ -56,9 +57,14 @@ void write_distances(Scene& scene, const TrialOptions& options) {
 }  // namespace
 
 std::string try_tolerance(Scene& scene, const TrialOptions& options) {
+  constexpr std::size_t kLeast = kLead + kMost + kUntil;
+  if (scene.size() <= kLeast) {
+    throw std::runtime_error(
+        fmt::format("tolerance needs more than {} frames, not {}", kLeast, scene.size()));
+  }
   write_distances(scene, options);
   const std::size_t places = 2 * options.places;
-  const std::size_t room = scene.size() - kMost - kUntil - kLead;
+  const std::size_t room = scene.size() - kLeast;
   std::vector<std::size_t> found(places);
   std::vector<std::size_t> firsts(places);
   for (std::size_t i = 0; i < places; ++i) firsts[i] = kLead + i * room / places;

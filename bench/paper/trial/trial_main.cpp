@@ -38,6 +38,7 @@ void run(const Options& options) {
   if (wanted.contains("sessions")) {
     results += judge_sessions(scene, options.trial, options.outages, options.sessions);
   }
+  if (wanted.contains("paths")) results += judge_paths(scene, options.trial, options.sessions);
   fmt::print("{}", results);
 }
 
@@ -48,25 +49,25 @@ int main(int argc, char** argv) {
   CLI::App app("The paper's experiments, on a generated world and a simulated link");
   app.add_option("world", options.world, "folder of orbbuf-world")->required();
   app.add_option("--run", options.experiments)
-      ->check(
-          CLI::IsMember({"tolerance", "interruption", "buffer", "traces", "enqueue", "sessions"}))
+      ->check(CLI::IsMember(
+          {"tolerance", "interruption", "buffer", "traces", "enqueue", "sessions", "paths"}))
       ->required();
   app.add_option("--out", options.trial.out, "folder for tables and CSV")->required();
   app.add_option("--seed", options.trial.seed)->capture_default_str();
   app.add_option("--places", options.trial.places, "along the way")->capture_default_str();
-  app.add_option("--outages", options.trial.outages_s, "seconds; buffer: the last of them")
+  app.add_option("--outages", options.trial.outages_s, "seconds; interruption only")
       ->capture_default_str();
   app.add_option("--capacity", options.trial.capacity, "frames")->capture_default_str();
   app.add_option("--repeats", options.trial.repeats, "starts in a trace")->capture_default_str();
   app.add_option("--needs", options.trial.needs, "of the stream, in means of a trace")
       ->capture_default_str();
-  app.add_option("--traces", options.trial.traces, "folder of traces");
+  app.add_option("--traces", options.trial.traces, "files; report_*.json are scaled");
   app.add_option("--policies", options.trial.policies, "these only, on simulated links")
       ->check(CLI::IsMember(std::vector(options.trial.policies)));
   app.add_option("--buffers", options.trial.buffers, "traces: frames; the first: for the tables")
       ->capture_default_str();
   app.add_option("--outage-list", options.outages, "sessions: lines NAME FIRST LAST (frames)");
-  app.add_option("--session", options.sessions, "NAME=FOLDER");
+  app.add_option("--session", options.sessions, "sessions, paths: CONTENDER@RUN=FOLDER");
   CLI11_PARSE(app, argc, argv);
   try {
     run(options);

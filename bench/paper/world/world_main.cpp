@@ -16,9 +16,9 @@
 #include <thread>
 #include <vector>
 
-#include "bench/paper/progress.hpp"
 #include "bench/paper/world/renderer.hpp"
 #include "common/jpeg.hpp"
+#include "common/progress.hpp"
 
 namespace orbbuf::paper {
 namespace {
