@@ -40,7 +40,7 @@ foreach(component orbbufd orbbuf-server orbbuf-dev)
 endforeach()
 
 set(orbbufd_options --config --set --check-config --list-cameras --probe --version --help)
-set(orbbuf-server_options check export --config --set --check-config --version --help --layout --png-names)
+set(orbbuf-server_options check export status --config --set --check-config --version --help --layout --png-names)
 foreach(component orbbufd orbbuf-server)
   foreach(page ${component}.8 ${component}.toml.5)
     compressed(${made}/${page}.gz ${PROJECT_SOURCE_DIR}/docs/man/${page} cat ${PROJECT_SOURCE_DIR}/docs/man/${page})
