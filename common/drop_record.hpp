@@ -43,18 +43,4 @@ std::string to_csv(const DropRecord& record);
 /// to_csv() read back; nothing if it is not that.
 std::optional<DropRecord> drop_from_csv(std::string_view line);
 
-/// Whole seconds, rounded down, and the nanoseconds from there, 0 to 999,999,999. Of any time.
-struct SplitTime {
-  std::int64_t seconds = 0;
-  std::int64_t nanoseconds = 0;
-
-  friend bool operator==(const SplitTime&, const SplitTime&) = default;
-};
-SplitTime split_seconds(std::int64_t time_ns);
-
-/// Exact decimal seconds with nine digits after the point; negative times keep their sign.
-std::string format_seconds(std::int64_t time_ns);
-/// format_seconds() read back; nothing if it is not that.
-std::optional<std::int64_t> parse_seconds(std::string_view text);
-
 }  // namespace orbbuf

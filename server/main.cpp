@@ -19,6 +19,7 @@
 #include "server/live/status_socket.hpp"
 #include "server/serve.hpp"
 #include "server/settings.hpp"
+#include "server/sink/make_sinks.hpp"
 
 namespace {
 
@@ -40,6 +41,7 @@ int serve(const ServeOptions& options) {
   }
   spdlog::set_level(spdlog::level::from_str(settings.log_level));
   orbbuf::serve(settings);
+  if (!end_sinks(settings.sinks)) std::_Exit(EXIT_SUCCESS);
   return EXIT_SUCCESS;
 }
 

@@ -4,12 +4,12 @@
 #include "server/dataset/calibration.hpp"
 
 namespace orbbuf {
+namespace {
 
-std::optional<CameraInfo> camera_info(const Calibration& camera, Side side) {
-  const bool is_right = side == Side::kRight;
-  if (camera.model == LensModel::kFov || (is_right && camera.baseline_m <= 0)) return std::nullopt;
+/// Of the camera that is `x_m` to the right of the left one.
+CameraInfo camera_info(const Calibration& camera, double x_m) {
   const bool is_fisheye = camera.model == LensModel::kEquidistant;
-  const double tx_px = is_right ? -camera.fx_px * camera.baseline_m : 0;
+  const double tx_px = 0 - camera.fx_px * x_m;  // the left camera's is 0, not -0
   CameraInfo info;
   info.width_px = static_cast<std::uint32_t>(camera.width_px);
   info.height_px = static_cast<std::uint32_t>(camera.height_px);
@@ -22,8 +22,25 @@ std::optional<CameraInfo> camera_info(const Calibration& camera, Side side) {
   return info;
 }
 
-CalibratedCameras calibrated_cameras(const Calibration& camera) {
-  return {camera_info(camera, Side::kLeft), camera_info(camera, Side::kRight)};
+}  // namespace
+
+CalibratedCameras calibrated_cameras(std::string_view camera_txt) {
+  CalibratedCameras cameras;
+  if (camera_txt.empty()) return cameras;
+  const auto parsed = parse_calibration(camera_txt);
+  if (!parsed) {
+    cameras.problem = "camera.txt: " + parsed.error().text;
+    return cameras;
+  }
+  const Calibration& camera = parsed.value();
+  if (camera.model == LensModel::kFov) {
+    cameras.problem =
+        "camera.txt: " + camera.name + " is no distortion model of ROS's or Foxglove's";
+    return cameras;
+  }
+  cameras.left = camera_info(camera, 0);
+  if (camera.baseline_m > 0) cameras.right = camera_info(camera, camera.baseline_m);
+  return cameras;
 }
 
 }  // namespace orbbuf

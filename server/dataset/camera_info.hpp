@@ -5,15 +5,11 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 // Compiles as C++17, too, for ROS 1.
 namespace orbbuf {
-
-struct Calibration;
-
-/// Which camera of a stereo pair; kLeft is also the only one.
-enum class Side : std::uint8_t { kLeft, kRight };
 
 /// A camera as sensor_msgs/CameraInfo and foxglove.CameraCalibration describe it.
 struct CameraInfo {
@@ -25,16 +21,16 @@ struct CameraInfo {
   std::array<double, 12> p{};      ///< row by row; of the right camera, with its place
 };
 
-/// Both cameras have the same lens, and the right one is the left one moved along x by the
-/// baseline. Nothing for DSO's FOV, which has no name there, nor for a right camera of which nobody
-/// knows where it is.
-std::optional<CameraInfo> camera_info(const Calibration& camera, Side side);
-
 /// What can be told of a session's cameras.
 struct CalibratedCameras {
-  std::optional<CameraInfo> left;
+  std::optional<CameraInfo> left;  ///< or the only one
   std::optional<CameraInfo> right;
+  std::string problem;  ///< why there is nothing, though there is a camera.txt
 };
-CalibratedCameras calibrated_cameras(const Calibration& camera);
+
+/// Both cameras have the same lens, and the right one is the left one moved along x by the
+/// baseline. Nothing of DSO's FOV, which has no name there, nor of a right camera of which nobody
+/// knows where it is. camera_txt: as parse_calibration() reads it; empty if there is none.
+CalibratedCameras calibrated_cameras(std::string_view camera_txt);
 
 }  // namespace orbbuf

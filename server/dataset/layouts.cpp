@@ -6,6 +6,7 @@
 #include <string>
 #include <utility>
 
+#include "common/decimal.hpp"
 #include "server/dataset/camera_files.hpp"
 #include "server/sink/session_lines.hpp"
 #include "server/sink/session_names.hpp"

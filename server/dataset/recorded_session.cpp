@@ -9,6 +9,7 @@
 #include <string_view>
 #include <utility>
 
+#include "common/decimal.hpp"
 #include "common/log.hpp"
 #include "server/sink/read_file.hpp"
 #include "server/sink/session_lines.hpp"

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "common/decimal.hpp"
+
 namespace orbbuf {
 namespace {
 

@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "common/as_bytes.hpp"
-#include "common/drop_record.hpp"
+#include "common/decimal.hpp"
 
 namespace orbbuf::foxglove {
 namespace {

@@ -79,4 +79,11 @@ Result<std::vector<std::shared_ptr<FrameSink>>> make_sinks(const SinkSettings& s
   return sinks;
 }
 
+bool end_sinks([[maybe_unused]] const SinkSettings& settings) {
+#ifdef ORBBUF_ROS
+  if (settings.ros_enabled) return end_ros();
+#endif
+  return true;
+}
+
 }  // namespace orbbuf

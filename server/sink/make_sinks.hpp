@@ -40,4 +40,8 @@ Result<std::vector<std::shared_ptr<FrameSink>>> make_sinks(const SinkSettings& s
                                                            boost::asio::io_context& main,
                                                            boost::asio::thread_pool& pool);
 
+/// When serving is over and no sink is left: what they shared ends, within 1 s. False if it does
+/// not; it may then still run, so no destructor of the process's may.
+bool end_sinks(const SinkSettings& settings);
+
 }  // namespace orbbuf

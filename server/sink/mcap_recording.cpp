@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "common/as_bytes.hpp"
-#include "server/dataset/calibration.hpp"
+#include "common/decimal.hpp"
 #include "server/sink/foxglove.hpp"
 
 namespace orbbuf {
@@ -90,16 +90,11 @@ void with_channel(std::uint16_t id, const std::string& robot_id, Put put) {
   put(mcap::Channel{id, kind.schema, topic, kind.schema == kDropSchema ? "json" : "protobuf"});
 }
 
-/// What a recording can express of the calibration; a warning if that is nothing.
 CalibratedCameras cameras_of(const SessionInfo& info) {
-  if (info.calibration.empty()) return {};
-  const auto parsed = parse_calibration(info.calibration);
-  auto cameras = parsed ? calibrated_cameras(parsed.value()) : CalibratedCameras();
-  if (!cameras.left) {
-    spdlog::warn("{} {}: recorded without calibration: camera.txt: {}", info.robot_id,
-                 info.session_id,
-                 parsed ? parsed.value().name + " is no distortion model of Foxglove's"
-                        : parsed.error().text);
+  auto cameras = calibrated_cameras(info.calibration);
+  if (!cameras.problem.empty()) {
+    spdlog::warn("{} {}: recorded without calibration: {}", info.robot_id, info.session_id,
+                 cameras.problem);
   }
   return cameras;
 }

@@ -9,7 +9,7 @@
 #include <span>
 #include <string>
 
-#include "common/drop_record.hpp"
+#include "common/decimal.hpp"
 
 namespace orbbuf {
 namespace {

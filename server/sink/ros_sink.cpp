@@ -1,18 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/sink/ros_sink.hpp"
 
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <atomic>
 #include <boost/asio/post.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <cctype>
 #include <chrono>
+#include <cstddef>
 #include <future>
 #include <optional>
 #include <utility>
 
 #include "common/log.hpp"
-#include "server/dataset/calibration.hpp"
 #include "server/dataset/camera_info.hpp"
 #include "server/sink/ros_node.hpp"
 
@@ -21,7 +23,7 @@ namespace {
 
 namespace asio = boost::asio;
 
-constexpr int kMostWaiting = 100;  // frames of a session, as many as roscpp itself keeps of a topic
+constexpr std::size_t kMostWaitingBytes = std::size_t{64} << 20U;
 constexpr std::chrono::seconds kFarewell{1};
 
 /// A robot's id as the first part of a topic's name.
@@ -34,8 +36,12 @@ std::string topic_of(const std::string& robot_id) {
 }
 
 CalibratedCameras cameras_of(const SessionInfo& info) {
-  const auto parsed = parse_calibration(info.calibration);
-  return parsed ? calibrated_cameras(parsed.value()) : CalibratedCameras();
+  auto cameras = calibrated_cameras(info.calibration);
+  if (!cameras.problem.empty()) {
+    spdlog::warn("{} {}: published without calibration: {}", info.robot_id, info.session_id,
+                 cameras.problem);
+  }
+  return cameras;
 }
 
 /// The node and the thread it lives on.
@@ -44,36 +50,15 @@ struct Ros {
     asio::post(thread, [] { name_this_thread("ros"); });
   }
 
-  RosNode node;  // used on `ros` only
+  RosNode node;                               // used on `ros` only
+  std::atomic<std::size_t> waiting_bytes{0};  // of the frames that `ros` has not come to
   asio::thread_pool thread{1};
 };
 
-/// Ends with the process. roscpp waits without limit for a master that takes a connection and says
-/// nothing: what still waits for one then is left to the system.
-class RosForTheProcess {
- public:
-  RosForTheProcess() : ros_(std::make_unique<Ros>()) {}
-  ~RosForTheProcess() {
-    const auto ended = std::make_shared<std::promise<void>>();
-    asio::post(ros_->thread, [ros = ros_.get(), ended] {
-      ros->node.close();
-      ended->set_value();
-    });
-    if (ended->get_future().wait_for(kFarewell) == std::future_status::ready) return;
-    static_cast<void>(ros_.release());
-  }
-  RosForTheProcess(const RosForTheProcess&) = delete;
-  RosForTheProcess& operator=(const RosForTheProcess&) = delete;
-
-  Ros& operator*() const { return *ros_; }
-
- private:
-  std::unique_ptr<Ros> ros_;
-};
-
+/// Never destroyed: roscpp's own statics are younger, so they would be gone by then.
 Ros& the_ros() {
-  static const RosForTheProcess ros;
-  return *ros;
+  static Ros& ros = *std::make_unique<Ros>().release();
+  return ros;
 }
 
 class RosSink final : public FrameSink {
@@ -82,11 +67,13 @@ class RosSink final : public FrameSink {
       : main_(main), source_(std::make_shared<Source>(info)) {}
 
   void async_write(FramePtr frame, Done done) override {
-    if (source_->waiting < kMostWaiting) {
-      ++source_->waiting;
-      asio::post(the_ros().thread, [source = source_, frame = std::move(frame)] {
-        publish(*source, *frame);
-        --source->waiting;
+    Ros& ros = the_ros();
+    const std::size_t bytes = frame->jpeg.size();
+    if (ros.waiting_bytes + bytes <= kMostWaitingBytes) {
+      ros.waiting_bytes += bytes;
+      asio::post(ros.thread, [&ros, bytes, source = source_, frame = std::move(frame)] {
+        publish(ros.node, *source, *frame);
+        ros.waiting_bytes -= bytes;
       });
     }
     asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
@@ -103,28 +90,36 @@ class RosSink final : public FrameSink {
 
     const std::string topic;
     const CalibratedCameras cameras;
-    std::atomic<int> waiting = 0;  ///< frames that `ros` has not come to
   };
 
-  static void publish(const Source& source, const EncodedFrame& frame) {
+  static void publish(RosNode& node, const Source& source, const EncodedFrame& frame) {
     const auto image = [&](const std::string& base, std::span<const std::uint8_t> jpeg,
                            const std::optional<CameraInfo>& camera) {
-      the_ros().node.publish(base, frame.capture_time_ns, jpeg.data(), jpeg.size(),
-                             camera ? &*camera : nullptr);
+      node.publish(base, frame.capture_time_ns, jpeg.data(), jpeg.size(),
+                   camera ? &*camera : nullptr);
     };
-    const auto& [left, right] = source.cameras;
-    image(frame.is_stereo() ? source.topic + "/left" : source.topic, frame.left(), left);
-    if (frame.is_stereo()) image(source.topic + "/right", frame.right(), right);
+    const auto& cameras = source.cameras;
+    image(frame.is_stereo() ? source.topic + "/left" : source.topic, frame.left(), cameras.left);
+    if (frame.is_stereo()) image(source.topic + "/right", frame.right(), cameras.right);
   }
 
   asio::io_context& main_;
-  const std::shared_ptr<Source> source_;  // shared with what waits on `ros`
+  const std::shared_ptr<const Source> source_;  // shared with what waits on `ros`
 };
 
 }  // namespace
 
 std::shared_ptr<FrameSink> make_ros_sink(asio::io_context& main, const SessionInfo& info) {
   return std::make_shared<RosSink>(main, info);
+}
+
+bool end_ros() {
+  const auto ended = std::make_shared<std::promise<void>>();
+  asio::post(the_ros().thread, [ended] {
+    the_ros().node.close();
+    ended->set_value();
+  });
+  return ended->get_future().wait_for(kFarewell) == std::future_status::ready;
 }
 
 }  // namespace orbbuf

@@ -3,9 +3,7 @@
 
 #include <spdlog/fmt/fmt.h>
 
-#include <charconv>
-
-#include "common/drop_record.hpp"
+#include "common/decimal.hpp"
 
 namespace orbbuf::session_lines {
 
@@ -18,14 +16,10 @@ std::optional<Times> parse_times(std::string_view line) {
   const auto first = line.find(' ');
   const auto second = line.rfind(' ');
   if (first == second) return std::nullopt;
-  Times times;
-  const char* const end = line.data() + first;
-  const auto [stop, failed] = std::from_chars(line.data(), end, times.sequence);
+  const auto sequence = parse_digits(line.substr(0, first));
   const auto time = parse_seconds(line.substr(first + 1, second - first - 1));
-  if (failed != std::errc{} || stop != end || !time) return std::nullopt;
-  times.capture_time_ns = *time;
-  times.exposure_ms = line.substr(second + 1);
-  return times;
+  if (!sequence || !time) return std::nullopt;
+  return Times{*sequence, *time, line.substr(second + 1)};
 }
 
 std::string checksum(std::string_view image, std::uint32_t crc) {
