@@ -51,14 +51,15 @@ void Health::tell(const wire::Stats& stats, const Sender& sender) {
 void Health::feed_if_moving() {
   const auto limit = std::max<nanoseconds>(watchdog_ / 2, 2 * kBeatInterval);
   const auto still = WatchedThread::find_still(limit);
+  std::set<std::string> names;
   for (const auto& [name, time] : still) {
-    if (!still_.insert(name).second) continue;
+    names.insert(name);
+    if (still_.contains(name)) continue;
     spdlog::error("thread {} has stood still for {:.1f} s; the watchdog is not fed until it moves",
                   name, duration<double>(time).count());
   }
-  if (!still.empty()) return;
-  still_.clear();
-  service_.feed();
+  still_ = std::move(names);
+  if (still_.empty()) service_.feed();
 }
 
 }  // namespace orbbuf

@@ -152,6 +152,10 @@ std::string suggest(const Settings& settings, const ProbeResult& result) {
   } else if (source.kind == "libcamera") {
     text += fmt::format("camera = {}\nformat = \"{}\"\n", in_toml(source.camera), source.format);
   }
+  if (!source.path.empty()) text += fmt::format("path = {}\n", in_toml(source.path.string()));
+  if (!source.path_right.empty()) {
+    text += fmt::format("path_right = {}\n", in_toml(source.path_right.string()));
+  }
   if (!source.device_right.empty()) {
     text += fmt::format("device_right = {}\n", in_toml(source.device_right));
   }
@@ -161,11 +165,12 @@ std::string suggest(const Settings& settings, const ProbeResult& result) {
   if (source.crop) text += fmt::format("crop = \"{}\"\n", to_string(*source.crop));
   if (source.is_side_by_side) text += "stereo = \"side-by-side\"\n";
   return text + fmt::format(
-                    "width = {}\nheight = {}\nfps = {:.4g}\n[features]\npixels = {}\n[buffer]\n"
+                    "width = {}\nheight = {}\nfps = {:.4g}\n[jpeg]\nquality = {}\ncolor = "
+                    "{}\n[features]\npixels = {}\n[buffer]\n"
                     "capacity = {}\n",
                     source.is_side_by_side ? 2 * result.width_px : result.width_px,
-                    result.height_px, result.fps, pixels,
-                    std::max<std::int64_t>(std::llround(result.fps), kLeastCapacity));
+                    result.height_px, result.fps, settings.jpeg.quality, settings.jpeg.color,
+                    pixels, std::max<std::int64_t>(std::llround(result.fps), kLeastCapacity));
 }
 
 }  // namespace orbbuf

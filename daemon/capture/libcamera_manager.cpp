@@ -56,7 +56,8 @@ void set_libcamera_log() {
 }
 
 /// libcamera does not list cameras whose nodes it may not open, nor all of those that are in use.
-std::string why_none() {
+/// Throws std::runtime_error, which begins with `text`, if some may not be opened, else CameraGone.
+[[noreturn]] void fail_without_cameras(const std::string& text) {
   bool has_nodes = false;
   std::error_code ignored;  // a folder that is not there holds nothing
   for (const auto& entry : std::filesystem::directory_iterator("/dev", ignored)) {
@@ -64,13 +65,13 @@ std::string why_none() {
     const bool is_part = name.starts_with("media") || name.starts_with("video");
     has_nodes = has_nodes || is_part;
     if (is_part && ::access(entry.path().c_str(), R_OK | W_OK) != 0 && errno == EACCES) {
-      return fmt::format(
-          " (/dev/{}: Permission denied; who films must be root or in the group "
-          "`video`)",
-          name);
+      throw std::runtime_error(fmt::format(
+          "{} (/dev/{}: Permission denied; who films must be root or in the group `video`)", text,
+          name));
     }
   }
-  return has_nodes ? " (one that another program films with may be left out)" : "";
+  throw CameraGone(text +
+                   (has_nodes ? " (one that another program films with may be left out)" : ""));
 }
 
 std::string ids_of(const std::vector<std::shared_ptr<libcamera::Camera>>& cameras) {
@@ -116,12 +117,9 @@ std::shared_ptr<libcamera::Camera> find_libcamera(CameraManager& manager,
   const bool is_place = !camera.empty() && camera.size() < 4 &&
                         camera.find_first_not_of("0123456789") == std::string::npos;
   if (is_place && std::stoul(camera) < cameras.size()) return cameras[std::stoul(camera)];
-  const auto why = cameras.empty() ? why_none() : "";
-  const auto text =
-      fmt::format("libcamera has no camera {}: {}", camera,
-                  cameras.empty() ? "there is none that it can use" + why : ids_of(cameras));
-  if (why.empty()) throw CameraGone(text);
-  throw std::runtime_error(text);
+  const auto text = fmt::format("libcamera has no camera {}: ", camera);
+  if (cameras.empty()) fail_without_cameras(text + "there is none that it can use");
+  throw CameraGone(text + ids_of(cameras));
 }
 
 std::string list_libcamera() {
