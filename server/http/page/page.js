@@ -2,6 +2,7 @@
 
 const kPollMs = 1000;
 const kPatienceMs = 3000;
+const kLongestPatienceMs = 60000;
 const kTimelineSeconds = 120;
 const $ = (id) => document.getElementById(id);
 const main = $("main");
@@ -240,17 +241,20 @@ function summary(text, isBad = false) {
 
 let clock = 0;
 let answered = Date.now();
+let patienceMs = kPatienceMs;
 async function poll() {
   if (!document.hidden) {
     try {
-      const patience = AbortSignal.timeout(kPatienceMs);
-      const answer = await (await fetch(`/api/robots?since=${clock}`, { signal: patience })).json();
+      const signal = AbortSignal.timeout(patienceMs);
+      const answer = await (await fetch(`/api/robots?since=${clock}`, { signal })).json();
+      patienceMs = kPatienceMs;
       if (answer.clock_ms < clock) return location.reload(); // another server
       clock = answer.clock_ms;
       answered = Date.now();
       $("version").textContent = `orbbuf-server ${answer.version}`;
       showRobots(answer.robots);
     } catch {
+      patienceMs = Math.min(2 * patienceMs, kLongestPatienceMs); // a long answer over a slow link
       summary(`the server has not answered for ${duration((Date.now() - answered) / 1000)}`, true);
     }
   }
