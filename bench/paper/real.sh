@@ -1,7 +1,8 @@
 # shellcheck shell=bash
 # SPDX-License-Identifier: Apache-2.0
 # To be sourced: the contenders over real TCP, each with network namespaces of its own, several at a
-# time. Wants `build`, `here`, `out`, `mbit`, `seed` and `say`; `failed` gets who failed, GROUP/CONTENDER@RUN.
+# time. Wants `build`, `here`, `out`, `mbit`, `seed`, `say` and PEERS, who need not be installed; `failed` gets
+# who failed, GROUP/CONTENDER@RUN.
 failed=()
 # shellcheck source=bench/paper/summary.sh
 . "$here/summary.sh"
@@ -9,7 +10,7 @@ failed=()
 # contend GROUP RUN WORLD LINK QUEUE OUTAGE_S EVERY_S FIRST_S CONTENDER...: runs all at once, each to a
 # folder $out/GROUP/CONTENDER@RUN; flow.sh says what the others are.
 contend() {
-  local group=$1 run=$2 world=$3 link=$4 queue=$5 outage=$6 every=$7 first=$8 contender status running=()
+  local group=$1 run=$2 world=$3 link=$4 queue=$5 outage=$6 every=$7 first=$8 contender status running=() rivals
   shift 8
   for contender in "$@"; do
     "$here/flow.sh" "$build" "$world" "$out/$group/$contender@$run" "$contender" "$link" "$queue" "$mbit" \
@@ -34,7 +35,9 @@ contend() {
     status=0
     wait "${running[0]}" || status=$?
     running=("${running[@]:1}")
-    [ $status -eq 0 ] || [ $status -eq 77 ] || failed+=("$group/$contender@$run")
+    rivals=" ${PEERS[*]} "
+    [ $status -eq 77 ] && [ "${rivals#* "$contender" }" != "$rivals" ] && continue
+    [ $status -eq 0 ] || failed+=("$group/$contender@$run")
   done
 }
 

@@ -4,7 +4,8 @@
 # and over simulated links, and judges what arrived.
 # Usage: bench/paper/run.sh BUILD_FOLDER OUT_FOLDER [--full] [--seed N] [--traces FOLDER]
 #          [--only real|simulated]
-# OUT_FOLDER gets CSV, tables (Markdown) and plots (SVG), all of them in evaluation.md.
+# OUT_FOLDER loses what an earlier run left there, all CSV, Markdown, SVG and logs, and gets such anew, with
+# everything in evaluation.md.
 set -euo pipefail
 build=$(cd "$1" && pwd)
 mkdir -p "$2"
@@ -28,7 +29,14 @@ case $only in
 esac
 say() { printf '%s\n' "$*" >&2; }
 work=$(mktemp -d "${TMPDIR:-/tmp}/orbbuf-paper.XXXXXX")
-trap 'rm -rf "$work"' EXIT
+finish() {
+  local running
+  mapfile -t running < <(jobs -p)
+  [ ${#running[@]} -eq 0 ] || kill "${running[@]}" 2>/dev/null || true
+  wait
+  rm -rf "$work"
+}
+trap finish EXIT
 # shellcheck source=bench/paper/real.sh
 . "$here/real.sh"
 POLICIES=(orbbuf uniform drop-oldest drop-youngest random)
@@ -131,5 +139,5 @@ gnuplot -c "$here/plots.gp" "$out"
 . "$here/report.sh"
 write_report >"$out/evaluation.md"
 say "bench paper: $((EPOCHSECONDS - began)) s; everything is in $out, evaluation.md first"
-cat "$out"/*.log | grep ^RESULT || say 'bench paper: no results'
+cat "$out"/*.log | grep ^RESULT || { say 'bench paper: no results' && exit 1; }
 [ ${#failed[@]} -eq 0 ] || { say "bench paper: failed: ${failed[*]}" && exit 1; }

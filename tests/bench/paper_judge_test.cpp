@@ -120,10 +120,19 @@ std::vector<ListedFrame> listed(std::size_t count) {
 
 TEST(VerdictOf, KeyframesAreEnough) {
   const Trajectory all = circle(1, 0);
-  const Verdict verdict = verdict_of({all[10], all[40], all[76]}, listed(100));
+  const Verdict verdict = verdict_of({all[10], all[35], all[55], all[76]}, listed(100));
   EXPECT_FALSE(verdict.is_lost());
   EXPECT_EQ(verdict.starting, 10U);
-  EXPECT_EQ(verdict.unplaced, 87U);
+  EXPECT_EQ(verdict.tracked_share(), 1);
+}
+
+TEST(VerdictOf, FramesBetweenPosesOverASecondApartAreNotTracked) {
+  const Trajectory all = circle(1, 0);
+  EXPECT_EQ(verdict_of({all[0], all[25], all[51], all[76]}, listed(100)).unplaced, 25U);
+}
+
+TEST(VerdictOf, FramesBehindTheLastPoseAreNotTrackedByWhoIsLost) {
+  EXPECT_EQ(verdict_of({circle(1, 0).front()}, listed(100)).unplaced, 99U);
 }
 
 TEST(VerdictOf, IsLostWithoutAPoseInTheLastSecond) {

@@ -4,12 +4,14 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
+#include <iterator>
 #include <utility>
 
 namespace orbbuf::paper {
 namespace {
 
 constexpr double kSameTimeS = 1e-3;
+constexpr double kBetweenKeyframesS = 1;
 
 }  // namespace
 
@@ -37,7 +39,7 @@ void Judge::see(const JudgedFrame& frame, std::uint64_t id) {
 }
 
 bool reaches(const Trajectory& trajectory, double end_s) {
-  return !trajectory.empty() && trajectory.back().time_s >= end_s - 1 - kSameTimeS;
+  return !trajectory.empty() && trajectory.back().time_s >= end_s - kBetweenKeyframesS - kSameTimeS;
 }
 
 Verdict verdict_of(Trajectory trajectory, const std::vector<ListedFrame>& frames) {
@@ -50,12 +52,21 @@ Verdict verdict_of(Trajectory trajectory, const std::vector<ListedFrame>& frames
   }
   const bool is_lost = !frames.empty() && !reaches(verdict.trajectory, frames.back().time_s);
   for (const ListedFrame& frame : frames) {
-    if (frame.time_s < verdict.trajectory.front().time_s - kSameTimeS) ++verdict.starting;
-    const bool is_after = frame.time_s > verdict.trajectory.back().time_s + kSameTimeS;
-    if (is_lost && is_after && !verdict.lost_at) verdict.lost_at = frame.id;
+    // The first pose at or behind the frame.
+    const auto next = std::ranges::lower_bound(verdict.trajectory, frame.time_s - kSameTimeS, {},
+                                               &StampedPose::time_s);
+    if (next == verdict.trajectory.end()) {
+      if (!is_lost) continue;
+      ++verdict.unplaced;
+      if (!verdict.lost_at) verdict.lost_at = frame.id;
+    } else if (next->time_s > frame.time_s + kSameTimeS) {
+      if (next == verdict.trajectory.begin()) {
+        ++verdict.starting;
+      } else if (next->time_s - std::prev(next)->time_s > kBetweenKeyframesS + kSameTimeS) {
+        ++verdict.unplaced;
+      }
+    }
   }
-  verdict.unplaced = verdict.frames - verdict.starting -
-                     std::min(verdict.trajectory.size(), verdict.frames - verdict.starting);
   return verdict;
 }
 

@@ -45,8 +45,9 @@ class Judge {
 /// Whether the trajectory has a pose in the last second before `end_s`.
 bool reaches(const Trajectory& trajectory, double end_s);
 
-/// What came of any other SLAM program's run over these frames, by the poses it has written, of all
-/// frames or of keyframes only: lost behind the last of them if it does not reach the last frame.
+/// What came of any other SLAM program's run over these frames, by the poses it has written, in
+/// order, of all frames or of keyframes only: a frame between two that are up to 1 s apart is
+/// tracked; lost behind the last of them unless it reaches() the last frame.
 Verdict verdict_of(Trajectory trajectory, const std::vector<ListedFrame>& frames);
 
 /// One line, for people.
