@@ -37,8 +37,9 @@ WatchedThread::~WatchedThread() {
 std::vector<WatchedThread::Still> WatchedThread::find_still(std::chrono::nanoseconds limit) {
   std::vector<Still> still;
   const std::lock_guard lock(mutex);
+  const auto now = Clock::now();
   for (const Entry& entry : threads()) {
-    const auto time = Clock::now() - entry.last_beat;
+    const auto time = now - entry.last_beat;
     if (time > limit) still.push_back({entry.name, time});
   }
   std::ranges::sort(still, std::greater(), &Still::time);

@@ -4,10 +4,10 @@
 #include <random>
 #include <vector>
 
-#include "tests/server/captured_log.hpp"
 #include "tests/server/frames.hpp"
 #include "tests/server/robot_client.hpp"
 #include "tests/server/running_server.hpp"
+#include "tests/support/captured_log.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {

@@ -4,12 +4,13 @@
 #include <gtest/gtest.h>
 #include <poll.h>
 
+#include <chrono>
 #include <memory>
 #include <string>
 
-#include "tests/server/captured_log.hpp"
 #include "tests/server/robot_client.hpp"
 #include "tests/server/running_server.hpp"
+#include "tests/support/captured_log.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf::test {
@@ -17,7 +18,11 @@ namespace orbbuf::test {
 /// A whole server with `settings_`, its log, and the folder that it writes into.
 class ListenerTest : public testing::Test {
  protected:
-  ListenerTest() { settings_.sinks.files_path = folder_ / "data"; }
+  /// The test may be held up for longer than a server waits.
+  ListenerTest() {
+    settings_.sinks.files_path = folder_ / "data";
+    settings_.listen.hello_timeout = settings_.listen.idle_timeout = std::chrono::minutes(10);
+  }
 
   void start() { server_ = std::make_unique<RunningServer>(settings_); }
   RobotClient connect() {

@@ -5,10 +5,10 @@
 #include <memory>
 #include <optional>
 
-#include "tests/server/captured_log.hpp"
 #include "tests/server/http/http_client.hpp"
 #include "tests/server/robot_client.hpp"
 #include "tests/server/running_server.hpp"
+#include "tests/support/captured_log.hpp"
 #include "tests/support/certificates.hpp"
 #include "tests/support/process.hpp"
 

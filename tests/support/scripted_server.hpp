@@ -33,7 +33,9 @@ class ScriptedServer {
   /// accept(), hello, welcome.
   wire::Hello welcome(const wire::Position& position);
 
-  /// The next message but stats; nothing once the peer has closed.
+  /// The next message; nothing once the peer has closed.
+  std::optional<Message> read_any();
+  /// The next one but stats.
   std::optional<Message> read();
   /// The next message of that type; others before it are read and forgotten.
   Message read(wire::Type type);
@@ -42,8 +44,6 @@ class ScriptedServer {
   void close();
 
  private:
-  std::optional<Message> read_any();
-
   boost::asio::io_context io_;
   boost::asio::ip::tcp::acceptor acceptor_;
   boost::asio::ip::tcp::socket socket_;

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "tests/daemon/capture/source_test_support.hpp"
-#include "tests/server/captured_log.hpp"
+#include "tests/support/captured_log.hpp"
 
 namespace orbbuf {
 namespace {
@@ -188,7 +188,7 @@ TEST(CameraSource, ACameraThatStandsStillIsOpenedAgain) {
   ASSERT_TRUE(source.next({}));
   const auto waited = Clock::now() - start;
   EXPECT_GE(waited, 1003ms);
-  EXPECT_LT(waited, 3s);
+  EXPECT_LT(waited, 4500ms);  // as long as the first frame is waited for
 }
 
 TEST(CameraSource, ACameraThatFailsAfterEachFrameIsOpenedLessAndLessOften) {

@@ -20,6 +20,8 @@ using wire::Type;
 /// A sender on its own thread, as `main` is, against a server that the test plays.
 class SenderTest : public ::testing::Test {
  protected:
+  /// The test may be held up in the middle of a welcome.
+  SenderTest() { link_.connect_timeout = std::chrono::minutes(1); }
   void start() {
     link_.server.port = server_.port();
     wire::Hello hello;
@@ -144,7 +146,7 @@ TEST_F(SenderTest, NothingIsStartedAgainAfterTheEndByATimerOfTheSameMoment) {
   std::future<bool> done = finish();
   asio::post(io_, [] { std::this_thread::sleep_for(std::chrono::milliseconds(500)); });
   EXPECT_FALSE(done.get());
-  EXPECT_EQ(has_ended_.get_future().wait_for(std::chrono::seconds(5)), std::future_status::ready);
+  EXPECT_EQ(has_ended_.get_future().wait_for(std::chrono::minutes(1)), std::future_status::ready);
 }
 
 TEST_F(SenderTest, FinishOnASlowServerReportsWhatItGaveUp) {
@@ -162,7 +164,7 @@ TEST_F(SenderTest, FinishOnASlowServerReportsWhatItGaveUp) {
 }
 
 TEST_F(SenderTest, ServerThatNeverAnswersIsTriedAgain) {
-  link_.connect_timeout = std::chrono::milliseconds(20);
+  link_.connect_timeout = std::chrono::seconds(2);
   push(0, 0);
   start();
   server_.accept();
@@ -189,15 +191,6 @@ TEST_F(SenderTest, RefusalIsSurvived) {
   EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 0U);
 }
 
-TEST_F(SenderTest, AnAccountThatDoesNotChangeIsToldLessOften) {
-  start();
-  server_.welcome({});
-  server_.read(Type::kStats);
-  const auto told = std::chrono::steady_clock::now();
-  server_.read(Type::kStats);
-  EXPECT_GT(std::chrono::steady_clock::now() - told, std::chrono::seconds(3));
-}
-
 TEST_F(SenderTest, TheLastStatsComeJustBeforeTheBye) {
   push(0, 1);
   start();
@@ -205,10 +198,14 @@ TEST_F(SenderTest, TheLastStatsComeJustBeforeTheBye) {
   std::future<bool> done = finish();
   for (int frame = 0; frame < 2; ++frame) server_.read(Type::kFrame);
   server_.ack({2, 0});
-  const Message last = server_.read(Type::kStats);
-  const wire::Report report = wire::parse_stats(last.header, last.body).value();
+  std::optional<Message> last;
+  for (auto message = server_.read_any(); message && message->type() != Type::kBye;
+       message = server_.read_any()) {
+    last = std::move(message);
+  }
+  ASSERT_TRUE(last && last->type() == Type::kStats);
+  const wire::Report report = wire::parse_stats(last->header, last->body).value();
   EXPECT_EQ(report.account, (wire::Stats{.captured = 2, .acknowledged = 2}));
-  server_.read(Type::kBye);
   server_.send(wire::encode(wire::Bye{{2, 0}}));
   EXPECT_TRUE(done.get());
 }

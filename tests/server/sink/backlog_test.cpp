@@ -4,8 +4,8 @@
 #include <gtest/gtest.h>
 
 #include "server/sink/session_files.hpp"
-#include "tests/server/captured_log.hpp"
 #include "tests/server/frames.hpp"
+#include "tests/support/captured_log.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {

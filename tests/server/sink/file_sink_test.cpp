@@ -5,9 +5,9 @@
 #include <thread>
 
 #include "server/sink/session_files.hpp"
-#include "tests/server/captured_log.hpp"
 #include "tests/server/frames.hpp"
 #include "tests/server/sink/event_loop.hpp"
+#include "tests/support/captured_log.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {

@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <limits>
 
-#include "tests/server/captured_log.hpp"
 #include "tests/server/frames.hpp"
+#include "tests/support/captured_log.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {

@@ -10,9 +10,9 @@
 
 #include "server/sink/child_process.hpp"
 #include "server/sink/fifo.hpp"
-#include "tests/server/captured_log.hpp"
 #include "tests/server/frames.hpp"
 #include "tests/server/sink/event_loop.hpp"
+#include "tests/support/captured_log.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {

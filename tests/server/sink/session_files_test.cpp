@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "tests/server/captured_log.hpp"
 #include "tests/server/frames.hpp"
 #include "tests/server/resource_limit.hpp"
+#include "tests/support/captured_log.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <spdlog/sinks/base_sink.h>
+#include <spdlog/spdlog.h>
+
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+namespace orbbuf::test {
+
+/// Takes the log for as long as it lives: `LEVEL TEXT` a line. Made and destroyed when no other
+/// thread logs.
+class CapturedLog {
+ public:
+  CapturedLog() : before_(spdlog::default_logger()) {
+    auto logger = std::make_shared<spdlog::logger>("test", sink_);
+    logger->set_pattern("%l %v");
+    spdlog::set_default_logger(std::move(logger));
+  }
+  ~CapturedLog() { spdlog::set_default_logger(before_); }
+  CapturedLog(const CapturedLog&) = delete;
+  CapturedLog& operator=(const CapturedLog&) = delete;
+
+  /// The lines that contain `text`.
+  std::vector<std::string> lines(const std::string& text = "") const { return sink_->lines(text); }
+  /// Until there is such a line.
+  void wait_for(const std::string& text) const { sink_->wait_for(text); }
+
+ private:
+  class Sink final : public spdlog::sinks::base_sink<std::mutex> {
+   public:
+    std::vector<std::string> lines(const std::string& text) {
+      const std::lock_guard lock(mutex_);
+      return found(text);
+    }
+    void wait_for(const std::string& text) {
+      std::unique_lock lock(mutex_);
+      grown_.wait(lock, [&] { return !found(text).empty(); });
+    }
+
+   private:
+    void sink_it_(const spdlog::details::log_msg& message) override {
+      spdlog::memory_buf_t line;
+      formatter_->format(message, line);
+      lines_.emplace_back(line.data(), line.size() - 1);  // without the line's end
+      grown_.notify_all();
+    }
+    void flush_() override {}
+    std::vector<std::string> found(const std::string& text) const {
+      std::vector<std::string> found;
+      for (const std::string& line : lines_) {
+        if (line.find(text) != std::string::npos) found.push_back(line);
+      }
+      return found;
+    }
+
+    std::vector<std::string> lines_;
+    std::condition_variable grown_;
+  };
+
+  const std::shared_ptr<Sink> sink_ = std::make_shared<Sink>();
+  const std::shared_ptr<spdlog::logger> before_;
+};
+
+}  // namespace orbbuf::test
