@@ -15,7 +15,7 @@ fi
 # Left out, as regular expressions.
 LEFT_OUT=(
   '^V4l2Stream[.]WhatIsNoCameraIsRefused$'               # qemu-user knows none of V4L2's ioctls
-  'OutageTest'                                           # nor TCP_INFO, which is how a stall is seen
+  'OutageTest' 'FollowTest'                              # nor TCP_INFO, which is how a stall is seen
   'kitti0' '^Stereo[.]ARealSequenceArrives'              # PNG files, which the packaged program does not read
   '^OrbExtractor[.](UnrelatedFrames|NeighboursOfReal)'   # the same
 )

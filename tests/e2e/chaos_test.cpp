@@ -13,7 +13,8 @@ TEST(Chaos, FortyEventsLoseNothingAndRepeatNothing) {
   const Finished chaos =
       run({ORBBUF_CHAOS, "--robot", ORBBUFD, "--server", ORBBUF_SERVER, "--work",
            (folder / "work").string(), "--traces", ORBBUF_SOURCE_DIR "/../shared/data/traces",
-           "--events", "40", "--longest-outage", "3", "--seed", "4"});
+           "--events", "40", "--longest-outage", "3", "--seed", "4"},
+          std::chrono::seconds(280));  // ctest's limit is 300
   if (chaos.status == 77) GTEST_SKIP() << chaos.output;
   EXPECT_EQ(chaos.status, 0) << chaos.output;
   for (const char* line : {"RESULT chaos.events 40\n", "RESULT chaos.lost 0\n",

@@ -34,6 +34,15 @@ std::size_t lines_in_times(const fs::path& robot) {
   return 0;
 }
 
+/// Waits until the server has really written that many of them; false if the robot ends first.
+bool wait_for_frames(Process& robot, const fs::path& folder, std::size_t wanted) {
+  while (lines_in_times(folder) < wanted) {
+    if (robot.wait(std::chrono::seconds(0)) >= 0) return false;
+    std::this_thread::yield();
+  }
+  return true;
+}
+
 class DeliveryTest : public ::testing::TestWithParam<const char*> {};
 
 TEST_P(DeliveryTest, EveryFrameOfARealSequenceArrivesInOrderWithItsTime) {
@@ -110,30 +119,26 @@ TEST(Delivery, ManyRobotsAtOnceEachGetTheirOwn) {
 }
 
 TEST(Delivery, KilledServerGoesOnWhereItsFilesEndAfterARestart) {
-  constexpr int kFrames = 400;
   const TemporaryFolder out;
   auto server = std::make_unique<Server>(out.path());
   const std::string address = server->address();
-  Process robot(robot_command(
-      "r", address,
-      {"source.frames=" + std::to_string(kFrames), "source.fps=100", "source.width=320",
-       "source.height=120", "buffer.capacity=1000", "source.stereo=side-by-side"}));
+  Process robot(
+      robot_command("r", address,
+                    {"source.frames=1000000", "source.fps=100", "source.width=320",
+                     "source.height=120", "buffer.capacity=1000", "source.stereo=side-by-side"}));
   for (int kill = 0; kill < 3; ++kill) {
-    ASSERT_TRUE(robot.wait_for_line("connected to", std::chrono::seconds(60)));
     const std::size_t before = static_cast<std::size_t>(kill + 1) * 60;
-    std::size_t written = 0;
-    while (written < before) {  // until the server has really written that many
-      written = lines_in_times(out / "r");
-      std::this_thread::yield();
-    }
+    ASSERT_TRUE(wait_for_frames(robot, out / "r", before)) << robot.output();
     server->process().signal(SIGKILL);
     server->process().wait();
     server = std::make_unique<Server>(out.path(), Overrides{}, address);
   }
+  ASSERT_TRUE(wait_for_frames(robot, out / "r", 400)) << robot.output();
+  robot.signal(SIGTERM);
   ASSERT_EQ(robot.wait(), 0) << robot.output();
   const Record record = read_record(out.path(), "r");
   const auto account = closing_account(robot);
-  expect_exactly_once(record, kFrames);
+  expect_exactly_once(record, account.at("captured"));
   EXPECT_EQ(record.delivered.size(), account.at("acknowledged"));
   EXPECT_EQ(record.images_right, record.images);
   for (const char* side : {"images", "images_right"}) {
@@ -166,6 +171,7 @@ TEST(Delivery, SlamProgramReadsTheFramesFromAPipe) {
                                "source.height=120"}))
                 .status,
             0);
+  ASSERT_TRUE(server.process().wait_for_line("exited with status 0"));
   server.process().signal(SIGTERM);
   ASSERT_EQ(server.process().wait(), 0);
   const std::string stream = read_file(pgm);

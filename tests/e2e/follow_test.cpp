@@ -16,11 +16,13 @@ constexpr int kMore = 50;  // frames between one event and the next
 
 class FollowTest : public testing::TestWithParam<const char*> {
  protected:
+  /// At its end a session waits for the follower, which may be far behind.
   void start_server(const std::string& listen) {
     server_ = std::make_unique<Server>(
         folder_ / "out",
         Overrides{"listen.insecure=true", "robot.r.slam.fifo=" + (folder_ / "fifo").string(),
-                  "robot.r.slam.format=" + std::string(GetParam()), "slam.resume=backlog"},
+                  "robot.r.slam.format=" + std::string(GetParam()), "slam.resume=backlog",
+                  "session.drain_timeout=2 min", "listen.idle_timeout=2 min"},
         listen, hosts_.on_server());
   }
   void restart_server() {
@@ -53,10 +55,11 @@ TEST_P(FollowTest, EveryFrameIsSeenOnceThroughAnOutageAndRestartsOfTheServer) {
   ASSERT_EQ(::mkfifo(fifo.c_str(), 0600), 0);
   start_server(Namespaces::kServerListen);
   follower_ = std::make_unique<Process>(std::vector<std::string>{ORBBUF_FOLLOW, fifo});
-  Process robot(robot_command("r", server_->address(),
-                              {"source.frames=1000000", "source.fps=50", "source.width=320",
-                               "source.height=240", "buffer.capacity=1000"},
-                              hosts_.on_robot()));
+  Process robot(
+      robot_command("r", server_->address(),
+                    {"source.frames=1000000", "source.fps=50", "source.width=320",
+                     "source.height=240", "buffer.capacity=1000", "link.drain_timeout=2 min"},
+                    hosts_.on_robot()));
   ASSERT_TRUE(sees_more());
 
   hosts_.cut_link();

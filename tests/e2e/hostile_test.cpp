@@ -101,9 +101,10 @@ Bytes random_bytes(Random& random) {
 TEST(Hostile, TwoThousandStrangersCostAGoodRobotNoFrame) {
   const TemporaryFolder out;
   Server server(out.path());
-  Process good(robot_command("good", server.address(),
-                             {"source.frames=100000000", "source.realtime=false",
-                              "source.width=160", "source.height=120"}));
+  Process good(
+      robot_command("good", server.address(),
+                    {"source.frames=100000000", "source.realtime=false", "source.width=160",
+                     "source.height=120", "link.stall_timeout=60 s"}));  // the machine may be slow
   ASSERT_TRUE(good.wait_for_line("connected to"));
   Random random(1);
   for (int i = 0; i < 1000; ++i) talk(server.address(), random_bytes(random));
@@ -111,7 +112,7 @@ TEST(Hostile, TwoThousandStrangersCostAGoodRobotNoFrame) {
   good.signal(SIGTERM);
   ASSERT_EQ(good.wait(), 0) << good.output();
 
-  EXPECT_EQ(good.count_lines("connected to"), 1) << "the robot lost its connection";
+  EXPECT_EQ(good.count_lines("connected to"), 1) << good.output();
   const auto account = closing_account(good);
   const Record record = read_record(out.path(), "good");
   expect_exactly_once(record, account.at("captured"));
@@ -121,14 +122,22 @@ TEST(Hostile, TwoThousandStrangersCostAGoodRobotNoFrame) {
   EXPECT_EQ(server.process().wait(), 0) << server.process().output();
 }
 
-TEST(Hostile, EachStrangerIsNamedOnceWithTheReason) {
+/// That a server which a stranger has said that to warns once, and of what.
+void expect_named_once(const Bytes& said, const std::string& reason,
+                       const Overrides& overrides = {}) {
   const TemporaryFolder out;
-  Server server(out.path(), {"listen.hello_timeout=100 ms", "listen.idle_timeout=100 ms"});
+  Server server(out.path(), overrides);
   Process& process = server.process();
+  talk(server.address(), said, false);
+  EXPECT_TRUE(process.wait_for_line(reason)) << process.output();
+  process.signal(SIGTERM);
+  EXPECT_EQ(process.wait(), 0);
+  EXPECT_EQ(process.count_lines(" warn ["), 1) << process.output();
+}
 
+TEST(Hostile, EachStrangerIsNamedOnceWithTheReason) {
   const std::string http = "GET / HTTP/1.1\r\nHost: robot\r\n\r\n";
-  talk(server.address(), {http.begin(), http.end()}, false);
-  EXPECT_TRUE(process.wait_for_line("GET ")) << process.output();
+  expect_named_once({http.begin(), http.end()}, "GET ");
 
   Random random(2);
   const Bytes hello = valid_session(random).front();
@@ -136,15 +145,10 @@ TEST(Hostile, EachStrangerIsNamedOnceWithTheReason) {
   Bytes header = {'O', 'R', 'B', 'B', 1, 3, 0, 0, 0xff, 0xff, 0xff, 0xff, 0, 0, 0, 0, 0, 0, 0, 0};
   put32(header, 16, wire::crc32(std::span<const std::uint8_t>(header).first(16)));
   append(huge, header);
-  talk(server.address(), huge, false);
-  EXPECT_TRUE(process.wait_for_line("4294967295")) << process.output();
+  expect_named_once(huge, "4294967295");
 
-  talk(server.address(), {}, false);     // connects, and then nothing
-  talk(server.address(), hello, false);  // says hello, and then nothing
-  EXPECT_TRUE(process.wait_for_lines(" warn [", 4)) << process.output();
-  process.signal(SIGTERM);
-  EXPECT_EQ(process.wait(), 0);
-  EXPECT_EQ(process.count_lines(" warn ["), 4) << process.output();
+  expect_named_once({}, "no hello within 0.1 s", {"listen.hello_timeout=100 ms"});
+  expect_named_once(hello, "nothing came for 0.1 s", {"listen.idle_timeout=100 ms"});
 }
 
 }  // namespace

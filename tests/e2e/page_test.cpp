@@ -56,15 +56,14 @@ class PageTest : public testing::Test {
 };
 
 TEST_F(PageTest, AtTheEndPageMetricsAndStatusTellWhatTheRobotsLogTells) {
-  Process robot = this->robot({"source.frames=150", "source.fps=25", "buffer.capacity=5"});
-  // An outage, to the robot; on its clock, as it logs a line a second.
-  ASSERT_TRUE(robot.wait_for_lines("] captured ", 1));
-  server_.process().signal(SIGSTOP);
-  ASSERT_TRUE(robot.wait_for_lines("] captured ", 4));
+  Process robot = this->robot({"source.frames=1000000", "source.fps=25", "buffer.capacity=5"});
+  ASSERT_TRUE(robot.wait_for_line("connected to"));
+  server_.process().signal(SIGSTOP);  // an outage, to the robot
+  ASSERT_TRUE(wait_for_drops(robot)) << robot.output();
   server_.process().signal(SIGCONT);
+  robot.signal(SIGTERM);
   ASSERT_EQ(robot.wait(), 0) << robot.output();
   auto account = closing_account(robot);
-  EXPECT_EQ(account["captured"], 150U);
   EXPECT_GT(account["dropped"], 0U);
   EXPECT_EQ(account["waiting"] + account["in flight"], 0U);
 
@@ -82,7 +81,8 @@ TEST_F(PageTest, AtTheEndPageMetricsAndStatusTellWhatTheRobotsLogTells) {
   EXPECT_THAT(json, HasSubstr("\"state\":\"ended\""));
   const Finished status = run({ORBBUF_SERVER, "status", (folder_ / "status").string()});
   EXPECT_EQ(status.status, 0);
-  EXPECT_THAT(status.output, testing::ContainsRegex("robot .* ended .* 0/5 +- +- +150 +" +
+  EXPECT_THAT(status.output, testing::ContainsRegex("robot .* ended .* 0/5 +- +- +" +
+                                                    std::to_string(account["captured"]) + " +" +
                                                     std::to_string(account["acknowledged"]) + " +" +
                                                     std::to_string(account["dropped"]) + " "));
 }
@@ -97,7 +97,10 @@ TEST_F(PageTest, GarbageAndSlowVisitorsCostAStreamNothing) {
   constexpr int kRounds = 60;
   std::mt19937_64 random(1);
   std::vector<asio::ip::tcp::socket> slow;
-  Process robot = this->robot({"source.frames=200", "source.realtime=false"});
+  // A server that is merely slow is not left.
+  Process robot = this->robot({"source.frames=200", "source.realtime=false",
+                               "link.connect_timeout=60 s", "link.stall_timeout=60 s"});
+  ASSERT_TRUE(robot.wait_for_line("connected to"));
   for (int round = 0; round < kRounds; ++round) {
     slow.push_back(visit("GET /api/robots HTTP/1.1\r\nHost: loc"));  // and no more
     slow.push_back(visit("GET /robots/robot/image HTTP/1.1\r\nHost: localhost\r\n\r\n"));

@@ -21,6 +21,8 @@ std::vector<std::string> read_by_c(const std::string& format, const std::filesys
                           "source.width=160", "source.height=120", "buffer.capacity=100"});
   const Finished robot = run(robot_command("r", server.address(), robot_overrides));
   EXPECT_EQ(robot.status, 0) << robot.output;
+  // A server that stops waits for a second only.
+  EXPECT_TRUE(server.process().wait_for_line("exited with status 0"));
   server.process().signal(SIGTERM);
   EXPECT_EQ(server.process().wait(), 0);
   std::vector<std::string> images;

@@ -47,8 +47,8 @@ std::vector<std::string> robot_command(const std::string& id, const std::string&
                                        const Overrides& overrides,
                                        const std::vector<std::string>& where) {
   std::vector<std::string> command = where;
-  command.insert(command.end(),
-                 {ORBBUFD, "--set", "robot.id=" + id, "--set", "link.server=" + server});
+  command.insert(command.end(), {ORBBUFD, "--set", "robot.id=" + id, "--set",
+                                 "link.server=" + server, "--set", "link.drain_timeout=60 s"});
   return with_overrides(std::move(command), overrides);
 }
 
@@ -59,6 +59,14 @@ Overrides replay(const fs::path& folder) {
 fs::path shared_sequence(const std::string& name) {
   const fs::path folder = fs::path(ORBBUF_SOURCE_DIR) / ".." / "shared/data/sequences" / name;
   return exists(folder) ? folder : fs::path();
+}
+
+bool wait_for_drops(Process& robot) {
+  const std::string account = "] captured ";
+  for (int lines = 1; lines <= 200 && robot.wait_for_lines(account, lines); ++lines) {
+    if (robot.count_lines(account) > robot.count_lines(" dropped 0 ")) return true;
+  }
+  return false;
 }
 
 Record read_record(const fs::path& out, const std::string& robot) {

@@ -33,7 +33,7 @@ class Server {
   std::string address_;
 };
 
-/// The command of the real orbbufd.
+/// The command of the real orbbufd, which has a minute for its last frames: a machine may be slow.
 std::vector<std::string> robot_command(const std::string& id, const std::string& server,
                                        const Overrides& overrides,
                                        const std::vector<std::string>& where = {});
@@ -43,6 +43,9 @@ Overrides replay(const std::filesystem::path& folder);
 
 /// A sequence of ../shared/data, or empty where that is absent.
 std::filesystem::path shared_sequence(const std::string& name);
+
+/// Waits until an account that the robot has logged names dropped frames.
+bool wait_for_drops(Process& robot);
 
 /// What the server's folder says of one robot's only session.
 struct Record {

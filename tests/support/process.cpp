@@ -117,10 +117,10 @@ int Process::count(const std::string& text) const {
       lines_, [&](const std::string& line) { return line.find(text) != std::string::npos; }));
 }
 
-Finished run(const std::vector<std::string>& command) {
+Finished run(const std::vector<std::string>& command, std::chrono::seconds limit) {
   Process process(command);
   Finished finished;
-  finished.status = process.wait();
+  finished.status = process.wait(limit);
   finished.output = process.output();
   return finished;
 }

@@ -56,11 +56,12 @@ class Process {
   std::jthread reader_;
 };
 
-/// Runs a command to its end: exit status and output.
+/// Runs a command to its end, or for `limit`: exit status, as Process::wait() has it, and output.
 struct Finished {
   int status = -1;
   std::string output;
 };
-Finished run(const std::vector<std::string>& command);
+Finished run(const std::vector<std::string>& command,
+             std::chrono::seconds limit = std::chrono::seconds(120));
 
 }  // namespace orbbuf::test
