@@ -25,16 +25,22 @@ const Overrides kFilm{"source.frames=1000000", "source.width=160", "source.heigh
 
 class ServiceTest : public ::testing::Test {
  protected:
-  static std::vector<std::string> told(const NotifySocket& manager) {
-    return {"env", "NOTIFY_SOCKET=" + manager.path(), "WATCHDOG_USEC=4000000"};
+  using Words = std::vector<std::string>;
+
+  // Whose manager is not listened to gets none: a few unread messages later it would stand still.
+  static Words watched() { return {"env", "WATCHDOG_USEC=4000000"}; }
+  static Words watched(const NotifySocket& manager) {
+    Words words = watched();
+    words.push_back("NOTIFY_SOCKET=" + manager.path());
+    return words;
   }
-  std::unique_ptr<Server> serve() const {
-    return std::make_unique<Server>(folder_ / "out", Overrides{}, "127.0.0.1:0",
-                                    told(server_manager_));
+  std::unique_ptr<Server> serve(const Words& where = {}) const {
+    return std::make_unique<Server>(folder_ / "out", Overrides{}, "127.0.0.1:0", where);
   }
-  std::unique_ptr<Process> film(const std::string& server, Overrides overrides = {}) const {
+  static std::unique_ptr<Process> film(const std::string& server, const Words& where,
+                                       Overrides overrides = {}) {
     overrides.insert(overrides.end(), kFilm.begin(), kFilm.end());
-    return std::make_unique<Process>(robot_command("r", server, overrides, told(robot_manager_)));
+    return std::make_unique<Process>(robot_command("r", server, overrides, where));
   }
 
   /// Whether the process has written such a line by now: it stands still while the line is awaited.
@@ -79,11 +85,11 @@ class ServiceTest : public ::testing::Test {
 };
 
 TEST_F(ServiceTest, TheServerIsReadyWhenItListensAndSaysWhoIsThere) {
-  const auto server = serve();
+  const auto server = serve(watched(server_manager_));
   EXPECT_THAT(server_manager_.until("STATUS"),
               ::testing::ElementsAre(
                   "READY=1", "STATUS=listening on " + server->address() + "; robots connected: 0"));
-  const auto robot = film(server->address());
+  const auto robot = film(server->address(), watched());
   EXPECT_THAT(server_manager_.until("STATUS").back(), HasSubstr("robots connected: 1"));
   server->process().signal(SIGTERM);
   EXPECT_EQ(server_manager_.until("STOPPING=1").back(), "STOPPING=1");
@@ -92,7 +98,8 @@ TEST_F(ServiceTest, TheServerIsReadyWhenItListensAndSaysWhoIsThere) {
 
 TEST_F(ServiceTest, TheRobotIsReadyWhenItFilmsAndIsConnected) {
   const auto server = serve();
-  const auto robot = film(server->address());
+  const auto robot =
+      film(server->address(), watched(robot_manager_), {"link.connect_timeout=60 s"});
   auto messages = robot_manager_.until("READY=1");
   EXPECT_EQ(messages.back(), "READY=1");
   EXPECT_TRUE(has_said(*robot, "connected to")) << "before that";
@@ -111,34 +118,34 @@ TEST_F(ServiceTest, PgrepFindsBothByTheirNames) {
     return read_file("/proc/" + std::to_string(process) + "/comm");
   };
   const auto server = serve();
-  const auto robot = film(server->address());
-  robot_manager_.until("READY=1");
+  const auto robot = film(server->address(), watched());
+  ASSERT_TRUE(robot->wait_for_line("connected to"));
   EXPECT_EQ(name_of(robot->pid()), "orbbufd\n");
   EXPECT_EQ(name_of(server->process().pid()), "orbbuf-server\n");
 }
 
 TEST_F(ServiceTest, WithoutAServerTheRobotIsReadyOnceItHasTried) {
   ScriptedServer silent;  // takes the connection, but says nothing
-  const auto robot = film("127.0.0.1:" + std::to_string(silent.port()),
-                          {"link.connect_timeout=3 s", "link.drain_timeout=0 s"});
+  const auto robot = film("127.0.0.1:" + std::to_string(silent.port()), watched(robot_manager_),
+                          {"link.connect_timeout=5 s", "link.drain_timeout=0 s"});
   auto messages = robot_manager_.until("READY=1");
-  EXPECT_THAT(messages, Contains(AllOf(Not(HasSubstr(" 0.0 frames/s captured")),
+  EXPECT_THAT(messages, Contains(AllOf(Not(HasSubstr("STATUS=0.0 frames/s captured")),
                                        HasSubstr("link connecting"))))
       << "it films but has not tried yet";
   EXPECT_EQ(messages.back(), "READY=1");
-  EXPECT_TRUE(has_said(*robot, "no answer within 3 s")) << robot->output();
+  EXPECT_TRUE(has_said(*robot, "no answer within 5 s")) << robot->output();
   EXPECT_TRUE(is_fed(robot_manager_, 60s)) << "a server that is not there is no hang";
   robot->signal(SIGTERM);
   const auto later = robot_manager_.until("STOPPING=1");
   messages.insert(messages.end(), later.begin(), later.end());
-  EXPECT_THAT(messages, Contains(HasSubstr("link no connection: no answer within 3 s")));
+  EXPECT_THAT(messages, Contains(HasSubstr("link no connection: no answer within 5 s")));
 }
 
 class RobotWatchdogTest : public ServiceTest, public ::testing::WithParamInterface<const char*> {};
 
 TEST_P(RobotWatchdogTest, IsNotFedWhileAThreadStandsStill) {
   const auto server = serve();
-  const auto robot = film(server->address());
+  const auto robot = film(server->address(), watched(robot_manager_));
   expect_watched(robot_manager_, *robot, GetParam());
 }
 
@@ -148,7 +155,7 @@ INSTANTIATE_TEST_SUITE_P(Thread, RobotWatchdogTest, ::testing::Values("main", "c
 class ServerWatchdogTest : public ServiceTest, public ::testing::WithParamInterface<const char*> {};
 
 TEST_P(ServerWatchdogTest, IsNotFedWhileAThreadStandsStill) {
-  const auto server = serve();
+  const auto server = serve(watched(server_manager_));
   expect_watched(server_manager_, server->process(), GetParam());
 }
 
@@ -157,8 +164,7 @@ INSTANTIATE_TEST_SUITE_P(Thread, ServerWatchdogTest, ::testing::Values("main", "
 
 TEST_F(ServiceTest, TheRobotSaysWhichThreadStandsStill) {
   const auto server = serve();
-  const auto robot = film(server->address());
-  robot_manager_.until("READY=1");
+  const auto robot = film(server->address(), watched());
   const StoppedThread stuck(robot->pid(), "capture");
   if (!stuck.is_stopped()) GTEST_SKIP() << "ptrace is not permitted";
   EXPECT_TRUE(robot->wait_for_line("thread capture has stood still for ")) << robot->output();

@@ -11,7 +11,8 @@ namespace orbbuf::test {
 /// long as this lives: stopped by ptrace(2). Thread-bound to its maker.
 class StoppedThread {
  public:
-  /// `name`: the thread's, as the log has it. Throws std::runtime_error if there is none.
+  /// `name`: the thread's, as the log has it, which a new one gives itself: waits for it. Throws
+  /// std::runtime_error if there is none for a minute.
   StoppedThread(pid_t process, const std::string& name);
   ~StoppedThread();
   StoppedThread(const StoppedThread&) = delete;
