@@ -67,7 +67,7 @@ TEST_F(DatasetTest, IsExportedOnce) {
 
 TEST_F(DatasetTest, OverTheQuotaTheOlderSessionGoesWhenTheServerIsStartedAgain) {
   {
-    Server server(out_, {"files.keep_size=1 B"});
+    Server server(out_, {"files.keep_size=1 GiB"});
     film(server);
     EXPECT_TRUE(fs::exists(session_));
   }

@@ -2,6 +2,9 @@
 // What the two programs say for themselves: options, configuration errors, start-up errors.
 #include <gtest/gtest.h>
 
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+
 #include "tests/e2e/rig.hpp"
 
 namespace orbbuf::test {
@@ -74,11 +77,11 @@ TEST(Programs, PortThatIsTakenIsNamedWithTheReason) {
 }
 
 TEST(Programs, WrongPortIsSaidOnceAndTriedOn) {
-  std::string address;
-  {
-    const TemporaryFolder out;
-    address = Server(out.path()).address();  // free again once the server is gone
-  }
+  using boost::asio::ip::tcp;
+  boost::asio::io_context io;
+  // Nobody listens there, and nobody else is given the port.
+  const tcp::socket taken(io, tcp::endpoint(boost::asio::ip::address_v4::loopback(), 0));
+  const std::string address = "127.0.0.1:" + std::to_string(taken.local_endpoint().port());
   // All frames fit and none is skipped, however slow the machine; then a second of trying on.
   Process robot(robot_command("r", address,
                               {"link.drain_timeout=1 s", "source.frames=50",
