@@ -128,6 +128,7 @@ void Connection::handle(Message message) {
     if (type == wire::Type::kHello) return handle_hello(message);
     return fail({ErrorCode::kUnexpected, fmt::format("{} before hello", to_string(type))});
   }
+  stop_timer();  // from here on it is the sinks that take their time
   switch (type) {
     case wire::Type::kFrame:
       return handle_frame(std::move(message));
@@ -176,7 +177,6 @@ void Connection::handle_hello(const Message& message) {
 void Connection::handle_frame(Message message) {
   auto frame = wire::parse_frame(message.header, message.meta, std::move(message.body));
   if (!frame) return fail(frame.error());
-  stop_timer();  // from here on it is the sinks that take their time
   session_->write(std::make_shared<const EncodedFrame>(std::move(frame).value()),
                   [weak = weak_from_this()] {
                     if (const auto self = weak.lock()) self->taken();
@@ -186,7 +186,6 @@ void Connection::handle_frame(Message message) {
 void Connection::handle_dropped(const Message& message) {
   auto dropped = wire::parse_dropped(message.header, message.body);
   if (!dropped) return fail(dropped.error());
-  stop_timer();
   session_->write_drops(std::move(dropped).value(), [weak = weak_from_this()] {
     if (const auto self = weak.lock()) self->taken();
   });

@@ -188,6 +188,26 @@ TEST_F(ListenerTest, APipeWithoutAReaderHoldsItsOwnRobotOnly) {
   EXPECT_EQ(again.hello("held", "s"), wire::Position{});
 }
 
+TEST_F(ListenerTest, WhoHasSaidByeIsNotIdleWhileAReaderIsWaitedFor) {
+  settings_.listen.idle_timeout = std::chrono::seconds(2);
+  settings_.drain_timeout = std::chrono::seconds(3);
+  settings_.sinks.slam.fifo = folder_ / "{robot}.fifo";
+  settings_.sinks.slam.format = PipeFormat::kMjpeg;
+  settings_.sinks.slam.resume = Resume::kBacklog;
+  ASSERT_EQ(::mkfifo((folder_ / "r.fifo").c_str(), 0600), 0);
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r", "s"));
+  robot.send_frame(*jpeg_like_frame_ptr(0, 300'000));  // more than the FIFO holds
+  ASSERT_TRUE(robot.acked(1));
+  const UniqueFd reader(::open((folder_ / "r.fifo").c_str(), O_RDONLY | O_NONBLOCK));
+  while (log_.lines("has a reader").empty()) {
+    robot.send(wire::encode(wire::Report{}));
+    EXPECT_FALSE(has_answer(robot, 100));
+  }
+  robot.send(wire::encode(wire::Bye{{1, 0}}));
+  EXPECT_EQ(robot.bye(), (wire::Position{1, 0}));
+}
+
 TEST_F(ListenerTest, ASessionWithoutAConnectionIsClosedInTheEnd) {
   settings_.session_timeout = std::chrono::milliseconds(20);
   settings_.sinks.slam.fifo = folder_ / "{robot}.fifo";
