@@ -29,6 +29,7 @@ lay_cable() { ip -n "$robot_ns" link add wire type veth peer name wire netns "$s
 
 rig_up() {
   trap rig_down EXIT
+  trap "exit 143" TERM # so that it is run at a safe place
   work=$(mktemp -d "${TMPDIR:-/tmp}/orbbuf-link.XXXXXX")
   {
     ip netns add "$robot_ns" && ip netns add "$server_ns" &&
