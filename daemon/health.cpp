@@ -26,16 +26,16 @@ std::string describe(const Sender& link) {
 
 }  // namespace
 
-Health::Health(ServiceStatus& service, std::size_t capacity)
-    : service_(service), capacity_(capacity), watchdog_(service.watchdog()) {}
+Health::Health(ServiceStatus& service) : service_(service), watchdog_(service.watchdog()) {}
 
-void Health::report(const wire::Stats& stats, const Sender& sender) {
-  if (Clock::now() >= told_time_ + kTellInterval) tell(stats, sender);
-  if (stats.captured > 0 && sender.has_tried()) service_.ready();
+void Health::report(const wire::Report& report, const Sender& sender) {
+  if (Clock::now() >= told_time_ + kTellInterval) tell(report, sender);
+  if (report.account.captured > 0 && sender.has_tried()) service_.ready();
   if (watchdog_ > nanoseconds(0)) feed_if_moving();
 }
 
-void Health::tell(const wire::Stats& stats, const Sender& sender) {
+void Health::tell(const wire::Report& report, const Sender& sender) {
+  const wire::Stats& stats = report.account;
   const auto now = Clock::now();
   const double seconds = duration<double>(now - std::exchange(told_time_, now)).count();
   const wire::Stats before = std::exchange(told_, stats);
@@ -45,7 +45,7 @@ void Health::tell(const wire::Stats& stats, const Sender& sender) {
   service_.status(fmt::format(
       "{:.1f} frames/s captured, {:.1f} delivered; buffer {} of {}; link {}",
       rate(before.captured, stats.captured), rate(before.acknowledged, stats.acknowledged),
-      stats.waiting, capacity_, describe(sender)));
+      stats.waiting, report.capacity, describe(sender)));
 }
 
 void Health::feed_if_moving() {

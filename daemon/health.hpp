@@ -20,17 +20,16 @@ class Health {
  public:
   using Clock = std::chrono::steady_clock;
 
-  /// `service` must outlive it. capacity: the buffer's, in frames.
-  Health(ServiceStatus& service, std::size_t capacity);
+  /// `service` must outlive it.
+  explicit Health(ServiceStatus& service);
 
-  void report(const wire::Stats& stats, const Sender& sender);
+  void report(const wire::Report& report, const Sender& sender);
 
  private:
-  void tell(const wire::Stats& stats, const Sender& sender);
+  void tell(const wire::Report& report, const Sender& sender);
   void feed_if_moving();
 
   ServiceStatus& service_;
-  const std::size_t capacity_;
   const std::chrono::nanoseconds watchdog_;  // 0: none
   std::set<std::string> still_;              // threads, and logged
   wire::Stats told_;                         // at told_time_

@@ -13,7 +13,7 @@ namespace {
 class Simulation {
  public:
   Simulation(const FinishTime& link, std::size_t capacity, std::unique_ptr<DropPolicy> policy)
-      : link_(link), buffer_(capacity, std::move(policy)) {}
+      : link_(link), buffer_({capacity}, std::move(policy)) {}
 
   void arrive(const FramePtr& frame) {
     run_link_until(frame->capture_time_ns);

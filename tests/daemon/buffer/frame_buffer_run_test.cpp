@@ -203,7 +203,7 @@ class FrameBufferRunTest : public testing::TestWithParam<std::string_view> {
 
   std::mt19937_64 random_{1};
   Account account_;
-  FrameBuffer buffer_{kCapacity, std::make_unique<Witness>(make(GetParam()), account_)};
+  FrameBuffer buffer_{{kCapacity}, std::make_unique<Witness>(make(GetParam()), account_)};
   Server server_;
   Sequences collected_;
   Sequence entered_ = 0;
@@ -241,7 +241,7 @@ TEST_P(FrameBufferRunTest, AccountsForEveryFrameAfterEveryOperation) {
 }
 
 TEST_P(FrameBufferRunTest, LosesNothingBetweenTwoThreads) {
-  FrameBuffer buffer(kCapacity, make(GetParam()));
+  FrameBuffer buffer({kCapacity}, make(GetParam()));
   std::jthread worker([&](const std::stop_token& stop) {
     for (Sequence sequence = 0; sequence < kThreadedFrames; ++sequence) {
       if (sequence % 2 == 0) buffer.wait_for_room(stop);

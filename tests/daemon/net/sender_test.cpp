@@ -60,7 +60,7 @@ class SenderTest : public ::testing::Test {
 
   LinkSettings link_;
   test::ScriptedServer server_;
-  FrameBuffer buffer_{5, std::make_unique<DropOldestPolicy>()};
+  FrameBuffer buffer_{{5}, std::make_unique<DropOldestPolicy>()};
   DropLog drops_{{}};
   asio::io_context io_;
   std::unique_ptr<Sender> sender_;
