@@ -32,7 +32,7 @@ std::vector<FramePtr> frames(std::size_t count) {
 }
 
 Delivery drop_oldest(std::size_t count, const LinkModel& link) {
-  return simulate(frames(count), link, 3, std::make_unique<DropOldestPolicy>());
+  return simulate(frames(count), link, {{.frames = 3}, std::make_unique<DropOldestPolicy>()});
 }
 
 TEST(LinkModel, StandsStillDuringTheOutageOnly) {
