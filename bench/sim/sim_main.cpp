@@ -13,18 +13,21 @@
 #include <vector>
 
 #include "bench/sim/curves.hpp"
+#include "bench/sim/links.hpp"
 #include "bench/sim/trial.hpp"
 
 namespace orbbuf::sim {
 namespace {
 
 constexpr std::size_t kNoisePairs = 1000;
-constexpr double kTailS = 12;  // played behind the sequence's end
+constexpr double kTailS = 12;           // played behind the sequence's end
+constexpr double kLongestLinkS = 1000;  // for which M is at hand
 const std::vector<double> kBuffersS = {0.5, 1};
 const std::vector<double> kRates = {1.2, 3};
 
 struct Options {
   std::filesystem::path data;
+  std::filesystem::path traces;
   std::filesystem::path plots;
   std::size_t outages = 150;
   std::uint64_t seed = 1;
@@ -198,6 +201,9 @@ void run_all(const Options& options) {
     results += compare_rules(options, sequences);
   }
   for (const auto& sequence : sequences) results += try_policies(options, *sequence);
+  Stage generated(*sequences.back(), kLongestLinkS);
+  results += try_links(options.traces,
+                       [&](std::size_t i, std::size_t j) { return generated.similarity(i, j); });
   fmt::print("\nseed {}, {} outages for each buffer and rate\n{}", options.seed, options.outages,
              results);
 }
@@ -209,6 +215,7 @@ int main(int argc, char** argv) {
   orbbuf::sim::Options options;
   CLI::App app("Every drop policy over recorded sequences and simulated outages");
   app.add_option("--data", options.data, "folder of sequences")->required();
+  app.add_option("--traces", options.traces, "folder of recorded links")->required();
   app.add_option("--plots", options.plots, "folder for what gnuplot reads")->required();
   app.add_option("--outages", options.outages, "for each buffer and rate")->capture_default_str();
   app.add_option("--seed", options.seed, "of the outages")->capture_default_str();
