@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// orbbuf-sim: every policy over every sequence through many outages, on a virtual clock, against a
-// clairvoyant; and what M says of frames. Prints tables, then RESULT lines.
+// orbbuf-sim: every policy over every sequence through many outages, and over recorded links, on a
+// virtual clock, beside oracles; and what M says of frames. Prints tables, then RESULT lines.
 #include <spdlog/fmt/fmt.h>
 
 #include <CLI/CLI.hpp>
@@ -9,24 +9,24 @@
 #include <exception>
 #include <filesystem>
 #include <fstream>
+#include <future>
 #include <string>
 #include <vector>
 
 #include "bench/sim/curves.hpp"
 #include "bench/sim/links.hpp"
-#include "bench/sim/trial.hpp"
+#include "bench/sim/policy_report.hpp"
+#include "bench/sim/stage.hpp"
 
 namespace orbbuf::sim {
 namespace {
 
 constexpr std::size_t kNoisePairs = 1000;
-constexpr double kTailS = 12;           // played behind the sequence's end
 constexpr double kLongestLinkS = 1000;  // for which M is at hand
-const std::vector<double> kBuffersS = {0.5, 1};
-const std::vector<double> kRates = {1.2, 3};
 
 struct Options {
   std::filesystem::path data;
+  std::vector<std::filesystem::path> sequences;  // beside those in data
   std::filesystem::path traces;
   std::filesystem::path plots;
   std::size_t outages = 150;
@@ -34,18 +34,32 @@ struct Options {
   bool is_quick = false;
 };
 
+/// A folder with images/ and, if the camera had a clock, times.txt.
+std::unique_ptr<RecordedSequence> load_folder(const std::filesystem::path& folder) {
+  SourceSettings source;
+  source.kind = "folder";
+  source.path = folder / "images";
+  const auto name = (folder / ".").lexically_normal().parent_path().filename();
+  return std::make_unique<RecordedSequence>(name.string(), source);
+}
+
 Sequences load(const Options& options) {
-  Sequences sequences;
+  std::vector<std::filesystem::path> folders;
   for (const char* name : {"kitti05_stereo", "kitti06_mono", "picar_indoor", "tsukuba_synth"}) {
-    SourceSettings source;
-    source.kind = "folder";
-    source.path = options.data / name / "images";
-    if (!std::filesystem::exists(source.path)) {
-      fmt::print("skipped: no {}\n", source.path.string());
-      continue;
+    const auto folder = options.data / name;
+    if (exists(folder)) {
+      folders.push_back(folder);
+    } else {
+      fmt::print("skipped: no {}\n", folder.string());
     }
-    sequences.push_back(std::make_unique<RecordedSequence>(name, source));
   }
+  folders.insert(folders.end(), options.sequences.begin(), options.sequences.end());
+  std::vector<std::future<std::unique_ptr<RecordedSequence>>> loading;
+  for (const auto& folder : folders) {
+    loading.push_back(std::async(std::launch::async, load_folder, folder));
+  }
+  Sequences sequences;
+  for (auto& future : loading) sequences.push_back(future.get());
   SourceSettings generated;
   generated.frames = 375;  // 15 s, one turn and the beginning of the next cycle
   sequences.push_back(std::make_unique<RecordedSequence>("generated", generated));
@@ -65,10 +79,16 @@ double percentile(const std::vector<double>& values, std::size_t percent) {
 
 void draw_distances(const Options& options, const Sequences& sequences) {
   fmt::print("\nM as a share of M(a, a): 5 %, median, 95 % of pairs by distance in frames\n");
+  std::vector<std::future<std::vector<DistancePoint>>> curves;
   for (const auto& sequence : sequences) {
+    curves.push_back(std::async(std::launch::async,
+                                [&sequence = *sequence] { return distance_curve(sequence); }));
+  }
+  for (std::size_t at = 0; const auto& sequence : sequences) {
+    const auto curve = curves[at++].get();
     fmt::print("  {:<15} M(a, a) {:3.0f}", sequence->name(), sequence->self_similarity());
     std::ofstream file = open(options, "distance_" + sequence->name() + ".dat");
-    for (const DistancePoint& point : distance_curve(*sequence)) {
+    for (const DistancePoint& point : curve) {
       file << fmt::format("{} {:.4f} {:.4f} {:.4f} {:.1f}\n", point.distance, point.low,
                           point.middle, point.high, point.epipolar);
       if (std::has_single_bit(point.distance)) {
@@ -111,84 +131,20 @@ std::string compare_rules(const Options& options, const Sequences& sequences) {
   return results;
 }
 
-/// The mean of one figure over the runs at this lateness.
-double mean(const std::vector<Figures>& runs, const std::vector<Outage>& outages, double buffer_s,
-            double Figures::*figure) {
-  double sum = 0;
-  double count = 0;
-  for (std::size_t i = 0; i < runs.size(); ++i) {
-    if (outages[i].buffer_s != buffer_s) continue;
-    sum += runs[i].*figure;
-    ++count;
+/// Each in a thread of its own, since each sequence remembers what it has computed.
+std::string try_policies(const Options& options, const Sequences& sequences) {
+  std::vector<std::future<PolicyReport>> reports;
+  for (const auto& sequence : sequences) {
+    reports.push_back(std::async(std::launch::async, [&options, &sequence = *sequence] {
+      return report_policies(sequence, options.outages, options.seed, options.plots);
+    }));
   }
-  return sum / count;
-}
-
-/// In how many of the runs at this lateness one is worse than the other: by more than a rounding.
-double worse_share(const Column& one, const Column& other, const std::vector<Outage>& outages,
-                   double buffer_s, double Figures::*figure, double sign) {
-  double worse = 0;
-  double count = 0;
-  for (std::size_t i = 0; i < outages.size(); ++i) {
-    if (outages[i].buffer_s != buffer_s) continue;
-    worse += sign * (one.runs[i].*figure - other.runs[i].*figure) > 1e-6 ? 1 : 0;
-    ++count;
-  }
-  return 100 * worse / count;
-}
-
-const Column& find(const std::vector<Column>& columns, std::string_view name) {
-  return *std::ranges::find(columns, name, &Column::name);
-}
-
-/// In per cent of the outages, by time, motion and M.
-std::string worse_than(const Column& one, const Column& other, const std::vector<Outage>& outages,
-                       double buffer_s) {
-  return fmt::format("{:4.0f} {:3.0f} {:3.0f}",
-                     worse_share(one, other, outages, buffer_s, &Figures::largest_step_s, 1),
-                     worse_share(one, other, outages, buffer_s, &Figures::largest_motion, 1),
-                     worse_share(one, other, outages, buffer_s, &Figures::smallest_similarity, -1));
-}
-
-std::string try_policies(const Options& options, RecordedSequence& sequence) {
-  const std::vector<Outage> outages =
-      draw_outages(sequence, kBuffersS, kRates, options.outages, options.seed);
-  const double length_s = 1e-9 * static_cast<double>(sequence.frames().back()->capture_time_ns);
-  Stage stage(sequence, length_s + kTailS);
-  const std::vector<Column> columns = run(stage, outages);
-  std::string text;
   std::string results;
-  for (const double buffer_s : kBuffersS) {
-    text += fmt::format(
-        "\n{}: as late as a FIFO of {} s, {} outages; means\n  {:<15} {:>7} {:>7} {:>7} {:>6} "
-        "{:>6} {:>7} {:>24} {:>14} {:>14}\n",
-        sequence.name(), buffer_s, outages.size() / kBuffersS.size(), "policy", "gap", "step s",
-        "motion", "min M", "jump", "live s", "oracle by time, motion, M", "worse: uniform",
-        "orbbuf, %");
-    for (const Column& column : columns) {
-      const auto mean_of = [&](double Figures::*figure) {
-        return mean(column.runs, outages, buffer_s, figure);
-      };
-      text += fmt::format(
-          "  {:<15} {:7.2f} {:7.3f} {:7.3f} {:6.1f} {:6.3f} {:7.3f}       {:5.3f} {:5.3f} {:5.3f} "
-          "  {}    {}\n",
-          column.name, mean_of(&Figures::longest_gap), mean_of(&Figures::largest_step_s),
-          mean_of(&Figures::largest_motion), mean_of(&Figures::smallest_similarity),
-          mean_of(&Figures::jump), mean_of(&Figures::live_again_s), mean_of(&Figures::vs_oracle),
-          mean_of(&Figures::vs_oracle_motion), mean_of(&Figures::vs_oracle_similarity),
-          worse_than(column, find(columns, "uniform"), outages, buffer_s),
-          worse_than(column, find(columns, "orbbuf"), outages, buffer_s));
-      results += fmt::format(
-          "RESULT sim.{0}.{1}.longest_gap.{2} {3:.3f}\nRESULT sim.{0}.{1}.largest_step.{2} "
-          "{4:.4f}\n",
-          sequence.name(), column.name, buffer_s, mean_of(&Figures::longest_gap),
-          mean_of(&Figures::largest_step_s));
-      if (column.name.starts_with("oracle")) continue;
-      results += fmt::format("RESULT sim.{0}.{1}.vs_oracle.{2} {3:.4f}\n", sequence.name(),
-                             column.name, buffer_s, mean_of(&Figures::vs_oracle));
-    }
+  for (auto& future : reports) {
+    const PolicyReport report = future.get();
+    fmt::print("{}", report.text);
+    results += report.results;
   }
-  fmt::print("{}", text);
   return results;
 }
 
@@ -200,7 +156,7 @@ void run_all(const Options& options) {
     draw_distances(options, sequences);
     results += compare_rules(options, sequences);
   }
-  for (const auto& sequence : sequences) results += try_policies(options, *sequence);
+  results += try_policies(options, sequences);
   Stage generated(*sequences.back(), kLongestLinkS);
   results += try_links(options.traces,
                        [&](std::size_t i, std::size_t j) { return generated.similarity(i, j); });
@@ -215,6 +171,7 @@ int main(int argc, char** argv) {
   orbbuf::sim::Options options;
   CLI::App app("Every drop policy over recorded sequences and simulated outages");
   app.add_option("--data", options.data, "folder of sequences")->required();
+  app.add_option("--sequence", options.sequences, "a folder of one more: images/, times.txt");
   app.add_option("--traces", options.traces, "folder of recorded links")->required();
   app.add_option("--plots", options.plots, "folder for what gnuplot reads")->required();
   app.add_option("--outages", options.outages, "for each buffer and rate")->capture_default_str();

@@ -308,8 +308,13 @@ std::vector<Column> run(Stage& stage, const std::vector<Outage>& outages) {
       const Delivery delivery = run.simulate(contender, stand_ins);
       Figures figures = run.judge(run.sent(delivery));
       run.compare(figures);
+      if (contender.name == "orbbuf") {
+        by_fifo = run.judge(run.by_fifo(delivery));
+        figures.vs_fifo_oracle = by_fifo->smallest_similarity > 0
+                                     ? figures.smallest_similarity / by_fifo->smallest_similarity
+                                     : 1;
+      }
       columns[column++].runs.push_back(figures);
-      if (contender.name == "orbbuf") by_fifo = run.judge(run.by_fifo(delivery));
     }
     const double lateness_s = run.asked_s();
     for (const auto& path :

@@ -66,9 +66,11 @@ struct Figures {
   double vs_oracle = 0;
   double vs_oracle_motion = 0;
   double vs_oracle_similarity = 0;
+  /// Of orbbuf only: its smallest similarity over that of oracle-fifo.
+  double vs_fifo_oracle = 0;
 };
 
-/// One contender, in every outage. The oracles have all but vs_oracle.
+/// One contender, in every outage. The oracles have nothing beside oracles.
 struct Column {
   std::string name;
   std::vector<Figures> runs;
