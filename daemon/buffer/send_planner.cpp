@@ -46,28 +46,49 @@ std::size_t SendPlanner::choose(std::optional<double> last, std::span<const Plan
   if (!last) {
     choice = first_to_send(waiting);
   } else if (waiting.size() > 1 && moment.bytes_per_s > 0) {
-    const double horizon_s = moment.end
-                                 ? seconds(*moment.end - moment.now)
-                                 : std::max(seconds(*deadline_ - moment.now),
-                                            kShortestHorizon * seconds(settings_.live_again));
-    double too_small = 0;
-    double step = std::max(seconds(settings_.largest_step), 2 * kRoom * interval_s_);
-    if (moment.end) step = waiting.back().position_s - *last;
-    if (chain(*last, waiting, 0, moment).live_s <= horizon_s) {
-      step = 0;
-    } else if (chain(*last, waiting, step, moment).live_s <= horizon_s) {
-      for (int i = 0; i < kHalvings; ++i) {
-        const double middle = (too_small + step) / 2;
-        const bool is_enough = chain(*last, waiting, middle, moment).live_s <= horizon_s;
-        (is_enough ? step : too_small) = middle;
-      }
-    }
-    choice = chain(*last, waiting, step, moment).first;
+    step_s_ = moment.end ? last_step(*last, waiting, moment) : next_step(*last, waiting, moment);
+    choice = chain(*last, waiting, step_s_, moment).first;
   }
   if (moment.bytes_per_s > 0) {
     expected_s_ = static_cast<double>(waiting[choice].bytes) / moment.bytes_per_s;
   }
   return choice;
+}
+
+/// The smallest that is live by the deadline. What was planned for holds near the deadline and
+/// behind it, where a few sends too many or too few would ask for leaps: to be somewhat late is
+/// better.
+double SendPlanner::next_step(double last, std::span<const PlannedFrame> waiting,
+                              const SendMoment& moment) const {
+  const double left_s = seconds(*deadline_ - moment.now);
+  const double least_s = kShortestHorizon * seconds(settings_.live_again);
+  const double step = smallest_step(last, waiting, left_s, moment);
+  if (step <= step_s_ || left_s >= least_s) return step;
+  return std::max(step_s_, smallest_step(last, waiting, least_s, moment));
+}
+
+/// Nothing more will be captured: the smallest with which all of the chain is sent in time.
+double SendPlanner::last_step(double last, std::span<const PlannedFrame> waiting,
+                              const SendMoment& moment) const {
+  return smallest_step(last, waiting, seconds(*moment.end - moment.now), moment);
+}
+
+/// With which the chain is live within the horizon; if there is none, the largest one.
+double SendPlanner::smallest_step(double last, std::span<const PlannedFrame> waiting,
+                                  double horizon_s, const SendMoment& moment) const {
+  const auto is_enough = [&](double step_s) {
+    return chain(last, waiting, step_s, moment).live_s <= horizon_s;
+  };
+  double too_small = 0;
+  double step = moment.end ? waiting.back().position_s - last
+                           : std::max(seconds(settings_.largest_step), 2 * kRoom * interval_s_);
+  if (is_enough(0)) return 0;
+  if (!is_enough(step)) return step;
+  for (int i = 0; i < kHalvings; ++i) {
+    const double middle = (too_small + step) / 2;
+    (is_enough(middle) ? step : too_small) = middle;
+  }
+  return step;
 }
 
 /// The deadline is set where waiting begins, and again where sending goes on after it stood still
@@ -76,11 +97,13 @@ void SendPlanner::look_for_return(std::size_t waiting, const SendMoment& moment)
   const auto before = std::exchange(last_choice_, moment.now);
   if (waiting == 1) {
     deadline_.reset();
+    step_s_ = 0;
     return;
   }
   const double pause_s = before ? seconds(moment.now - *before) : 0;
   if (!deadline_ || pause_s > 2 * (expected_s_ + interval_s_)) {
     deadline_ = moment.now + settings_.live_again;
+    step_s_ = 0;
   }
 }
 

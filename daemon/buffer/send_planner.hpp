@@ -67,6 +67,12 @@ class SendPlanner {
 
   void look_for_return(std::size_t waiting, const SendMoment& moment);
   std::size_t first_to_send(std::span<const PlannedFrame> waiting) const;
+  double next_step(double last, std::span<const PlannedFrame> waiting,
+                   const SendMoment& moment) const;
+  double last_step(double last, std::span<const PlannedFrame> waiting,
+                   const SendMoment& moment) const;
+  double smallest_step(double last, std::span<const PlannedFrame> waiting, double horizon_s,
+                       const SendMoment& moment) const;
   Chain chain(double last, std::span<const PlannedFrame> waiting, double largest_step_s,
               const SendMoment& moment) const;
 
@@ -74,6 +80,7 @@ class SendPlanner {
   double interval_s_ = 0;  // between captured frames, lately
   double mean_bytes_ = 0;
   std::optional<std::chrono::nanoseconds> deadline_;  // to be live by; none while live
+  double step_s_ = 0;                                 // planned at the last choice
   std::optional<std::chrono::nanoseconds> last_choice_;
   double expected_s_ = 0;  // until the choice after that one
 };
