@@ -22,7 +22,7 @@ struct SendMoment {
   std::chrono::nanoseconds now{};  ///< on any clock that only grows and keeps its pace
   double bytes_per_s = 0;          ///< what link and server take, measured lately; 0: unknown
   /// Set once nothing more will be captured: what waits may be sent until then.
-  std::optional<std::chrono::nanoseconds> end;
+  std::optional<std::chrono::nanoseconds> end = std::nullopt;
 };
 
 /// A waiting frame, as the planner sees it.
