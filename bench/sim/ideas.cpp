@@ -124,11 +124,13 @@ class PlanPolicy final : public DropPolicy {
   /// Which four fifths would be kept, the newest among them, for the largest smallest similarity.
   std::vector<bool> plan(const BufferView& view) const {
     // With nothing dropped but frames already gone, keeping k of the waiting frames from `previous`
-    // on is choosing received[0..k] by the same rule as the clairvoyant does.
+    // on is choosing received[0..k] by the same rule as the fifo_oracle does.
     const std::size_t count = view.waiting.size() + 1;
     const std::size_t kept = count - std::max<std::size_t>(1, view.waiting.size() / 5);
     const std::size_t dropped = count - kept;
-    Delivery goal{{}, std::vector<std::size_t>(kept, dropped), std::vector<std::size_t>(count, 0)};
+    Delivery goal;
+    goal.drops_before.assign(kept, dropped);
+    goal.drops_after.assign(count, 0);
     goal.received.resize(kept);
     goal.drops_before[0] = 0;  // received[0] is `previous`
     goal.drops_after.back() = dropped;
@@ -136,7 +138,7 @@ class PlanPolicy final : public DropPolicy {
       return i == 0 ? view.previous->sequence : view.waiting[i - 1]->sequence;
     };
     std::vector<bool> is_kept(view.waiting.size(), false);
-    for (const std::size_t i : clairvoyant(goal, [&](std::size_t a, std::size_t b) {
+    for (const std::size_t i : fifo_oracle(goal, [&](std::size_t a, std::size_t b) {
            return similarity_(sequence_of(a), sequence_of(b));
          })) {
       if (i > 0) is_kept[i - 1] = true;

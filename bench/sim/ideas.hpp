@@ -5,7 +5,7 @@
 #include <memory>
 #include <string_view>
 
-#include "bench/sim/clairvoyant.hpp"
+#include "bench/sim/fifo_oracle.hpp"
 #include "daemon/buffer/drop_policy.hpp"
 
 namespace orbbuf::sim {

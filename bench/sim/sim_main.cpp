@@ -13,23 +13,30 @@
 #include <vector>
 
 #include "bench/sim/curves.hpp"
+#include "bench/sim/links.hpp"
 #include "bench/sim/trial.hpp"
 
 namespace orbbuf::sim {
 namespace {
 
 constexpr std::size_t kNoisePairs = 1000;
+constexpr double kTailS = 12;           // played behind the sequence's end
+constexpr double kLongestLinkS = 1000;  // for which M is at hand
+const std::vector<double> kBuffersS = {0.5, 1};
+const std::vector<double> kRates = {1.2, 3};
 
 struct Options {
   std::filesystem::path data;
+  std::filesystem::path traces;
   std::filesystem::path plots;
-  std::size_t outages = 100;
+  std::size_t outages = 150;
   std::uint64_t seed = 1;
+  bool is_quick = false;
 };
 
 Sequences load(const Options& options) {
   Sequences sequences;
-  for (const char* name : {"kitti05_stereo", "kitti06_mono", "picar_indoor"}) {
+  for (const char* name : {"kitti05_stereo", "kitti06_mono", "picar_indoor", "tsukuba_synth"}) {
     SourceSettings source;
     source.kind = "folder";
     source.path = options.data / name / "images";
@@ -104,53 +111,99 @@ std::string compare_rules(const Options& options, const Sequences& sequences) {
   return results;
 }
 
-std::string results_of(const std::string& prefix, const Summary& summary) {
-  return fmt::format(
-      "RESULT {0}.worst_similarity {1:.1f}\nRESULT {0}.broken_share {2:.3f}\n"
-      "RESULT {0}.longest_gap {3:.2f}\nRESULT {0}.vs_clairvoyant {4:.3f}\n"
-      "RESULT {0}.epipolar_worst {5:.1f}\n",
-      prefix, summary.worst_similarity, summary.broken_share, summary.longest_gap,
-      summary.vs_clairvoyant, summary.epipolar_worst);
+/// The mean of one figure over the runs at this lateness.
+double mean(const std::vector<Figures>& runs, const std::vector<Outage>& outages, double buffer_s,
+            double Figures::*figure) {
+  double sum = 0;
+  double count = 0;
+  for (std::size_t i = 0; i < runs.size(); ++i) {
+    if (outages[i].buffer_s != buffer_s) continue;
+    sum += runs[i].*figure;
+    ++count;
+  }
+  return sum / count;
 }
 
-void print_row(const std::string& name, const Summary& row, double where_dropped) {
-  fmt::print("  {:<14} {:10.1f} {:7.1f}% {:12.2f} {:13.3f} {:13.3f} {:9.1f}\n", name,
-             row.worst_similarity, 100 * row.broken_share, row.longest_gap, row.vs_clairvoyant,
-             where_dropped, row.epipolar_worst);
+/// In how many of the runs at this lateness one is worse than the other: by more than a rounding.
+double worse_share(const Column& one, const Column& other, const std::vector<Outage>& outages,
+                   double buffer_s, double Figures::*figure, double sign) {
+  double worse = 0;
+  double count = 0;
+  for (std::size_t i = 0; i < outages.size(); ++i) {
+    if (outages[i].buffer_s != buffer_s) continue;
+    worse += sign * (one.runs[i].*figure - other.runs[i].*figure) > 1e-6 ? 1 : 0;
+    ++count;
+  }
+  return 100 * worse / count;
+}
+
+const Column& find(const std::vector<Column>& columns, std::string_view name) {
+  return *std::ranges::find(columns, name, &Column::name);
+}
+
+/// In per cent of the outages, by time, motion and M.
+std::string worse_than(const Column& one, const Column& other, const std::vector<Outage>& outages,
+                       double buffer_s) {
+  return fmt::format("{:4.0f} {:3.0f} {:3.0f}",
+                     worse_share(one, other, outages, buffer_s, &Figures::largest_step_s, 1),
+                     worse_share(one, other, outages, buffer_s, &Figures::largest_motion, 1),
+                     worse_share(one, other, outages, buffer_s, &Figures::smallest_similarity, -1));
 }
 
 std::string try_policies(const Options& options, RecordedSequence& sequence) {
-  const std::vector<Outage> outages = draw_outages(sequence, options.outages, options.seed);
-  std::ofstream file = open(options, "policies_" + sequence.name() + ".dat");
+  const std::vector<Outage> outages =
+      draw_outages(sequence, kBuffersS, kRates, options.outages, options.seed);
+  const double length_s = 1e-9 * static_cast<double>(sequence.frames().back()->capture_time_ns);
+  Stage stage(sequence, length_s + kTailS);
+  const std::vector<Column> columns = run(stage, outages);
+  std::string text;
   std::string results;
-  Trial orbbuf;
-  for (const Contender& contender : contenders()) {
-    const Trial trial = run(sequence, contender, outages);
-    if (results.empty()) {
-      fmt::print(
-          "\n{}: {} outages, {} of which cost frames; means\n  {:<14} {:>10} {:>8} {:>12} "
-          "{:>13} {:>13} {:>9}\n",
-          sequence.name(), outages.size(), trial.dropped_in, "policy", "smallest M", "broken",
-          "longest gap", "/clairvoyant", "..if dropped", "epipolar");
+  for (const double buffer_s : kBuffersS) {
+    text += fmt::format(
+        "\n{}: as late as a FIFO of {} s, {} outages; means\n  {:<15} {:>7} {:>7} {:>7} {:>6} "
+        "{:>6} {:>7} {:>24} {:>14} {:>14}\n",
+        sequence.name(), buffer_s, outages.size() / kBuffersS.size(), "policy", "gap", "step s",
+        "motion", "min M", "jump", "live s", "oracle by time, motion, M", "worse: uniform",
+        "orbbuf, %");
+    for (const Column& column : columns) {
+      const auto mean_of = [&](double Figures::*figure) {
+        return mean(column.runs, outages, buffer_s, figure);
+      };
+      text += fmt::format(
+          "  {:<15} {:7.2f} {:7.3f} {:7.3f} {:6.1f} {:6.3f} {:7.3f}       {:5.3f} {:5.3f} {:5.3f} "
+          "  {}    {}\n",
+          column.name, mean_of(&Figures::longest_gap), mean_of(&Figures::largest_step_s),
+          mean_of(&Figures::largest_motion), mean_of(&Figures::smallest_similarity),
+          mean_of(&Figures::jump), mean_of(&Figures::live_again_s), mean_of(&Figures::vs_oracle),
+          mean_of(&Figures::vs_oracle_motion), mean_of(&Figures::vs_oracle_similarity),
+          worse_than(column, find(columns, "uniform"), outages, buffer_s),
+          worse_than(column, find(columns, "orbbuf"), outages, buffer_s));
+      results += fmt::format(
+          "RESULT sim.{0}.{1}.longest_gap.{2} {3:.3f}\nRESULT sim.{0}.{1}.largest_step.{2} "
+          "{4:.4f}\n",
+          sequence.name(), column.name, buffer_s, mean_of(&Figures::longest_gap),
+          mean_of(&Figures::largest_step_s));
+      if (column.name.starts_with("oracle")) continue;
+      results += fmt::format("RESULT sim.{0}.{1}.vs_oracle.{2} {3:.4f}\n", sequence.name(),
+                             column.name, buffer_s, mean_of(&Figures::vs_oracle));
     }
-    if (contender.name == "orbbuf") orbbuf = trial;
-    print_row(contender.name, trial.policy, trial.vs_where_dropped);
-    file << fmt::format("{} {:.4f} {:.4f} {:.2f} {:.2f}\n", contender.name,
-                        trial.policy.vs_clairvoyant, trial.policy.broken_share,
-                        trial.policy.worst_similarity, trial.policy.epipolar_worst);
-    results += results_of(fmt::format("sim.{}.{}", sequence.name(), contender.name), trial.policy);
   }
-  print_row("clairvoyant", orbbuf.clairvoyant, 1);
-  return results +
-         results_of(fmt::format("sim.{}.clairvoyant", sequence.name()), orbbuf.clairvoyant);
+  fmt::print("{}", text);
+  return results;
 }
 
 void run_all(const Options& options) {
   std::filesystem::create_directories(options.plots);
   const Sequences sequences = load(options);
-  draw_distances(options, sequences);
-  std::string results = compare_rules(options, sequences);
+  std::string results;
+  if (!options.is_quick) {
+    draw_distances(options, sequences);
+    results += compare_rules(options, sequences);
+  }
   for (const auto& sequence : sequences) results += try_policies(options, *sequence);
+  Stage generated(*sequences.back(), kLongestLinkS);
+  results += try_links(options.traces,
+                       [&](std::size_t i, std::size_t j) { return generated.similarity(i, j); });
   fmt::print("\nseed {}, {} outages for each buffer and rate\n{}", options.seed, options.outages,
              results);
 }
@@ -162,9 +215,11 @@ int main(int argc, char** argv) {
   orbbuf::sim::Options options;
   CLI::App app("Every drop policy over recorded sequences and simulated outages");
   app.add_option("--data", options.data, "folder of sequences")->required();
+  app.add_option("--traces", options.traces, "folder of recorded links")->required();
   app.add_option("--plots", options.plots, "folder for what gnuplot reads")->required();
   app.add_option("--outages", options.outages, "for each buffer and rate")->capture_default_str();
   app.add_option("--seed", options.seed, "of the outages")->capture_default_str();
+  app.add_flag("--quick", options.is_quick, "the policies only, not what M says of frames");
   CLI11_PARSE(app, argc, argv);
   try {
     orbbuf::sim::run_all(options);

@@ -26,6 +26,6 @@ Choices choices(const Delivery& delivery);
 /// The best of them, by dynamic programming: the largest smallest similarity between neighbours,
 /// with the future known, so an upper bound for any policy. Of prefixes equal in that, the one with
 /// the largest product goes on.
-std::vector<std::size_t> clairvoyant(const Delivery& delivery, const PairSimilarity& similarity);
+std::vector<std::size_t> fifo_oracle(const Delivery& delivery, const PairSimilarity& similarity);
 
 }  // namespace orbbuf::sim

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "bench/sim/clairvoyant.hpp"
+#include "bench/sim/fifo_oracle.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -61,7 +61,7 @@ Choices choices(const Delivery& delivery) {
   return choices;
 }
 
-std::vector<std::size_t> clairvoyant(const Delivery& delivery, const PairSimilarity& similarity) {
+std::vector<std::size_t> fifo_oracle(const Delivery& delivery, const PairSimilarity& similarity) {
   const Choices range = choices(delivery);
   std::vector<std::vector<Node>> layers(range.first.size());
   for (std::size_t k = 0; k < layers.size(); ++k) {

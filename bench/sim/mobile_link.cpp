@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "bench/paper/trial/mobile_link.hpp"
+#include "bench/sim/mobile_link.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +9,7 @@
 #include <stdexcept>
 #include <string_view>
 
-namespace orbbuf::paper {
+namespace orbbuf::sim {
 namespace {
 
 constexpr double kMahimahiStepS = 0.5;
@@ -91,4 +91,4 @@ std::int64_t finish(const RateTrace& trace, double scale, double offset_s, std::
   }
 }
 
-}  // namespace orbbuf::paper
+}  // namespace orbbuf::sim

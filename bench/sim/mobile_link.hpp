@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-namespace orbbuf::paper {
+namespace orbbuf::sim {
 
 /// A recorded mobile link: how fast it was, stretch by stretch; begins again at its end.
 struct RateTrace {
@@ -31,4 +31,4 @@ RateTrace read_trace(const std::filesystem::path& file);
 std::int64_t finish(const RateTrace& trace, double scale, double offset_s, std::int64_t start_ns,
                     std::size_t bytes);
 
-}  // namespace orbbuf::paper
+}  // namespace orbbuf::sim
