@@ -13,9 +13,10 @@ namespace {
 constexpr double kWeightOfNew = 0.1;       // in the means of interval and bytes
 constexpr double kLongestInterval = 4;     // counted of one step, as a multiple of the mean
 constexpr double kRoom = 1.001;            // a step of n frames may be that much longer than it
-constexpr double kFramesRoom = 0.2;        // and frames to come that much further apart, of one
+constexpr double kJitter = 0.2;            // of an interval: that much late may be what is to come
+constexpr double kDrift = 0.01;            // of an interval that the clocks drift apart in a frame
 constexpr int kHalvings = 20;              // a millionth of the range
-constexpr double kShortestHorizon = 0.25;  // of live_again: left to plan for when late
+constexpr double kShortestHorizon = 0.15;  // of live_again: left to plan for when late
 
 double seconds(std::chrono::nanoseconds duration) {
   return std::chrono::duration<double>(duration).count();
@@ -42,32 +43,54 @@ std::size_t SendPlanner::choose(std::optional<double> last, std::span<const Plan
                                 const SendMoment& moment) {
   assert(!waiting.empty());
   look_for_return(waiting.size(), moment);
+  note_phase(waiting, moment);
   std::size_t choice = 0;
   if (!last) {
     choice = first_to_send(waiting);
   } else if (waiting.size() > 1 && moment.bytes_per_s > 0) {
-    const double horizon_s = moment.end
-                                 ? seconds(*moment.end - moment.now)
-                                 : std::max(seconds(*deadline_ - moment.now),
-                                            kShortestHorizon * seconds(settings_.live_again));
-    double too_small = 0;
-    double step = std::max(seconds(settings_.largest_step), 2 * kRoom * interval_s_);
-    if (moment.end) step = waiting.back().position_s - *last;
-    if (chain(*last, waiting, 0, moment).live_s <= horizon_s) {
-      step = 0;
-    } else if (chain(*last, waiting, step, moment).live_s <= horizon_s) {
-      for (int i = 0; i < kHalvings; ++i) {
-        const double middle = (too_small + step) / 2;
-        const bool is_enough = chain(*last, waiting, middle, moment).live_s <= horizon_s;
-        (is_enough ? step : too_small) = middle;
-      }
-    }
-    choice = chain(*last, waiting, step, moment).first;
+    const double step_s =
+        moment.end ? smallest_step(*last, waiting, seconds(*moment.end - moment.now), moment)
+                   : next_step(*last, waiting, moment);
+    choice = chain(*last, waiting, step_s, 0, moment).first;
   }
   if (moment.bytes_per_s > 0) {
     expected_s_ = static_cast<double>(waiting[choice].bytes) / moment.bytes_per_s;
   }
   return choice;
+}
+
+/// The smallest that is live by the deadline. Near the deadline and behind it a few sends too few
+/// would ask for a leap: there no step is longer than those before it need have been, and the
+/// stream is somewhat late instead.
+double SendPlanner::next_step(double last, std::span<const PlannedFrame> waiting,
+                              const SendMoment& moment) {
+  const double left_s = seconds(*deadline_ - moment.now);
+  const double least_s = kShortestHorizon * seconds(settings_.live_again);
+  const double step = smallest_step(last, waiting, left_s, moment);
+  if (step > largest_so_far_s_ && left_s < least_s) {
+    return std::max(largest_so_far_s_, smallest_step(last, waiting, least_s, moment));
+  }
+  largest_so_far_s_ = std::max(largest_so_far_s_, step);
+  return step;
+}
+
+/// With which the chain is live within the horizon, or, once nothing more is captured, at its end;
+/// the largest one if none is.
+double SendPlanner::smallest_step(double last, std::span<const PlannedFrame> waiting,
+                                  double horizon_s, const SendMoment& moment) const {
+  const auto is_enough = [&](double step_s) {
+    return chain(last, waiting, step_s, horizon_s, moment).live_s <= horizon_s;
+  };
+  double too_small = 0;
+  double step = moment.end ? waiting.back().position_s - last
+                           : std::max(seconds(settings_.largest_step), 2 * kRoom * interval_s_);
+  if (is_enough(0)) return 0;
+  if (!is_enough(step)) return step;
+  for (int i = 0; i < kHalvings; ++i) {
+    const double middle = (too_small + step) / 2;
+    (is_enough(middle) ? step : too_small) = middle;
+  }
+  return step;
 }
 
 /// The deadline is set where waiting begins, and again where sending goes on after it stood still
@@ -76,12 +99,21 @@ void SendPlanner::look_for_return(std::size_t waiting, const SendMoment& moment)
   const auto before = std::exchange(last_choice_, moment.now);
   if (waiting == 1) {
     deadline_.reset();
+    largest_so_far_s_ = 0;
     return;
   }
   const double pause_s = before ? seconds(moment.now - *before) : 0;
   if (!deadline_ || pause_s > 2 * (expected_s_ + interval_s_)) {
     deadline_ = moment.now + settings_.live_again;
+    largest_so_far_s_ = 0;
   }
+}
+
+/// A frame that does not wait is taken as it comes: that tells the camera's clock by the link's.
+void SendPlanner::note_phase(std::span<const PlannedFrame> waiting, const SendMoment& moment) {
+  const double offset_s = seconds(moment.now) - waiting.back().position_s;
+  if (waiting.size() == 1) offset_s_ = std::min(offset_s, offset_s_ + kDrift * interval_s_);
+  next_capture_s_ = std::clamp(interval_s_ - (offset_s - offset_s_), 0.0, interval_s_);
 }
 
 /// Nothing is torn by what is missing before the first frame of all: so begin as late as the
@@ -92,35 +124,38 @@ std::size_t SendPlanner::first_to_send(std::span<const PlannedFrame> waiting) co
   return static_cast<std::size_t>(first - waiting.begin());
 }
 
-/// Each frame is the farthest that a step reaches, or the next. Of those still to come, sizes and
-/// intervals are taken to be the mean ones.
+/// Each frame is the farthest that is there by then and that a step reaches, or the next. Of those
+/// still to come, sizes and intervals are taken to be the mean ones.
 SendPlanner::Chain SendPlanner::chain(double last, std::span<const PlannedFrame> waiting,
-                                      double largest_step_s, const SendMoment& moment) const {
-  Chain chain;
+                                      double step_s, double horizon_s,
+                                      const SendMoment& moment) const {
+  const std::size_t known = waiting.size();
+  const auto position_of = [&](std::size_t i) {
+    if (i < known) return waiting[i].position_s;
+    return waiting.back().position_s + static_cast<double>(i - known + 1) * interval_s_;
+  };
+  const auto bytes_of = [&](std::size_t i) {
+    return i < known ? static_cast<double>(waiting[i].bytes) : mean_bytes_;
+  };
+  const auto captured_by = [&](double time_s) {
+    if (moment.end || interval_s_ <= 0 || time_s <= next_capture_s_) return known;
+    return known + 1 + static_cast<std::size_t>((time_s - next_capture_s_) / interval_s_);
+  };
+  Chain chain{0, std::numeric_limits<double>::infinity()};
   double time_s = 0;  // at which the frame at hand is sent
-  for (std::size_t i = 0; i < waiting.size();) {
-    while (i + 1 < waiting.size() && waiting[i + 1].position_s - last <= largest_step_s) ++i;
+  for (std::size_t i = 0; time_s <= horizon_s; ++i) {
+    const std::size_t count = captured_by(time_s);
+    const double reach_s = last + step_s;
+    while (i + 1 < count &&
+           position_of(i + 1) <= reach_s + (i + 1 < known ? 0 : kJitter * interval_s_)) {
+      ++i;
+    }
     if (time_s == 0) chain.first = i;
-    last = waiting[i].position_s;
-    chain.live_s = time_s;
-    time_s += static_cast<double>(waiting[i].bytes) / moment.bytes_per_s;
-    ++i;
-  }
-  if (moment.end) {
-    chain.live_s = time_s;
-    return chain;
-  }
-  if (interval_s_ <= 0) return chain;
-  // Captured while the newest that waits now is reached, less what each send from there on gains.
-  const double behind = chain.live_s / interval_s_;
-  const double sent_at_once = std::max(1.0, std::floor(largest_step_s / interval_s_ + kFramesRoom));
-  const double send_s = mean_bytes_ / moment.bytes_per_s;
-  const double gained = sent_at_once - send_s / interval_s_;
-  if (behind < 1) return chain;
-  if (gained <= 0) {
-    chain.live_s = std::numeric_limits<double>::infinity();
-  } else {
-    chain.live_s += std::ceil((behind - 1) / gained) * send_s;
+    last = position_of(i);
+    if (i + 1 == count && !moment.end) chain.live_s = time_s;
+    time_s += bytes_of(i) / moment.bytes_per_s;
+    if (i + 1 == count && moment.end) chain.live_s = time_s;
+    if (i + 1 == count) break;
   }
   return chain;
 }

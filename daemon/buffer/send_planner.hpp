@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <cstddef>
+#include <limits>
 #include <optional>
 #include <span>
 
@@ -22,7 +23,7 @@ struct SendMoment {
   std::chrono::nanoseconds now{};  ///< on any clock that only grows and keeps its pace
   double bytes_per_s = 0;          ///< what link and server take, measured lately; 0: unknown
   /// Set once nothing more will be captured: what waits may be sent until then.
-  std::optional<std::chrono::nanoseconds> end;
+  std::optional<std::chrono::nanoseconds> end = std::nullopt;
 };
 
 /// A waiting frame, as the planner sees it.
@@ -67,13 +68,20 @@ class SendPlanner {
 
   void look_for_return(std::size_t waiting, const SendMoment& moment);
   std::size_t first_to_send(std::span<const PlannedFrame> waiting) const;
-  Chain chain(double last, std::span<const PlannedFrame> waiting, double largest_step_s,
+  void note_phase(std::span<const PlannedFrame> waiting, const SendMoment& moment);
+  double next_step(double last, std::span<const PlannedFrame> waiting, const SendMoment& moment);
+  double smallest_step(double last, std::span<const PlannedFrame> waiting, double horizon_s,
+                       const SendMoment& moment) const;
+  Chain chain(double last, std::span<const PlannedFrame> waiting, double step_s, double horizon_s,
               const SendMoment& moment) const;
 
   const PlanSettings settings_;
   double interval_s_ = 0;  // between captured frames, lately
   double mean_bytes_ = 0;
-  std::optional<std::chrono::nanoseconds> deadline_;  // to be live by; none while live
+  double offset_s_ = std::numeric_limits<double>::max();  // of moments from positions when new
+  double next_capture_s_ = 0;                             // from now, as far as is known
+  std::optional<std::chrono::nanoseconds> deadline_;      // to be live by; none while live
+  double largest_so_far_s_ = 0;                           // step that was needed since it was set
   std::optional<std::chrono::nanoseconds> last_choice_;
   double expected_s_ = 0;  // until the choice after that one
 };

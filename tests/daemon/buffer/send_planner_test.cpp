@@ -30,6 +30,7 @@ class SendPlannerTest : public testing::Test {
     while (now_ < end) {
       capture_until(now_);
       if (waiting_.empty()) {
+        if (is_ended_) return;
         now_ = static_cast<double>(captured_) * kInterval;
         continue;
       }
@@ -106,6 +107,111 @@ TEST_F(SendPlannerTest, AStepIsNeverLongerThanAllowedAndTheStreamIsLateInstead) 
   EXPECT_EQ(largest_step(), 4);
   EXPECT_GT(live_after(back), 1.0);
   EXPECT_LT(live_after(back), 3.0);
+}
+
+TEST_F(SendPlannerTest, ALinkTooSlowForGoodIsThinnedEvenlyAndStaysLive) {
+  run(1, 1.5);
+  run(60, 0.5);
+  const auto taken = steps(50);
+  EXPECT_LE(std::ranges::max(taken) - std::ranges::min(taken), 1);
+  EXPECT_LE(std::ranges::max(lateness_), 1.0);
+}
+
+TEST_F(SendPlannerTest, ALinkOfAnyShareOfTheNeedIsThinnedToIt) {
+  for (const double rate : {0.9, 0.7, 0.4, 0.3}) {
+    run(20, rate);
+    const std::size_t before = sent_.size();
+    run(20, rate);
+    const std::vector<double> late(lateness_.begin() + static_cast<std::ptrdiff_t>(before),
+                                   lateness_.end());
+    EXPECT_LE(std::ranges::max(late), 1.0) << rate;
+    const auto taken = steps(sent_.at(before));
+    EXPECT_LE(std::ranges::max(taken), std::ceil(1 / rate) + 1) << rate;
+  }
+}
+
+TEST_F(SendPlannerTest, ARateBelievedTwiceTooHighCostsAtMostTwiceTheLateness) {
+  run(1, 1.5, 3);
+  outage(2);
+  const double back = now_;
+  run(4, 1.5, 3);
+  EXPECT_LE(live_after(back), 2.0);
+}
+
+TEST_F(SendPlannerTest, ARateBelievedTwiceTooLowCostsStepsAndNoLateness) {
+  run(1, 1.5, 0.75);
+  outage(2);
+  const double back = now_;
+  run(4, 1.5, 0.75);
+  EXPECT_LE(live_after(back), 1.0);
+  EXPECT_LE(largest_step(), 6);
+}
+
+TEST_F(SendPlannerTest, AnotherOutageInTheMiddleIsPlannedForAnew) {
+  run(1, 1.5);
+  outage(2);
+  run(0.5, 1.5);
+  outage(2);
+  const double back = now_;
+  run(3, 1.5);
+  EXPECT_LE(live_after(back), 1.0 + kInterval);
+  EXPECT_LE(largest_step(), 4);
+}
+
+TEST_F(SendPlannerTest, AShortStallMakesNoLargeStep) {
+  run(1, 1.5);
+  for (int i = 0; i < 20; ++i) {
+    outage(0.2);
+    run(0.8, 1.5);
+  }
+  EXPECT_LE(largest_step(), 2);
+}
+
+TEST_F(SendPlannerTest, WhatWaitsAtTheEndIsSentWhole) {
+  run(1, 1.5);
+  outage(2);
+  capture_until(now_);
+  is_ended_ = true;
+  end_ = time(now_ + 10);
+  run(10, 1.5);
+  EXPECT_EQ(largest_step(), 1);
+  EXPECT_EQ(sent_.back(), captured_ - 1);
+}
+
+TEST_F(SendPlannerTest, WhatDoesNotFitBeforeTheEndIsThinned) {
+  run(1, 1.5);
+  outage(10);
+  capture_until(now_);
+  is_ended_ = true;
+  const double end = now_ + 2;
+  end_ = time(end);
+  run(10, 1.5);
+  EXPECT_EQ(sent_.back(), captured_ - 1);
+  EXPECT_LE(largest_step(), 4);  // 250 frames, of which 75 can be sent
+}
+
+TEST_F(SendPlannerTest, TheFirstFrameOfAllIsNoOlderThanTheStreamMayBe) {
+  now_ = 60;
+  run(3, 1.5);
+  EXPECT_EQ(sent_.front(), 59 * 25);
+  EXPECT_EQ(largest_step(), 2);
+}
+
+TEST_F(SendPlannerTest, WithoutAKnownRateNothingIsPassedOver) {
+  run(1, 1.5, 0);
+  outage(1);
+  run(1, 1.5, 0);
+  EXPECT_EQ(largest_step(), 1);
+}
+
+TEST_F(SendPlannerTest, AHoleInWhatTheCameraGaveLoosensNoOtherStep) {
+  run(1, 1.5);
+  captured_ += 100;  // nothing comes for 4 s
+  run(8, 1.5);
+  auto taken = steps();
+  std::ranges::sort(taken);
+  EXPECT_EQ(taken.back(), 101);
+  EXPECT_EQ(taken[taken.size() - 2], 1);
 }
 }  // namespace
 }  // namespace orbbuf
