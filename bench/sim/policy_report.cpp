@@ -23,6 +23,12 @@ const std::vector<double> kBuffersS = {0.5, 1};
 const std::vector<double> kCurveBuffersS = {0.25, 0.5, 1, 2};
 const std::vector<double> kRates = {1.2, 3};
 
+std::ofstream open(const std::filesystem::path& path) {
+  std::ofstream file(path);
+  if (!file) throw std::runtime_error("cannot write " + path.string());
+  return file;
+}
+
 /// Some of the outages, by index.
 using Choice = std::vector<std::size_t>;
 
@@ -127,12 +133,39 @@ void add_table(PolicyReport& report, const RecordedSequence& sequence,
   }
 }
 
+/// How the planner's mean gap compares with the rivals', and how the oracle's does: what could be.
+void add_verdict(PolicyReport& report, const RecordedSequence& sequence,
+                 const std::vector<Outage>& outages, const std::vector<Column>& columns,
+                 double buffer_s) {
+  const Choice choice = choose(outages, buffer_s);
+  const auto gap_of = [&](std::string_view name) {
+    return mean(find(columns, name), choice, &Figures::longest_gap);
+  };
+  for (const char* rival : {"uniform", "orbbuf"}) {
+    const double own = gap_of("catch-up") / gap_of(rival);
+    report.text +=
+        fmt::format("  longest gap as a share of {}'s: catch-up {:.2f}, oracle-time {:.2f}\n",
+                    rival, own, gap_of("oracle-time") / gap_of(rival));
+    report.results += fmt::format("RESULT sim.{}.catch-up.gap_vs_{}.{} {:.3f}\n", sequence.name(),
+                                  rival, buffer_s, own);
+  }
+}
+
+/// For the histogram of plots.gp.
+void write_policies(const RecordedSequence& sequence, const std::vector<Outage>& outages,
+                    const std::vector<Column>& columns, const std::filesystem::path& plots) {
+  std::ofstream file = open(plots / ("policies_" + sequence.name() + ".dat"));
+  const Choice choice = choose(outages, kBuffersS.back());
+  for (const Column& column : columns) {
+    if (column.name.starts_with("oracle")) continue;
+    file << fmt::format("{} {:.4f}\n", column.name, mean(column, choice, &Figures::vs_oracle));
+  }
+}
+
 void add_curve(PolicyReport& report, const RecordedSequence& sequence,
                const std::vector<Outage>& outages, const std::vector<Column>& columns,
                const std::filesystem::path& plots) {
-  const std::filesystem::path path = plots / ("curve_" + sequence.name() + ".dat");
-  std::ofstream file(path);
-  if (!file) throw std::runtime_error("cannot write " + path.string());
+  std::ofstream file = open(plots / ("curve_" + sequence.name() + ".dat"));
   report.text += fmt::format("\n{}: seconds until live again: longest gap, largest step in s\n",
                              sequence.name());
   for (const double rate : kRates) {
@@ -160,7 +193,11 @@ PolicyReport report_policies(RecordedSequence& sequence, std::size_t outages, st
   PolicyReport report;
   const auto drawn = draw_outages(sequence, kBuffersS, kRates, outages, seed);
   const std::vector<Column> columns = run(stage, drawn);
-  for (const double buffer_s : kBuffersS) add_table(report, sequence, drawn, columns, buffer_s);
+  for (const double buffer_s : kBuffersS) {
+    add_table(report, sequence, drawn, columns, buffer_s);
+    add_verdict(report, sequence, drawn, columns, buffer_s);
+  }
+  write_policies(sequence, drawn, columns, plots);
   const auto fewer = draw_outages(sequence, kCurveBuffersS, kRates, (outages + 2) / 3, seed);
   add_curve(report, sequence, fewer, run(stage, fewer), plots);
   return report;

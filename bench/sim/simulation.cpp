@@ -7,8 +7,8 @@
 #include <optional>
 #include <utility>
 
-#include "bench/sim/rate_meter.hpp"
 #include "common/drop_record.hpp"
+#include "daemon/net/link_rate.hpp"
 
 namespace orbbuf::sim {
 namespace {
@@ -44,6 +44,10 @@ class Simulation {
   }
 
  private:
+  static LinkRate::Time time(std::int64_t ns) {
+    return LinkRate::Time(std::chrono::nanoseconds(ns));
+  }
+
   std::size_t dropped() const {
     const wire::Stats stats = buffer_.stats();
     return stats.dropped + stats.skipped;
@@ -52,7 +56,7 @@ class Simulation {
   void run_link_until(std::int64_t now_ns) {
     while (free_at_ns_ <= now_ns) {
       const SendMoment moment{std::chrono::nanoseconds(free_at_ns_),
-                              believed_rate_ * meter_.bytes_per_s(), std::nullopt};
+                              believed_rate_ * rate_.bytes_per_s(), std::nullopt};
       const FramePtr frame = buffer_.take(moment);
       if (!frame) return;
       const std::int64_t begin_ns = free_at_ns_;
@@ -61,7 +65,8 @@ class Simulation {
       delivery_.begin_ns.push_back(begin_ns);
       free_at_ns_ = link_(begin_ns, frame->jpeg.size());
       delivery_.end_ns.push_back(free_at_ns_);
-      meter_.on_sent(frame->jpeg.size(), 1e-9 * static_cast<double>(free_at_ns_ - begin_ns));
+      rate_.on_written(time(begin_ns), frame->sequence, frame->jpeg.size());
+      rate_.on_acknowledged(time(free_at_ns_), frame->sequence + 1, std::chrono::nanoseconds(0));
       buffer_.acknowledge(frame->sequence + 1);
     }
   }
@@ -71,7 +76,7 @@ class Simulation {
   const std::vector<FramePtr>* const stand_ins_;
   const double believed_rate_;
   FrameBuffer buffer_;
-  RateMeter meter_;
+  LinkRate rate_;
   Delivery delivery_;
   std::int64_t free_at_ns_ = 0;
 };

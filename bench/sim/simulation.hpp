@@ -43,8 +43,8 @@ struct SimulatedBuffer {
 };
 
 /// Runs the daemon's own FrameBuffer on a virtual clock: every frame arrives at its capture time,
-/// the link takes one whenever the last one has passed, at a rate that is measured from the sends
-/// before, and `worker` has the time to prepare between two arrivals.
+/// the link takes one whenever the last one has passed, `worker` has the time to prepare between
+/// two arrivals, and the daemon's own LinkRate measures the rate that a planner is given.
 Delivery simulate(const std::vector<FramePtr>& frames, const FinishTime& finish,
                   SimulatedBuffer buffer);
 /// The same over a link with one outage.
