@@ -36,7 +36,7 @@ plot for [i=1:words(names)] name=word(names, i) (there(file("distance", name)) ?
 set output out . "/policies.svg"
 unset logscale
 set xlabel ""
-set ylabel "the oracle's largest step as a share of the policy's, as late as a FIFO of 1 s"
+set ylabel "largest step: the oracle's / the policy's"
 set style data histogram
 set style histogram clustered gap 1.5
 set style fill solid 0.9 border -1
@@ -56,17 +56,17 @@ set xtics norotate
 set style data linespoints
 set logscale xy
 set xrange [*:*]
-set yrange [0.7:*]
+set yrange [0.5:*]
 set xlabel "seconds until live again"
 set ylabel "longest gap, frames"
-set key top right inside vertical
+set key bottom left inside vertical
 set multiplot layout 2,2
 do for [rate in "1.2 3"] {
   do for [name in "tsukuba_synth picar_indoor"] {
     set title sprintf("%s, link of %s times the need", name, rate) noenhanced
     if (there(file("curve", name))) {
       plot for [i=1:words(policies)] sprintf("< awk '$1 == %s && $2 == \"%s\"' %s", rate, word(policies, i), file("curve", name)) \
-             using 3:($4 > 0.7 ? $4 : 0.7) lw 2 pt 7 ps 0.6 lc rgb word(policy_colors, i) title word(policies, i) noenhanced
+             using 3:($4 > 0.5 ? $4 : 0.5) lw 2 pt 7 ps 0.6 lc rgb word(policy_colors, i) title word(policies, i) noenhanced
     }
   }
 }
