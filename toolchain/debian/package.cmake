@@ -4,7 +4,7 @@ include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 set(debian ${PROJECT_SOURCE_DIR}/toolchain/debian)
 set(made ${PROJECT_BINARY_DIR}/debian)
-set(CPACK_PACKAGE_CONTACT "The ORBBuf authors <maintainers@orbbuf.example>")
+set(CPACK_PACKAGE_CONTACT "ORBBuf maintainers <maintainers@users.noreply.h-seed-9b03b2c3.example>")
 set(CPACK_DEBIAN_PACKAGE_RELEASE 1)
 
 install(TARGETS orbbufd COMPONENT orbbufd)
