@@ -17,12 +17,12 @@
 
 #include "common/log.hpp"
 #include "common/service_status.hpp"
-#include "server/descriptors.hpp"
 #include "server/health.hpp"
 #include "server/http/http_server.hpp"
-#include "server/listener.hpp"
+#include "server/link/listener.hpp"
 #include "server/live/status_socket.hpp"
 #include "server/retention/retention.hpp"
+#include "server/runtime/descriptors.hpp"
 
 namespace orbbuf {
 namespace {

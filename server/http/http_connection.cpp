@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "common/as_bytes.hpp"
-#include "server/run_in_pool.hpp"
+#include "server/runtime/run_in_pool.hpp"
 
 namespace orbbuf {
 namespace {

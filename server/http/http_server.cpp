@@ -5,8 +5,7 @@
 
 #include <utility>
 
-#include "server/connection.hpp"
-#include "server/listen_on.hpp"
+#include "server/runtime/listen_on.hpp"
 
 namespace orbbuf {
 namespace {

@@ -8,7 +8,7 @@
 #include <system_error>
 
 #include "common/wire.hpp"
-#include "server/sink/session_names.hpp"
+#include "server/recording/session_names.hpp"
 
 namespace orbbuf {
 namespace {

@@ -13,8 +13,8 @@
 #include "server/http/metrics.hpp"
 #include "server/http/page.hpp"
 #include "server/http/session_list.hpp"
-#include "server/run_in_pool.hpp"
-#include "server/sink/session_names.hpp"
+#include "server/recording/session_names.hpp"
+#include "server/runtime/run_in_pool.hpp"
 
 namespace orbbuf {
 namespace {

@@ -13,7 +13,6 @@
 #include <vector>
 
 #include "server/live/status_table.hpp"
-#include "server/settings.hpp"
 
 namespace orbbuf {
 namespace {

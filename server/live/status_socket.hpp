@@ -12,6 +12,9 @@
 
 namespace orbbuf {
 
+/// `status.socket` where the place is left to us.
+inline constexpr const char* kAutomaticSocket = "auto";
+
 /// Where a server of that `status.socket` listens; empty: nowhere. By itself in $RUNTIME_DIRECTORY,
 /// which systemd sets, or else in $XDG_RUNTIME_DIR.
 std::filesystem::path status_socket_path(const std::string& setting);

@@ -11,7 +11,7 @@
 #include <utility>
 
 #include "server/retention/remove_folder.hpp"
-#include "server/run_in_pool.hpp"
+#include "server/runtime/run_in_pool.hpp"
 
 namespace orbbuf {
 namespace {

@@ -42,7 +42,7 @@ class Retention : public std::enable_shared_from_this<Retention> {
     std::chrono::nanoseconds interval = std::chrono::minutes(1);
   };
 
-  /// `main` and `pool` as in FileSink.
+  /// `main` and `pool` as in RecordSink.
   Retention(boost::asio::io_context& main, boost::asio::thread_pool& pool, Options options,
             IsOpen is_open);
 

@@ -13,7 +13,7 @@
 
 #include "common/unique_fd.hpp"
 #include "common/wire.hpp"
-#include "server/sink/session_names.hpp"
+#include "server/recording/session_names.hpp"
 
 namespace orbbuf {
 namespace {

@@ -16,7 +16,7 @@
 
 #include "common/log.hpp"
 #include "common/unique_fd.hpp"
-#include "server/connection.hpp"
+#include "server/link/connection.hpp"
 #include "tests/fuzz/stream_mutator.hpp"
 
 namespace orbbuf {

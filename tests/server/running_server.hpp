@@ -12,7 +12,7 @@
 #include <thread>
 
 #include "server/http/http_server.hpp"
-#include "server/listener.hpp"
+#include "server/link/listener.hpp"
 #include "server/settings.hpp"
 
 namespace orbbuf::test {

@@ -13,10 +13,10 @@ install(TARGETS orbbuf-server COMPONENT orbbuf-server)
 # The C reader of the server's pipe, for find_package(orbbuf) and for pkg-config.
 add_library(orbbuf_pipe INTERFACE)
 set_target_properties(orbbuf_pipe PROPERTIES EXPORT_NAME pipe)
-target_include_directories(orbbuf_pipe INTERFACE $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/server/sink>
+target_include_directories(orbbuf_pipe INTERFACE $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include>
                                                  $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
-install(FILES server/sink/orbbuf_pipe.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT orbbuf-dev)
-install(DIRECTORY server/sink/examples DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/orbbuf-dev COMPONENT orbbuf-dev)
+install(FILES include/orbbuf/pipe.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/orbbuf COMPONENT orbbuf-dev)
+install(DIRECTORY examples DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/orbbuf-dev COMPONENT orbbuf-dev)
 install(TARGETS orbbuf_pipe EXPORT orbbuf)
 install(EXPORT orbbuf NAMESPACE orbbuf:: FILE orbbufConfig.cmake DESTINATION ${CMAKE_INSTALL_DATADIR}/cmake/orbbuf
         COMPONENT orbbuf-dev)

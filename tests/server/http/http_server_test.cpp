@@ -9,7 +9,7 @@
 
 #include "tests/server/frames.hpp"
 #include "tests/server/http/http_client.hpp"
-#include "tests/server/listener_fixture.hpp"
+#include "tests/server/link/listener_fixture.hpp"
 #include "tests/support/captured_log.hpp"
 
 namespace orbbuf::test {
