@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/calibration/camera_info.hpp"
 
+#include <spdlog/spdlog.h>
+
 #include "server/calibration/calibration.hpp"
 
 namespace orbbuf {
@@ -40,6 +42,14 @@ CalibratedCameras calibrated_cameras(std::string_view camera_txt) {
   }
   cameras.left = camera_info(camera, 0);
   if (camera.baseline_m > 0) cameras.right = camera_info(camera, camera.baseline_m);
+  return cameras;
+}
+
+CalibratedCameras calibrated_cameras(std::string_view camera_txt, std::string_view attempt) {
+  auto cameras = calibrated_cameras(camera_txt);
+  if (!cameras.problem.empty()) {
+    spdlog::warn("{} without calibration: {}", attempt, cameras.problem);
+  }
   return cameras;
 }
 

@@ -33,4 +33,7 @@ struct CalibratedCameras {
 /// knows where it is. camera_txt: as parse_calibration() reads it; empty if there is none.
 CalibratedCameras calibrated_cameras(std::string_view camera_txt);
 
+/// The same; a problem is logged as `ATTEMPT without calibration: PROBLEM`.
+CalibratedCameras calibrated_cameras(std::string_view camera_txt, std::string_view attempt);
+
 }  // namespace orbbuf

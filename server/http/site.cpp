@@ -9,10 +9,7 @@
 
 #include "common/address.hpp"
 #include "common/wire.hpp"
-#include "server/http/figures_json.hpp"
-#include "server/http/metrics.hpp"
-#include "server/http/page.hpp"
-#include "server/http/session_list.hpp"
+#include "server/http/views.hpp"
 #include "server/recording/session_names.hpp"
 #include "server/runtime/run_in_pool.hpp"
 

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/live/status_socket.hpp"
 
+#include <spdlog/fmt/fmt.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/read.hpp>
 #include <chrono>
@@ -11,8 +14,6 @@
 #include <stdexcept>
 #include <utility>
 #include <vector>
-
-#include "server/live/status_table.hpp"
 
 namespace orbbuf {
 namespace {
@@ -76,7 +77,60 @@ Result<std::string> ask(const fs::path& path) {
   return table;
 }
 
+constexpr std::size_t kColumns = 13;
+constexpr std::size_t kWords = 3;  // at the left of their columns; numbers are at the right
+using Row = std::array<std::string, kColumns>;
+
+std::string to_text(std::optional<std::chrono::nanoseconds> age) {
+  if (!age) return "-";
+  return to_seconds(*age) < 1 ? fmt::format("{:.0f} ms", std::max(0.0, 1e3 * to_seconds(*age)))
+                              : fmt::format("{:.1f} s", to_seconds(*age));
+}
+
+Row row_of(const RobotFigures& robot, RobotFigures::Time now) {
+  const bool is_connected = robot.is_connected();
+  Row row{robot.info().robot_id, robot.info().session_id, robot.state(),
+          fmt::format("{:.1f}", robot.frame_rate(now)),
+          robot.is_ended() ? "-" : to_text(robot.timeline().age(now))};
+  std::fill(row.begin() + 5, row.end(), std::string(1, '-'));
+  if (!robot.report()) return row;
+  const wire::Report& report = *robot.report();
+  const wire::Stats& account = report.account;
+  row[5] = fmt::format("{}/{}", account.waiting, report.capacity);
+  if (is_connected)
+    row[6] = fmt::format("{:.2f} MB/s", static_cast<double>(report.link_rate) / 1e6);
+  if (is_connected && report.round_trip_us > 0) {
+    row[7] = fmt::format("{:.1f} ms", report.round_trip_us / 1e3);
+  }
+  row[8] = std::to_string(account.captured);
+  row[9] = std::to_string(account.acknowledged);
+  row[10] = std::to_string(account.dropped);
+  row[11] = std::to_string(account.skipped);
+  row[12] = std::to_string(account.failed);
+  return row;
+}
+
 }  // namespace
+
+std::string to_table(const Figures& figures, RobotFigures::Time now) {
+  std::vector<Row> rows{{"ROBOT", "SESSION", "STATE", "FRAMES/S", "AGE", "BUFFER", "LINK",
+                         "ROUND TRIP", "CAPTURED", "DELIVERED", "DROPPED", "SKIPPED", "FAILED"}};
+  for (const auto& [id, robot] : figures.robots()) rows.push_back(row_of(*robot, now));
+  std::array<std::size_t, kColumns> widths{};
+  for (const Row& row : rows) {
+    for (std::size_t i = 0; i < kColumns; ++i) widths[i] = std::max(widths[i], row[i].size());
+  }
+  std::string table;
+  for (const Row& row : rows) {
+    for (std::size_t i = 0; i < kColumns; ++i) {
+      if (i > 0) table += "  ";
+      table += i < kWords ? fmt::format("{:<{}}", row[i], widths[i])
+                          : fmt::format("{:>{}}", row[i], widths[i]);
+    }
+    table += '\n';
+  }
+  return table;
+}
 
 fs::path status_socket_path(const std::string& setting) {
   if (setting != kAutomaticSocket) return setting;

@@ -50,4 +50,7 @@ class StatusSocket {
 /// else the machine's service. An error that names what was tried. Blocking.
 Result<std::string> ask_status(const std::string& setting);
 
+/// The figures for a terminal: a heading, and a line for each robot.
+std::string to_table(const Figures& figures, RobotFigures::Time now);
+
 }  // namespace orbbuf

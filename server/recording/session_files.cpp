@@ -22,13 +22,14 @@ namespace {
 namespace fs = std::filesystem;
 
 /// The number `text` begins with, if `end` follows it.
-std::optional<std::uint64_t> leading_number(std::string_view text, std::string_view end) {
-  std::uint64_t number = 0;
-  const auto [rest, failed] = std::from_chars(text.data(), text.data() + text.size(), number);
+/// Of an image of ours.
+std::optional<Sequence> sequence_of(std::string_view image) {
+  Sequence sequence = 0;
+  const auto [rest, failed] = std::from_chars(image.data(), image.data() + image.size(), sequence);
   if (failed != std::errc{}) return std::nullopt;
-  const auto suffix = text.substr(static_cast<std::size_t>(rest - text.data()));
-  if (!suffix.starts_with(end)) return std::nullopt;
-  return number;
+  const auto suffix = image.substr(static_cast<std::size_t>(rest - image.data()));
+  if (!suffix.starts_with(".jpg")) return std::nullopt;
+  return sequence;
 }
 
 std::string times_line(const EncodedFrame& frame) {
@@ -54,7 +55,7 @@ std::optional<Error> remove_images_from(const fs::path& folder, Sequence first) 
   std::size_t removed = 0;
   fs::directory_iterator entry(folder, failed);
   for (; !failed && entry != fs::directory_iterator(); entry.increment(failed)) {
-    const auto sequence = leading_number(entry->path().filename().string(), ".jpg");
+    const auto sequence = sequence_of(entry->path().filename().string());
     if (!sequence || *sequence < first) continue;
     if (::unlink(entry->path().c_str()) != 0) {
       return system_error("remove " + entry->path().string(), errno);
@@ -91,13 +92,13 @@ Result<wire::Position> SessionFiles::recover() {
 
   wire::Position position;
   if (times.value().lines > 0) {
-    const auto last = leading_number(times.value().last, " ");
+    const auto last = session_lines::parse_times(times.value().last);
     if (!last) {
       // Taking this for an empty record would remove images that are somebody's data.
       return Error{"resume from " + times_.path().string() + ": the last line, \"" +
                    times.value().last + "\", is not SEQUENCE SECONDS EXPOSURE"};
     }
-    position.next_sequence = *last + 1;
+    position.next_sequence = last->sequence + 1;
   }
   if (drops.value().lines > 0) position.next_drop = drops.value().lines - 1;
   ::unlink(temporary_.c_str());

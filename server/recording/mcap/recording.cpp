@@ -90,20 +90,12 @@ void with_channel(std::uint16_t id, const std::string& robot_id, Put put) {
   put(Channel{id, kind.schema, topic, kind.schema == kDropSchema ? "json" : "protobuf"});
 }
 
-CalibratedCameras cameras_of(const SessionInfo& info) {
-  auto cameras = calibrated_cameras(info.calibration);
-  if (!cameras.problem.empty()) {
-    spdlog::warn("{} {}: recorded without calibration: {}", info.robot_id, info.session_id,
-                 cameras.problem);
-  }
-  return cameras;
-}
-
 }  // namespace
 
 Recording::Recording(std::filesystem::path path, const SessionInfo& info)
     : robot_id_(info.robot_id),
-      cameras_(cameras_of(info)),
+      cameras_(calibrated_cameras(info.calibration,
+                                  fmt::format("{} {}: recorded", info.robot_id, info.session_id))),
       file_(std::move(path), fmt::format("{} {}", kLibrary, ORBBUF_VERSION)) {}
 
 Result<wire::Position> Recording::recover(const std::optional<wire::Position>& files) {

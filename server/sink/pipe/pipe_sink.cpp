@@ -36,16 +36,15 @@ PipeSink::PipeSink(asio::io_context& main, asio::thread_pool& pool, const Sessio
       backlog_(kept.folder),
       pipe_(main),
       retry_(main),
-      next_(kept.next_sequence > 0 ? kept.next_sequence - 1 : 0),
-      is_behind_(without_reader == WithoutReader::kCatchUp && kept.next_sequence > 0) {}
+      place_(without_reader == WithoutReader::kCatchUp && kept.next_sequence > 0 ? Place::kBehind
+                                                                                 : Place::kLive),
+      next_(kept.next_sequence > 0 ? kept.next_sequence - 1 : 0) {}
 
 void PipeSink::start() { look_for_reader(); }
 
 void PipeSink::async_write(FramePtr frame, Done done) {
-  assert(!done_);
-  frame_ = std::move(frame);
-  done_ = std::move(done);
-  is_cancelled_ = false;
+  assert(!call_);
+  call_ = Call{std::move(frame), std::move(done)};
   go_on();
 }
 
@@ -54,7 +53,7 @@ void PipeSink::async_write_drops(std::vector<DropRecord> /*records*/, Done done)
 }
 
 void PipeSink::cancel() {
-  is_cancelled_ = true;
+  if (call_) call_->is_cancelled = true;
   go_on();
 }
 
@@ -64,7 +63,7 @@ void PipeSink::async_drain(std::function<void()> drained) {
 }
 
 void PipeSink::close() {
-  is_closed_ = true;
+  reader_state_ = ReaderState::kClosed;
   retry_.cancel();
   error_code ignored;  // nothing to do about it, and the reader has the end
   pipe_.close(ignored);
@@ -83,17 +82,18 @@ void PipeSink::look_for_reader() {
   } else {
     log_state(spdlog::level::info, "has a reader");
     frames_read_ = 0;
+    reader_state_ = ReaderState::kPresent;
     pipe_.assign(end.value().release());
     watch_reader();
   }
-  if (!pipe_.is_open()) return look_again_later();
+  if (reader_state_ != ReaderState::kPresent) return look_again_later();
   go_on();
 }
 
 void PipeSink::look_again_later() {
   retry_.expires_after(kRetry);
   retry_.async_wait([self = shared_from_this()](const error_code& failed) {
-    if (!failed && !self->is_closed_) self->look_for_reader();
+    if (!failed && self->reader_state_ == ReaderState::kAwaited) self->look_for_reader();
   });
 }
 
@@ -106,7 +106,8 @@ void PipeSink::watch_reader() {
 }
 
 void PipeSink::reader_left() {
-  if (is_closed_ || !pipe_.is_open()) return;
+  if (reader_state_ != ReaderState::kPresent) return;
+  reader_state_ = ReaderState::kAwaited;
   int unread_bytes = 0;
   if (::ioctl(pipe_.native_handle(), FIONREAD, &unread_bytes) != 0) unread_bytes = 0;
   unread_bytes_ = static_cast<std::uint64_t>(unread_bytes);
@@ -125,7 +126,7 @@ void PipeSink::rewind() {
   const auto first = std::ranges::find_if(sent_, [&](const Sent& s) { return s.end > read_bytes; });
   if (without_reader_ == WithoutReader::kCatchUp && first != sent_.end()) {
     next_ = first->sequence;
-    is_behind_ = true;
+    if (place_ == Place::kLive) place_ = Place::kBehind;
   }
   sent_.clear();
   written_bytes_ = 0;
@@ -140,40 +141,42 @@ void PipeSink::log_state(spdlog::level::level_enum level, std::string state) {
 
 /// The one place that decides what is next; called whenever that may have changed.
 void PipeSink::go_on() {
-  if (unread_bytes_ && !is_busy_) rewind();
-  if (done_) serve_call();
-  if (!is_busy_ && !is_closed_ && pipe_.is_open()) {
-    if (is_behind_) {
+  if (unread_bytes_ && work_ == Work::kNone) rewind();
+  if (call_) serve_call();
+  if (work_ == Work::kNone && reader_state_ == ReaderState::kPresent) {
+    if (place_ != Place::kLive) {
       catch_up();
-    } else if (done_) {
-      send(FramePtr(frame_));  // it is given up where it cannot be sent
+    } else if (call_) {
+      work_ = Work::kLive;
+      send(FramePtr(call_->frame));  // it is given up where it cannot be sent
     }
   }
-  if (drained_ && !is_busy_ && !done_) asio::post(main_, std::exchange(drained_, nullptr));
+  if (drained_ && work_ == Work::kNone && !call_)
+    asio::post(main_, std::exchange(drained_, nullptr));
 }
 
 /// Answers the call where that needs no reader.
 void PipeSink::serve_call() {
-  const bool is_being_sent = is_busy_ && !is_behind_;
-  if (is_being_sent) return;
-  if (is_closed_) return finish(Error{"write to " + reader_->name() + ": closed"});
-  if (frame_->sequence < next_) return finish(std::nullopt);  // read from the files already
-  if (pipe_.is_open() && !is_behind_) return;
+  if (work_ == Work::kLive) return;
+  if (reader_state_ == ReaderState::kClosed)
+    return finish(Error{"write to " + reader_->name() + ": closed"});
+  if (call_->frame->sequence < next_) return finish(std::nullopt);  // read from the files already
+  if (reader_state_ == ReaderState::kPresent && place_ == Place::kLive) return;
   if (without_reader_ == WithoutReader::kHold) {
-    if (is_cancelled_) finish(Error{"write to " + reader_->name() + ": nobody reads"});
+    if (call_->is_cancelled) finish(Error{"write to " + reader_->name() + ": nobody reads"});
     return;
   }
   if (without_reader_ == WithoutReader::kCatchUp) {
-    if (!is_behind_) next_ = frame_->sequence;
-    is_behind_ = has_passed_ = true;
+    if (place_ == Place::kLive) next_ = call_->frame->sequence;
+    place_ = Place::kMissed;
   }
   finish(std::nullopt);
 }
 
 /// Asks the files for the next frame that the reader lacks.
 void PipeSink::catch_up() {
-  is_busy_ = true;
-  has_passed_ = false;
+  work_ = Work::kCatchUp;
+  place_ = Place::kBehind;
   run_in_pool(
       main_, pool_,
       [self = shared_from_this(), first = next_] { return self->backlog_.next(first); },
@@ -183,18 +186,14 @@ void PipeSink::catch_up() {
 }
 
 void PipeSink::caught_up_with(Result<FramePtr> frame) {
-  is_busy_ = false;
-  if (frame && frame.value()) {
-    is_busy_ = true;
-    return send(std::move(frame).value());
-  }
+  if (frame && frame.value()) return send(std::move(frame).value());
+  work_ = Work::kNone;
   if (!frame) log_state(spdlog::level::err, "cannot catch up: " + frame.error().text);
-  is_behind_ = has_passed_;
+  if (place_ == Place::kBehind) place_ = Place::kLive;
   go_on();
 }
 
 void PipeSink::send(const FramePtr& frame) {
-  is_busy_ = true;
   if (format_ == PipeFormat::kMjpeg) return encoded(frame, to_mjpeg(*frame, session_id_));
   run_in_pool(
       main_, pool_,
@@ -217,8 +216,8 @@ void PipeSink::encoded(const FramePtr& frame, Result<Block> block) {
 }
 
 void PipeSink::write_block(const FramePtr& frame) {
-  if (!pipe_.is_open() || unread_bytes_) {
-    is_busy_ = false;
+  if (reader_state_ != ReaderState::kPresent || unread_bytes_) {
+    work_ = Work::kNone;
     return go_on();
   }
   asio::async_write(
@@ -229,7 +228,7 @@ void PipeSink::write_block(const FramePtr& frame) {
           self->note_sent(frame->sequence);
           return self->sent(frame);
         }
-        self->is_busy_ = false;
+        self->work_ = Work::kNone;
         // Aborted: the pipe was closed here, and there may be a new one by now.
         if (failed != asio::error::operation_aborted) self->reader_left();
         self->go_on();
@@ -245,17 +244,16 @@ void PipeSink::note_sent(Sequence sequence) {
 
 /// All that there was to do for `frame`, the call's or one from the files, is done.
 void PipeSink::sent(const FramePtr& frame) {
-  is_busy_ = false;
+  work_ = Work::kNone;
   next_ = frame->sequence + 1;
-  if (done_ && frame == frame_) finish(std::nullopt);
+  if (call_ && frame == call_->frame) finish(std::nullopt);
   go_on();
 }
 
 /// Answers the call, in a handler of its own: the caller may be within it.
 void PipeSink::finish(std::optional<Error> error) {
-  frame_.reset();
-  asio::post(main_,
-             [done = std::exchange(done_, nullptr), error = std::move(error)] { done(error); });
+  asio::post(main_, [done = std::move(call_->done), error = std::move(error)] { done(error); });
+  call_.reset();
 }
 
 }  // namespace orbbuf

@@ -77,6 +77,27 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
  private:
   using Block = std::vector<std::uint8_t>;
 
+  enum class ReaderState : std::uint8_t {
+    kAwaited,  ///< asked for every second
+    kPresent,  ///< pipe_ is open
+    kClosed,   ///< nothing more is written: close() has been called
+  };
+  enum class Place : std::uint8_t {
+    kLive,    ///< the reader has all before the call's frame
+    kBehind,  ///< frames from next_ on may be in the files
+    kMissed,  ///< likewise, and one has passed since the files were last asked
+  };
+  enum class Work : std::uint8_t {
+    kNone,
+    kLive,     ///< the call's frame is decoded or written
+    kCatchUp,  ///< an older one is read from the files, decoded or written
+  };
+  struct Call {
+    FramePtr frame;
+    Done done;
+    bool is_cancelled = false;
+  };
+
   void look_for_reader();
   void look_again_later();
   void watch_reader();
@@ -107,16 +128,13 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   boost::asio::posix::stream_descriptor pipe_;
   boost::asio::steady_timer retry_;
 
-  // The call in progress: done_ is set from its beginning to its end.
-  FramePtr frame_;
-  Done done_;
-  bool is_cancelled_ = false;
-
-  bool is_busy_ = false;     // reading, decoding or writing a frame, the call's or an older one
-  Block block_;              // what is being written
-  Sequence next_ = 0;        // no reader needs any frame below
-  bool is_behind_ = false;   // frames from next_ on may be in the files
-  bool has_passed_ = false;  // one has passed since the files were last asked
+  // go_on() decides by these what is next.
+  std::optional<Call> call_;  // in progress
+  ReaderState reader_state_ = ReaderState::kAwaited;
+  Place place_ = Place::kLive;
+  Work work_ = Work::kNone;
+  Sequence next_ = 0;  // no reader needs any frame below
+  Block block_;        // what is being written
 
   // Of the present reader, and of the last one until unread_ has been looked at.
   struct Sent {
@@ -127,7 +145,6 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   std::uint64_t written_bytes_ = 0;
   std::optional<std::uint64_t> unread_bytes_;  // it has left, and this in the pipe
 
-  bool is_closed_ = false;
   std::function<void()> drained_;
   std::uint64_t frames_read_ = 0;  // by the present reader
   std::string last_state_;         // as logged, so that each change is logged once

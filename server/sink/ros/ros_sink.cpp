@@ -35,15 +35,6 @@ std::string topic_of(const std::string& robot_id) {
   return "/" + name;
 }
 
-CalibratedCameras cameras_of(const SessionInfo& info) {
-  auto cameras = calibrated_cameras(info.calibration);
-  if (!cameras.problem.empty()) {
-    spdlog::warn("{} {}: published without calibration: {}", info.robot_id, info.session_id,
-                 cameras.problem);
-  }
-  return cameras;
-}
-
 /// The node and the thread it lives on.
 struct Ros {
   Ros() {
@@ -86,7 +77,9 @@ class RosSink final : public FrameSink {
  private:
   struct Source {
     explicit Source(const SessionInfo& info)
-        : topic(topic_of(info.robot_id)), cameras(cameras_of(info)) {}
+        : topic(topic_of(info.robot_id)),
+          cameras(calibrated_cameras(
+              info.calibration, fmt::format("{} {}: published", info.robot_id, info.session_id))) {}
 
     const std::string topic;
     const CalibratedCameras cameras;

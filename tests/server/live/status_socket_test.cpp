@@ -9,7 +9,6 @@
 #include <memory>
 #include <thread>
 
-#include "server/live/status_table.hpp"
 #include "tests/server/frames.hpp"
 #include "tests/support/temporary_folder.hpp"
 
