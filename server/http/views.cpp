@@ -24,7 +24,7 @@ namespace orbbuf {
 namespace {
 
 namespace fs = std::filesystem;
-std::uint64_t to_ms(RobotFigures::Time time) {
+std::uint64_t to_ms(RobotMetrics::Time time) {
   using std::chrono::milliseconds;
   return static_cast<std::uint64_t>(
       std::chrono::duration_cast<milliseconds>(time.time_since_epoch()).count());
@@ -58,14 +58,14 @@ void add_report(Json& json, const wire::Report& report, double age_s) {
 }
 
 /// Nothing has come for longer than the robot is ever silent.
-bool is_silent(const RobotFigures& robot, RobotFigures::Time now) {
+bool is_silent(const RobotMetrics& robot, RobotMetrics::Time now) {
   constexpr std::chrono::seconds kLongestPause{5};
   return !robot.is_ended() &&
          (!robot.is_connected() || now - robot.timeline().last_heard() > kLongestPause);
 }
 
-void add_timeline(Json& json, const RobotFigures& robot, std::uint64_t since_ms,
-                  RobotFigures::Time now) {
+void add_timeline(Json& json, const RobotMetrics& robot, std::uint64_t since_ms,
+                  RobotMetrics::Time now) {
   const Timeline& timeline = robot.timeline();
   json.add(R"("now":{:.3f},"outages":[)",
            to_seconds(timeline.robot_time(robot.ended_at().value_or(now))));
@@ -87,8 +87,8 @@ void add_timeline(Json& json, const RobotFigures& robot, std::uint64_t since_ms,
   json.add("]");
 }
 
-void add_robot(Json& json, const RobotFigures& robot, std::uint64_t since_ms,
-               RobotFigures::Time now) {
+void add_robot(Json& json, const RobotMetrics& robot, std::uint64_t since_ms,
+               RobotMetrics::Time now) {
   json.add(R"({{"robot":"{}","session":"{}","state":"{}","connections":{},)"
            R"("frames":{},"bytes":{},"drops":{},"frame_rate":{:.2f},)",
            robot.info().robot_id, robot.info().session_id, robot.state(), robot.connections(),
@@ -110,7 +110,7 @@ using prometheus::MetricFamily;
 using prometheus::MetricType;
 
 /// What is asked of one robot; nothing where it is not known.
-using Ask = std::optional<double> (*)(const RobotFigures&, RobotFigures::Time);
+using Ask = std::optional<double> (*)(const RobotMetrics&, RobotMetrics::Time);
 
 struct Metric {
   const char* name;
@@ -125,29 +125,29 @@ std::optional<double> as_value(Number number) {
 }
 
 template <auto Member>
-std::optional<double> reported(const RobotFigures& robot, RobotFigures::Time /*now*/) {
+std::optional<double> reported(const RobotMetrics& robot, RobotMetrics::Time /*now*/) {
   if (!robot.report()) return std::nullopt;
   return as_value((*robot.report()).*Member);
 }
 
 template <auto Member>
-std::optional<double> counted(const RobotFigures& robot, RobotFigures::Time /*now*/) {
+std::optional<double> counted(const RobotMetrics& robot, RobotMetrics::Time /*now*/) {
   if (!robot.report()) return std::nullopt;
   return as_value(robot.report()->account.*Member);
 }
 
-std::optional<double> round_trip(const RobotFigures& robot, RobotFigures::Time /*now*/) {
+std::optional<double> round_trip(const RobotMetrics& robot, RobotMetrics::Time /*now*/) {
   constexpr double kUsPerSecond = 1e6;
   if (!robot.report() || robot.report()->round_trip_us == 0) return std::nullopt;
   return robot.report()->round_trip_us / kUsPerSecond;
 }
 
-std::optional<double> age(const RobotFigures& robot, RobotFigures::Time now) {
+std::optional<double> age(const RobotMetrics& robot, RobotMetrics::Time now) {
   const auto age = robot.timeline().age(now);
   return age ? std::optional(to_seconds(*age)) : std::nullopt;
 }
 
-std::optional<double> report_age(const RobotFigures& robot, RobotFigures::Time now) {
+std::optional<double> report_age(const RobotMetrics& robot, RobotMetrics::Time now) {
   if (!robot.report()) return std::nullopt;
   return to_seconds(now - robot.report_time());
 }
@@ -193,16 +193,16 @@ const auto kMetrics = std::to_array<Metric>({
      report_age},
 });
 
-ClientMetric of_robot(const RobotFigures& robot, MetricType type, double value) {
+ClientMetric of_robot(const RobotMetrics& robot, MetricType type, double value) {
   ClientMetric metric;
   metric.label = {{"robot", robot.info().robot_id}};
   (type == MetricType::Counter ? metric.counter.value : metric.gauge.value) = value;
   return metric;
 }
 
-MetricFamily family_of(const Metric& metric, const Figures& figures, RobotFigures::Time now) {
+MetricFamily family_of(const Metric& metric, const Metrics& metrics, RobotMetrics::Time now) {
   MetricFamily family{metric.name, metric.help, metric.type, {}};
-  for (const auto& [id, robot] : figures.robots()) {
+  for (const auto& [id, robot] : metrics.robots()) {
     if (const auto value = metric.ask(*robot, now)) {
       family.metric.push_back(of_robot(*robot, metric.type, *value));
     }
@@ -210,10 +210,10 @@ MetricFamily family_of(const Metric& metric, const Figures& figures, RobotFigure
   return family;
 }
 
-MetricFamily sessions_of(const Figures& figures) {
+MetricFamily sessions_of(const Metrics& metrics) {
   MetricFamily family{
       "orbbuf_session_info", "1: the robot's latest session", MetricType::Gauge, {}};
-  for (const auto& [id, robot] : figures.robots()) {
+  for (const auto& [id, robot] : metrics.robots()) {
     family.metric.push_back(of_robot(*robot, MetricType::Gauge, 1));
     family.metric.back().label.push_back({"session", robot->info().session_id});
   }
@@ -247,10 +247,10 @@ HttpResponse make_page() {
 
 }  // namespace
 
-std::string to_json(const Figures& figures, std::uint64_t since_ms, RobotFigures::Time now) {
+std::string to_json(const Metrics& metrics, std::uint64_t since_ms, RobotMetrics::Time now) {
   Json json;
   json.add(R"({{"version":"{}","clock_ms":{},"robots":[)", ORBBUF_VERSION, to_ms(now));
-  for (const auto& [id, robot] : figures.robots()) {
+  for (const auto& [id, robot] : metrics.robots()) {
     json.separate();
     add_robot(json, *robot, since_ms, now);
   }
@@ -291,10 +291,10 @@ std::optional<std::string> session_json(const fs::path& folder) {
                      size_of(session_names::kCamera));
 }
 
-std::string to_metrics(const Figures& figures, RobotFigures::Time now) {
+std::string to_prometheus(const Metrics& metrics, RobotMetrics::Time now) {
   std::vector<MetricFamily> families;
-  families.push_back(sessions_of(figures));
-  for (const Metric& metric : kMetrics) families.push_back(family_of(metric, figures, now));
+  families.push_back(sessions_of(metrics));
+  for (const Metric& metric : kMetrics) families.push_back(family_of(metric, metrics, now));
   std::erase_if(families, [](const MetricFamily& family) { return family.metric.empty(); });
   return prometheus::TextSerializer().Serialize(families);
 }

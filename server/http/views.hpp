@@ -8,7 +8,7 @@
 #include <string_view>
 
 #include "server/http/response.hpp"
-#include "server/live/figures.hpp"
+#include "server/live/metrics.hpp"
 
 /// What a browser or Prometheus is shown (docs/live-page.md).
 namespace orbbuf {
@@ -20,7 +20,7 @@ HttpResponse page();
 
 /// All robots, as JSON. Of the timelines the seconds that have changed since `since_ms`, which is
 /// what an earlier answer gave as its `clock_ms`.
-std::string to_json(const Figures& figures, std::uint64_t since_ms, RobotFigures::Time now);
+std::string to_json(const Metrics& metrics, std::uint64_t since_ms, RobotMetrics::Time now);
 
 /// `{"names":[...]}`: the folders in `folder` that are named like robots or sessions, in reverse
 /// order, so the newest of those that begin with their time comes first; at most a thousand.
@@ -32,7 +32,7 @@ std::optional<std::string> session_json(const std::filesystem::path& folder);
 
 inline constexpr std::string_view kMetricsType = "text/plain; version=0.0.4; charset=utf-8";
 
-/// The figures in Prometheus' text format; docs/live-page.md lists the names.
-std::string to_metrics(const Figures& figures, RobotFigures::Time now);
+/// The metrics in Prometheus' text format; docs/live-page.md lists the names.
+std::string to_prometheus(const Metrics& metrics, RobotMetrics::Time now);
 
 }  // namespace orbbuf

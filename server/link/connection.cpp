@@ -66,7 +66,7 @@ void Connection::refuse(std::string_view why, spdlog::level::level_enum level) {
   fail({ErrorCode::kRefused, std::string(why)}, level);
 }
 
-void Connection::attached(wire::Position position) {
+void Connection::on_attached(wire::Position position) {
   state_ = State::kServing;
   spdlog::info("{}: session {} at frame {}, {}", name(), session_->info().session_id,
                position.next_sequence, software_);
@@ -74,12 +74,12 @@ void Connection::attached(wire::Position position) {
   read();
 }
 
-void Connection::replaced() {
+void Connection::on_replaced() {
   spdlog::info("{}: replaced, the robot connected again", name());
   part(encode(wire::ErrorMessage{ErrorCode::kReplaced, "the robot connected again"}));
 }
 
-void Connection::ended(wire::Position position) { part(encode(wire::Bye{position})); }
+void Connection::on_ended(wire::Position position) { part(encode(wire::Bye{position})); }
 
 void Connection::read() {
   if (state_ == State::kServing) start_timer(settings_.idle_timeout);
@@ -89,15 +89,15 @@ void Connection::read() {
   stream_.async_read_some(asio::buffer(space.data(), space.size()),
                           [self = shared_from_this()](const error_code& failed, std::size_t bytes) {
                             self->is_reading_ = false;
-                            self->bytes_came(failed, bytes);
+                            self->on_bytes(failed, bytes);
                           });
 }
 
 /// The one place where the stream advances: each call either reads on, or hands over to handle(),
 /// which does so when it is done, or ends the connection.
-void Connection::bytes_came(const error_code& failed, std::size_t bytes) {
+void Connection::on_bytes(const error_code& failed, std::size_t bytes) {
   if (state_ == State::kClosed) return;
-  if (failed) return reading_failed(failed);
+  if (failed) return on_read_failed(failed);
   if (state_ == State::kParting) return read();
   const auto is_complete = reader_.commit(bytes);
   if (!is_complete) return fail(is_complete.error());
@@ -105,7 +105,7 @@ void Connection::bytes_came(const error_code& failed, std::size_t bytes) {
   handle(reader_.take());
 }
 
-void Connection::reading_failed(const error_code& failed) {
+void Connection::on_read_failed(const error_code& failed) {
   has_peer_closed_ = true;
   if (state_ == State::kParting) {
     if (!is_writing_) close();
@@ -133,7 +133,7 @@ void Connection::handle(Message message) {
     case wire::Type::kStats: {
       const auto report = wire::parse_stats(message.header, message.body);
       if (!report) return fail(report.error());
-      session_->note(report.value());
+      session_->on_report(report.value());
       return read();
     }
     case wire::Type::kBye: {
@@ -167,7 +167,7 @@ void Connection::handle_hello(const Message& message) {
                               wire::is_valid_id(certified) ? certified : ""));
   }
   stop_timer();
-  owner_.introduced(shared_from_this(), hello.value());
+  owner_.on_hello(shared_from_this(), hello.value());
 }
 
 void Connection::handle_frame(Message message) {
@@ -175,7 +175,7 @@ void Connection::handle_frame(Message message) {
   if (!frame) return fail(frame.error());
   session_->write(std::make_shared<const EncodedFrame>(std::move(frame).value()),
                   [weak = weak_from_this()] {
-                    if (const auto self = weak.lock()) self->taken();
+                    if (const auto self = weak.lock()) self->on_taken();
                   });
 }
 
@@ -183,11 +183,11 @@ void Connection::handle_dropped(const Message& message) {
   auto dropped = wire::parse_dropped(message.header, message.body);
   if (!dropped) return fail(dropped.error());
   session_->write_drops(std::move(dropped).value(), [weak = weak_from_this()] {
-    if (const auto self = weak.lock()) self->taken();
+    if (const auto self = weak.lock()) self->on_taken();
   });
 }
 
-void Connection::taken() {
+void Connection::on_taken() {
   if (state_ != State::kServing) return;
   is_ack_due_ = true;
   send_next();
@@ -253,7 +253,7 @@ void Connection::close() {
   timer_.cancel();
   error_code ignored;  // there is nothing to do about it
   stream_.socket().close(ignored);
-  owner_.closed(self);
+  owner_.on_closed(self);
 }
 
 /// Each message moves the deadline, which costs nothing: the timer that runs finds out when it
@@ -273,12 +273,12 @@ void Connection::await_deadline() {
     const auto now = std::chrono::steady_clock::now();
     if (failed || self->timer_.expiry() > now) return;
     self->is_timer_running_ = false;
-    if (self->deadline_ <= now) return self->time_is_up();
+    if (self->deadline_ <= now) return self->on_deadline();
     if (self->deadline_ < std::chrono::steady_clock::time_point::max()) self->await_deadline();
   });
 }
 
-void Connection::time_is_up() {
+void Connection::on_deadline() {
   if (state_ == State::kParting) return close();
   const bool is_serving = state_ == State::kServing;
   if (is_introduced() && !is_serving) return;

@@ -29,10 +29,10 @@ class ConnectionOwner {
  public:
   virtual ~ConnectionOwner() = default;
   /// Must end in connection->join() or connection->refuse().
-  virtual void introduced(const std::shared_ptr<Connection>& connection,
-                          const wire::Hello& hello) = 0;
+  virtual void on_hello(const std::shared_ptr<Connection>& connection,
+                        const wire::Hello& hello) = 0;
   /// The last call: the socket is closed.
-  virtual void closed(const std::shared_ptr<Connection>& connection) = 0;
+  virtual void on_closed(const std::shared_ptr<Connection>& connection) = 0;
 };
 
 /// One robot's TCP connection: hello and welcome, then message after message, one at a time. The
@@ -42,7 +42,7 @@ class ConnectionOwner {
 ///
 ///   connection  [handshake ->] hello -> joining -> serving -> parting -> closed
 ///                                          |          ^ |         ^
-///                                 attach() |          | |         | replaced(), ended()
+///                                 attach() |          | |         | on_replaced(), on_ended()
 ///                                          v          | v         |
 ///   session          awaited ------> settling -> attached --> closing -> closed
 ///                       ^            (no sink         |
@@ -73,22 +73,22 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   bool is_introduced() const { return state_ > State::kHello; }
   const boost::asio::ip::tcp::endpoint& peer() const { return peer_; }
 
-  void attached(wire::Position position) override;
-  void replaced() override;
-  void ended(wire::Position position) override;
+  void on_attached(wire::Position position) override;
+  void on_replaced() override;
+  void on_ended(wire::Position position) override;
 
  private:
   enum class State : std::uint8_t { kHandshake, kHello, kJoining, kServing, kParting, kClosed };
 
   void shake_hands();
   void read();
-  void bytes_came(const boost::system::error_code& failed, std::size_t bytes);
-  void reading_failed(const boost::system::error_code& failed);
+  void on_bytes(const boost::system::error_code& failed, std::size_t bytes);
+  void on_read_failed(const boost::system::error_code& failed);
   void handle(Message message);
   void handle_hello(const Message& message);
   void handle_frame(Message message);
   void handle_dropped(const Message& message);
-  void taken();
+  void on_taken();
 
   void fail(const wire::Fault& fault, spdlog::level::level_enum level = spdlog::level::warn);
   void part(std::vector<std::uint8_t> last_words);
@@ -98,7 +98,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void start_timer(std::chrono::nanoseconds time);
   void stop_timer();
   void await_deadline();
-  void time_is_up();
+  void on_deadline();
   std::string name() const;
 
   const boost::asio::ip::tcp::endpoint peer_;

@@ -18,7 +18,6 @@ namespace asio = boost::asio;
 using asio::ip::tcp;
 using boost::system::error_code;
 
-constexpr std::chrono::milliseconds kAcceptRetry{200};
 constexpr std::size_t kSupersededKept = 1000;
 
 /// Best effort, at once: there is no room to be polite to more than we can serve.
@@ -33,11 +32,11 @@ void turn_away(tcp::socket& socket, const std::string& why) {
 }  // namespace
 
 Listener::Listener(asio::io_context& main, asio::thread_pool& pool, Settings settings,
-                   Figures* figures)
+                   Metrics* metrics)
     : main_(main),
       pool_(pool),
       settings_(std::move(settings)),
-      figures_(figures),
+      metrics_(metrics),
       tls_(make_tls_context(settings_.listen.tls)),
       acceptor_(listen_on(main, "listen on", settings_.listen.address,
                           settings_.listen.receive_buffer_bytes)),
@@ -64,24 +63,24 @@ bool Listener::has_session(const std::string& robot_id, const std::string& sessi
 void Listener::accept() {
   acceptor_.async_accept([this](const error_code& failed, tcp::socket socket) {
     if (!acceptor_.is_open()) return;  // stopped
-    if (failed) return accept_failed(failed);
-    accepted(std::move(socket));
+    if (failed) return on_accept_failed(failed);
+    on_accepted(std::move(socket));
     accept();
   });
 }
 
 /// Out of descriptors or memory, mostly: those who wait in the kernel's queue are not lost.
-void Listener::accept_failed(const error_code& failed) {
+void Listener::on_accept_failed(const error_code& failed) {
   if (!std::exchange(is_accept_failing_, true)) {
     spdlog::error("accept on {}: {}; trying again", to_text(endpoint()), failed.message());
   }
-  retry_.expires_after(kAcceptRetry);
+  retry_.expires_after(kRetry);
   retry_.async_wait([this](const error_code& aborted) {
     if (!aborted && !stopped_) accept();
   });
 }
 
-void Listener::accepted(tcp::socket socket) {
+void Listener::on_accepted(tcp::socket socket) {
   if (std::exchange(is_accept_failing_, false)) spdlog::info("accepting connections again");
   error_code gone;
   const auto address = socket.remote_endpoint(gone).address();
@@ -111,7 +110,7 @@ std::string Listener::reason_to_turn_away(const asio::ip::address& address) cons
                      listen.max_connections_per_address);
 }
 
-void Listener::introduced(const std::shared_ptr<Connection>& connection, const wire::Hello& hello) {
+void Listener::on_hello(const std::shared_ptr<Connection>& connection, const wire::Hello& hello) {
   if (stopped_) return connection->refuse("the server stops");
   const SessionKey key(hello.robot_id, hello.session_id);
   if (const std::string why = reason_to_refuse(key); !why.empty()) {
@@ -172,12 +171,12 @@ Result<std::shared_ptr<Session>> Listener::session_for(const SessionKey& key,
                                              sessions_.erase(key);
                                              check_stopped();
                                            });
-  if (figures_ != nullptr) session->show(figures_->begin(session->info()));
+  if (metrics_ != nullptr) session->show(metrics_->begin(session->info()));
   sessions_.emplace(key, session);
   return session;
 }
 
-void Listener::closed(const std::shared_ptr<Connection>& connection) {
+void Listener::on_closed(const std::shared_ptr<Connection>& connection) {
   connections_.erase(connection);
   check_stopped();
 }

@@ -5,6 +5,7 @@
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
+#include <chrono>
 #include <deque>
 #include <functional>
 #include <map>
@@ -33,9 +34,9 @@ namespace orbbuf {
 class Listener final : public ConnectionOwner {
  public:
   /// Listens; accepts from start() on. Throws std::runtime_error, saying on what and why not, or
-  /// which key or certificate cannot be used. `figures`, null if nobody looks, must outlive it.
+  /// which key or certificate cannot be used. `metrics`, null if nobody looks, must outlive it.
   Listener(boost::asio::io_context& main, boost::asio::thread_pool& pool, Settings settings,
-           Figures* figures = nullptr);
+           Metrics* metrics = nullptr);
 
   boost::asio::ip::tcp::endpoint endpoint() const { return acceptor_.local_endpoint(); }
 
@@ -53,13 +54,15 @@ class Listener final : public ConnectionOwner {
  private:
   using SessionKey = std::pair<std::string, std::string>;  // robot id, session id
 
-  void introduced(const std::shared_ptr<Connection>& connection, const wire::Hello& hello) override;
-  void closed(const std::shared_ptr<Connection>& connection) override;
+  static constexpr std::chrono::milliseconds kRetry{200};
+
+  void on_hello(const std::shared_ptr<Connection>& connection, const wire::Hello& hello) override;
+  void on_closed(const std::shared_ptr<Connection>& connection) override;
 
   void accept();
-  void accepted(boost::asio::ip::tcp::socket socket);
+  void on_accepted(boost::asio::ip::tcp::socket socket);
   std::string reason_to_turn_away(const boost::asio::ip::address& address) const;
-  void accept_failed(const boost::system::error_code& failed);
+  void on_accept_failed(const boost::system::error_code& failed);
   std::string reason_to_refuse(const SessionKey& key) const;
   void close_other_sessions(const SessionKey& key);
   Result<std::shared_ptr<Session>> session_for(const SessionKey& key, const wire::Hello& hello);
@@ -68,7 +71,7 @@ class Listener final : public ConnectionOwner {
   boost::asio::io_context& main_;
   boost::asio::thread_pool& pool_;
   const Settings settings_;
-  Figures* const figures_;
+  Metrics* const metrics_;
   const std::unique_ptr<TlsContext> tls_;  // null: plain TCP
   boost::asio::ip::tcp::acceptor acceptor_;
   boost::asio::steady_timer retry_;

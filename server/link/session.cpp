@@ -15,8 +15,6 @@ namespace {
 namespace asio = boost::asio;
 using boost::system::error_code;
 
-constexpr std::chrono::seconds kRetry{1};
-
 std::string_view to_string(SessionEnd end) {
   switch (end) {
     case SessionEnd::kBye:
@@ -58,19 +56,19 @@ void Session::attach(const std::shared_ptr<SessionPeer>& peer) {
   peer_ = peer;
   is_peer_waiting_ = true;
   timer_.cancel();
-  if (figures_) figures_->connected();
-  if (old) old->replaced();
-  nobody_waits();
+  if (metrics_) metrics_->on_connected();
+  if (old) old->on_replaced();
+  on_waiter_gone();
 }
 
 void Session::detach(const SessionPeer& peer) {
   if (peer_.lock().get() != &peer) return;
   peer_.reset();
   is_peer_waiting_ = false;
-  if (figures_) figures_->disconnected();
+  if (metrics_) metrics_->on_disconnected();
   if (is_closing()) return;
   start_timeout();
-  nobody_waits();
+  on_waiter_gone();
 }
 
 void Session::write(FramePtr frame, Taken taken) {
@@ -106,8 +104,8 @@ void Session::write_drops(wire::Dropped dropped, Taken taken) {
   begin({nullptr, std::move(records), then, std::move(taken)});
 }
 
-void Session::note(const wire::Report& report) {
-  if (figures_) figures_->told(report);
+void Session::on_report(const wire::Report& report) {
+  if (metrics_) metrics_->on_report(report);
   const wire::Stats& stats = report.account;
   spdlog::debug(
       "{}: captured {} = skipped {} + failed {} + dropped {} + acknowledged {} + waiting {} + "
@@ -126,7 +124,7 @@ void Session::begin(Job job) {
 void Session::call_sink() {
   is_sink_busy_ = true;
   auto done = [weak = weak_from_this()](const std::optional<Error>& error) {
-    if (const auto self = weak.lock()) self->sink_done(error);
+    if (const auto self = weak.lock()) self->on_sink_done(error);
   };
   FrameSink& sink = *sinks_[job_->sink];
   if (job_->frame) {
@@ -137,7 +135,7 @@ void Session::call_sink() {
 }
 
 /// One step of the job: the next sink, another try in a second, or the end of it.
-void Session::sink_done(const std::optional<Error>& error) {
+void Session::on_sink_done(const std::optional<Error>& error) {
   is_sink_busy_ = false;
   const bool can_give_up = is_closing() || (!job_->taken && !is_partly_taken());
   if (error && can_give_up) {
@@ -165,11 +163,11 @@ void Session::sink_done(const std::optional<Error>& error) {
 bool Session::is_partly_taken() const { return job_->sink > 0 || sinks_[0]->is_partly_taken(); }
 
 void Session::show_job() const {
-  if (!figures_) return;
+  if (!metrics_) return;
   if (job_->frame) {
-    figures_->delivered(job_->frame);
+    metrics_->on_delivered(job_->frame);
   } else {
-    figures_->dropped(job_->records);
+    metrics_->on_dropped(job_->records);
   }
 }
 
@@ -184,7 +182,7 @@ void Session::note_failure(const std::optional<Error>& error) {
 }
 
 /// Whoever waited for the job is gone: ends it, as far as that can be done.
-void Session::nobody_waits() {
+void Session::on_waiter_gone() {
   if (!job_) return settle();
   job_->taken = nullptr;
   if (is_sink_busy_) return sinks_[job_->sink]->cancel();
@@ -199,7 +197,7 @@ void Session::settle() {
   if (job_) return;
   if (is_closing()) return drain();
   if (!std::exchange(is_peer_waiting_, false)) return;
-  if (const auto peer = peer_.lock()) peer->attached(position_);
+  if (const auto peer = peer_.lock()) peer->on_attached(position_);
 }
 
 /// The connection is gone; the robot has this long to come back.
@@ -219,7 +217,7 @@ void Session::close(SessionEnd end) {
     if (failed) return;
     for (const auto& sink : self->sinks_) sink->close();
   });
-  nobody_waits();
+  on_waiter_gone();
 }
 
 /// All that was begun has ended: one sink after the other finishes.
@@ -236,15 +234,15 @@ void Session::drain() {
 void Session::finish_close() {
   const auto self = shared_from_this();  // `closed_` may drop the last reference
   timer_.cancel();
-  if (figures_) figures_->ended();
+  if (metrics_) metrics_->on_ended();
   for (const auto& sink : std::exchange(sinks_, {})) sink->close();
   spdlog::info("{}: {}; next frame {}, {} drop records", name_, to_string(*end_),
                position_.next_sequence, position_.next_drop);
   if (const auto peer = peer_.lock()) {
     if (*end_ == SessionEnd::kSuperseded) {
-      peer->replaced();
+      peer->on_replaced();
     } else {
-      peer->ended(position_);
+      peer->on_ended(position_);
     }
   }
   closed_();

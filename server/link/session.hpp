@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "common/wire.hpp"
-#include "server/live/figures.hpp"
+#include "server/live/metrics.hpp"
 #include "server/recording/session_info.hpp"
 #include "server/sink/frame_sink.hpp"
 
@@ -23,11 +23,11 @@ class SessionPeer {
  public:
   virtual ~SessionPeer() = default;
   /// The session is yours and stands at `position`: welcome the robot.
-  virtual void attached(wire::Position position) = 0;
+  virtual void on_attached(wire::Position position) = 0;
   /// The session is another connection's now, or the robot began a new one.
-  virtual void replaced() = 0;
+  virtual void on_replaced() = 0;
   /// The session is over, its record ends at `position`: say bye.
-  virtual void ended(wire::Position position) = 0;
+  virtual void on_ended(wire::Position position) = 0;
 };
 
 /// Why a session ends.
@@ -65,10 +65,10 @@ class Session : public std::enable_shared_from_this<Session> {
           std::vector<std::shared_ptr<FrameSink>> sinks, const Timeouts& timeouts,
           std::function<void()> closed);
 
-  /// Tells `figures` what happens from here on. At most once, before all else.
-  void show(std::shared_ptr<RobotFigures> figures) { figures_ = std::move(figures); }
+  /// Tells `metrics` what happens from here on. At most once, before all else.
+  void show(std::shared_ptr<RobotMetrics> metrics) { metrics_ = std::move(metrics); }
 
-  /// Makes `peer` the one connection, replacing the present one. peer->attached() follows as
+  /// Makes `peer` the one connection, replacing the present one. peer->on_attached() follows as
   /// soon as no sink is busy any more, possibly from within the call. Requires !is_closing().
   void attach(const std::shared_ptr<SessionPeer>& peer);
   /// The connection has gone. Does nothing if it was replaced before.
@@ -77,7 +77,7 @@ class Session : public std::enable_shared_from_this<Session> {
   /// Requires that the last call was taken. Repeats are taken without writing them again.
   void write(FramePtr frame, Taken taken);
   void write_drops(wire::Dropped dropped, Taken taken);
-  void note(const wire::Report& report);
+  void on_report(const wire::Report& report);
 
   /// Ends the session when the sinks are done with what they have begun, or when `drain` is over.
   void close(SessionEnd end);
@@ -96,13 +96,15 @@ class Session : public std::enable_shared_from_this<Session> {
     std::size_t sink = 0;
   };
 
+  static constexpr std::chrono::seconds kRetry{1};
+
   void begin(Job job);
   void call_sink();
-  void sink_done(const std::optional<Error>& error);
+  void on_sink_done(const std::optional<Error>& error);
   bool is_partly_taken() const;
   void show_job() const;
   void note_failure(const std::optional<Error>& error);
-  void nobody_waits();
+  void on_waiter_gone();
   void settle();
   void start_timeout();
   void drain();
@@ -117,11 +119,11 @@ class Session : public std::enable_shared_from_this<Session> {
   boost::asio::steady_timer timer_;  // until a connection comes, or the sinks drain
   boost::asio::steady_timer retry_;
 
-  std::shared_ptr<RobotFigures> figures_;  // null: nobody looks
+  std::shared_ptr<RobotMetrics> metrics_;  // null: nobody looks
 
   wire::Position position_;
   std::weak_ptr<SessionPeer> peer_;
-  bool is_peer_waiting_ = false;  // for attached()
+  bool is_peer_waiting_ = false;  // for on_attached()
   std::optional<Job> job_;
   bool is_sink_busy_ = false;  // else a job is waiting for retry_
   bool is_failing_ = false;

@@ -23,7 +23,6 @@ namespace fs = std::filesystem;
 using Protocol = asio::local::stream_protocol;
 using boost::system::error_code;
 
-constexpr std::chrono::milliseconds kStatusRetry{200};
 constexpr std::chrono::seconds kPatience{5};
 /// systemd's, of the unit that the package installs.
 constexpr const char* kServiceSocket = "/run/orbbuf-server/status";
@@ -87,7 +86,7 @@ std::string to_text(std::optional<std::chrono::nanoseconds> age) {
                               : fmt::format("{:.1f} s", to_seconds(*age));
 }
 
-Row row_of(const RobotFigures& robot, RobotFigures::Time now) {
+Row row_of(const RobotMetrics& robot, RobotMetrics::Time now) {
   const bool is_connected = robot.is_connected();
   Row row{robot.info().robot_id, robot.info().session_id, robot.state(),
           fmt::format("{:.1f}", robot.frame_rate(now)),
@@ -112,10 +111,10 @@ Row row_of(const RobotFigures& robot, RobotFigures::Time now) {
 
 }  // namespace
 
-std::string to_table(const Figures& figures, RobotFigures::Time now) {
+std::string to_table(const Metrics& metrics, RobotMetrics::Time now) {
   std::vector<Row> rows{{"ROBOT", "SESSION", "STATE", "FRAMES/S", "AGE", "BUFFER", "LINK",
                          "ROUND TRIP", "CAPTURED", "DELIVERED", "DROPPED", "SKIPPED", "FAILED"}};
-  for (const auto& [id, robot] : figures.robots()) rows.push_back(row_of(*robot, now));
+  for (const auto& [id, robot] : metrics.robots()) rows.push_back(row_of(*robot, now));
   std::array<std::size_t, kColumns> widths{};
   for (const Row& row : rows) {
     for (std::size_t i = 0; i < kColumns; ++i) widths[i] = std::max(widths[i], row[i].size());
@@ -138,8 +137,8 @@ fs::path status_socket_path(const std::string& setting) {
   return service.empty() ? own_socket() : service;
 }
 
-StatusSocket::StatusSocket(asio::io_context& main, fs::path path, const Figures& figures)
-    : path_(std::move(path)), figures_(figures), acceptor_(listen_on(main, path_)), retry_(main) {}
+StatusSocket::StatusSocket(asio::io_context& main, fs::path path, const Metrics& metrics)
+    : path_(std::move(path)), metrics_(metrics), acceptor_(listen_on(main, path_)), retry_(main) {}
 
 StatusSocket::~StatusSocket() { ::unlink(path_.c_str()); }
 
@@ -153,7 +152,7 @@ void StatusSocket::accept() {
   acceptor_.async_accept([this](const error_code& failed, Protocol::socket socket) {
     if (!acceptor_.is_open() || failed == asio::error::operation_aborted) return;
     if (failed) return accept_later();  // no descriptors, of which the robots' listener tells
-    const std::string table = to_table(figures_, RobotFigures::Clock::now());
+    const std::string table = to_table(metrics_, RobotMetrics::Clock::now());
     error_code ignored;  // whoever asked has gone
     socket.non_blocking(true, ignored);
     socket.write_some(asio::buffer(table), ignored);
@@ -162,7 +161,7 @@ void StatusSocket::accept() {
 }
 
 void StatusSocket::accept_later() {
-  retry_.expires_after(kStatusRetry);
+  retry_.expires_after(kRetry);
   retry_.async_wait([this](const error_code& aborted) {
     if (!aborted && acceptor_.is_open()) accept();
   });

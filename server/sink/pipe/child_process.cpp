@@ -123,7 +123,7 @@ ChildProcess::ChildProcess(asio::io_context& main, std::string label, std::strin
       environment_(std::move(environment)),
       history_(std::make_shared<History>(std::move(label), restart)) {}
 
-Result<UniqueFd> ChildProcess::open(std::function<void()> gone) {
+Result<UniqueFd> ChildProcess::connect(std::function<void()> gone) {
   if ((child_ && child_->is_running) || !history_->allows_start()) return UniqueFd();
   auto input = make_pipe(name());
   if (!input) return std::move(input).error();

@@ -35,8 +35,8 @@ class Backoff {
   Duration next_{0};
 };
 
-/// A shell command that reads a session's pipe as its standard input, started anew by open() after
-/// it has ended, as `restart` has it.
+/// A shell command that reads a session's pipe as its standard input, started anew by connect()
+/// after it has ended, as `restart` has it.
 ///
 /// The child has no descriptor of the server but that input and its output, which goes to the log
 /// (ChildOutput); its own process group, so that Ctrl-C at the server reaches it as the end of its
@@ -52,7 +52,7 @@ class ChildProcess final : public PipeReader {
 
   /// Starts the command, and is an error if that fails. Empty while the last child still runs, or
   /// it is too early or too late for another one. gone: the child has ended.
-  Result<UniqueFd> open(std::function<void()> gone) override;
+  Result<UniqueFd> connect(std::function<void()> gone) override;
   std::string name() const override;
 
  private:

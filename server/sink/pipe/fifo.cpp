@@ -14,7 +14,7 @@ namespace orbbuf {
 
 Fifo::Fifo(std::filesystem::path path) : path_(std::move(path)) {}
 
-Result<UniqueFd> Fifo::open(std::function<void()> /*gone*/) {
+Result<UniqueFd> Fifo::connect(std::function<void()> /*gone*/) {
   std::error_code ignored;  // mkfifo says what is wrong with the folder
   // Every time: somebody may have removed it while it had no reader.
   if (path_.has_parent_path()) std::filesystem::create_directories(path_.parent_path(), ignored);

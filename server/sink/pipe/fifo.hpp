@@ -21,7 +21,7 @@ class Fifo final : public PipeReader {
   explicit Fifo(std::filesystem::path path);
 
   /// An error if the path is something else than a FIFO, which is then left alone.
-  Result<UniqueFd> open(std::function<void()> gone) override;
+  Result<UniqueFd> connect(std::function<void()> gone) override;
   std::string name() const override { return path_.string(); }
 
  private:

@@ -16,9 +16,9 @@ class PipeReader {
 
   /// The writing end of a pipe that somebody reads; empty if nobody does yet. Closing it shows the
   /// reader the end. Never blocks. Called again when the pipe broke or `gone` ran.
-  /// gone: runs, before the next open(), when the reader has left in a way that the pipe itself may
-  /// not show; possibly when the pipe is long closed.
-  virtual Result<UniqueFd> open(std::function<void()> gone) = 0;
+  /// gone: runs, before the next connect(), when the reader has left in a way that the pipe itself
+  /// may not show; possibly when the pipe is long closed.
+  virtual Result<UniqueFd> connect(std::function<void()> gone) = 0;
 
   /// For the log.
   virtual std::string name() const = 0;

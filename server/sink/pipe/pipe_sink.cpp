@@ -19,8 +19,6 @@ namespace {
 namespace asio = boost::asio;
 using boost::system::error_code;
 
-constexpr std::chrono::seconds kRetry{1};
-
 }  // namespace
 
 PipeSink::PipeSink(asio::io_context& main, asio::thread_pool& pool, const SessionInfo& info,
@@ -72,8 +70,8 @@ void PipeSink::close() {
 
 /// Asks once, and again in a second if there is none.
 void PipeSink::look_for_reader() {
-  auto end = reader_->open([weak = weak_from_this()] {
-    if (const auto self = weak.lock()) self->reader_left();
+  auto end = reader_->connect([weak = weak_from_this()] {
+    if (const auto self = weak.lock()) self->on_reader_left();
   });
   if (!end) {
     log_state(spdlog::level::err, end.error().text);
@@ -101,11 +99,11 @@ void PipeSink::look_again_later() {
 void PipeSink::watch_reader() {
   pipe_.async_wait(asio::posix::stream_descriptor::wait_error,
                    [self = shared_from_this()](const error_code& failed) {
-                     if (!failed) self->reader_left();
+                     if (!failed) self->on_reader_left();
                    });
 }
 
-void PipeSink::reader_left() {
+void PipeSink::on_reader_left() {
   if (reader_state_ != ReaderState::kPresent) return;
   reader_state_ = ReaderState::kAwaited;
   int unread_bytes = 0;
@@ -180,12 +178,10 @@ void PipeSink::catch_up() {
   run_in_pool(
       main_, pool_,
       [self = shared_from_this(), first = next_] { return self->backlog_.next(first); },
-      [self = shared_from_this()](Result<FramePtr> frame) {
-        self->caught_up_with(std::move(frame));
-      });
+      [self = shared_from_this()](Result<FramePtr> frame) { self->on_backlog(std::move(frame)); });
 }
 
-void PipeSink::caught_up_with(Result<FramePtr> frame) {
+void PipeSink::on_backlog(Result<FramePtr> frame) {
   if (frame && frame.value()) return send(std::move(frame).value());
   work_ = Work::kNone;
   if (!frame) log_state(spdlog::level::err, "cannot catch up: " + frame.error().text);
@@ -194,22 +190,22 @@ void PipeSink::caught_up_with(Result<FramePtr> frame) {
 }
 
 void PipeSink::send(const FramePtr& frame) {
-  if (format_ == PipeFormat::kMjpeg) return encoded(frame, to_mjpeg(*frame, session_id_));
+  if (format_ == PipeFormat::kMjpeg) return on_encoded(frame, to_mjpeg(*frame, session_id_));
   run_in_pool(
       main_, pool_,
       [self = shared_from_this(), frame] {
         return to_pgm(*frame, self->session_id_, self->codec_);
       },
       [self = shared_from_this(), frame](Result<Block> block) {
-        self->encoded(frame, std::move(block));
+        self->on_encoded(frame, std::move(block));
       });
 }
 
-void PipeSink::encoded(const FramePtr& frame, Result<Block> block) {
+void PipeSink::on_encoded(const FramePtr& frame, Result<Block> block) {
   if (!block) {
     spdlog::warn("{}: {}: skipped frame {}: {}", label_, reader_->name(), frame->sequence,
                  block.error().text);
-    return sent(frame);
+    return on_sent(frame);
   }
   block_ = std::move(block).value();
   write_block(frame);
@@ -226,11 +222,11 @@ void PipeSink::write_block(const FramePtr& frame) {
         self->written_bytes_ += bytes;
         if (!failed) {
           self->note_sent(frame->sequence);
-          return self->sent(frame);
+          return self->on_sent(frame);
         }
         self->work_ = Work::kNone;
         // Aborted: the pipe was closed here, and there may be a new one by now.
-        if (failed != asio::error::operation_aborted) self->reader_left();
+        if (failed != asio::error::operation_aborted) self->on_reader_left();
         self->go_on();
       });
 }
@@ -243,7 +239,7 @@ void PipeSink::note_sent(Sequence sequence) {
 }
 
 /// All that there was to do for `frame`, the call's or one from the files, is done.
-void PipeSink::sent(const FramePtr& frame) {
+void PipeSink::on_sent(const FramePtr& frame) {
   work_ = Work::kNone;
   next_ = frame->sequence + 1;
   if (call_ && frame == call_->frame) finish(std::nullopt);

@@ -7,6 +7,7 @@
 #include <boost/asio/posix/stream_descriptor.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
+#include <chrono>
 #include <cstdint>
 #include <deque>
 #include <filesystem>
@@ -98,21 +99,23 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
     bool is_cancelled = false;
   };
 
+  static constexpr std::chrono::seconds kRetry{1};
+
   void look_for_reader();
   void look_again_later();
   void watch_reader();
-  void reader_left();
+  void on_reader_left();
   void rewind();
 
   void go_on();
   void serve_call();
   void catch_up();
-  void caught_up_with(Result<FramePtr> frame);
+  void on_backlog(Result<FramePtr> frame);
   void send(const FramePtr& frame);
-  void encoded(const FramePtr& frame, Result<Block> block);
+  void on_encoded(const FramePtr& frame, Result<Block> block);
   void write_block(const FramePtr& frame);
   void note_sent(Sequence sequence);
-  void sent(const FramePtr& frame);
+  void on_sent(const FramePtr& frame);
   void finish(std::optional<Error> error);
   void log_state(spdlog::level::level_enum level, std::string state);
 

@@ -54,9 +54,9 @@ class FakeSink : public FrameSink {
 };
 
 struct FakePeer : SessionPeer {
-  void attached(wire::Position position) override { welcome = position; }
-  void replaced() override { is_replaced = true; }
-  void ended(wire::Position position) override { bye = position; }
+  void on_attached(wire::Position position) override { welcome = position; }
+  void on_replaced() override { is_replaced = true; }
+  void on_ended(wire::Position position) override { bye = position; }
 
   std::optional<wire::Position> welcome;
   std::optional<wire::Position> bye;

@@ -18,7 +18,7 @@ class ChildProcessTest : public test::EventLoop {
   }
   /// The command's next start; false if there is none now.
   bool start(ChildProcess& child) {
-    auto end = child.open([this] { ++gone_; });
+    auto end = child.connect([this] { ++gone_; });
     EXPECT_TRUE(end);
     input_ = std::move(end).value();
     return static_cast<bool>(input_);
@@ -41,7 +41,7 @@ TEST_F(ChildProcessTest, ReadsItsStandardInputToTheEndAndIsReaped) {
   const test::CapturedLog log;
   auto child = command("cat > " + out());
   {
-    auto end = child.open([] {});
+    auto end = child.connect([] {});
     ASSERT_TRUE(end && end.value());
     give(end.value(), "frames");
   }
@@ -54,7 +54,7 @@ TEST_F(ChildProcessTest, HasTheSessionInItsEnvironmentAndNoDescriptorOfOurs) {
   const UniqueFd secret(::dup(STDOUT_FILENO));
   auto child = command("echo $ORBBUF_ROBOT $HOME > " + out() + "; ls /proc/self/fd >> " + out(),
                        Restart::kAlways, {"ORBBUF_ROBOT=r1", "HOME=/elsewhere"});
-  ASSERT_TRUE(child.open([] {}));
+  ASSERT_TRUE(child.connect([] {}));
   ASSERT_TRUE(run_until_reaped());
   // 3 is ls reading the folder itself.
   EXPECT_EQ(output(), "r1 /elsewhere\n0\n1\n2\n3\n");
@@ -63,23 +63,23 @@ TEST_F(ChildProcessTest, HasTheSessionInItsEnvironmentAndNoDescriptorOfOurs) {
 TEST_F(ChildProcessTest, DiesOfABrokenPipeAsUsualThoughTheServerDoesNot) {
   const test::CapturedLog log;
   auto child = command("yes | head -n 1 > " + out() + "; kill -PIPE $$");
-  ASSERT_TRUE(child.open([] {}));
+  ASSERT_TRUE(child.connect([] {}));
   ASSERT_TRUE(run_until_reaped());
   EXPECT_EQ(log.lines("was killed by signal 13 (Broken pipe)").size(), 1U);
 }
 
 TEST_F(ChildProcessTest, IsStartedAgainOnlyWhenItHasEnded) {
   auto child = command("cat >> " + out());
-  auto first = child.open([] {});
+  auto first = child.connect([] {});
   ASSERT_TRUE(first && first.value());
-  auto early = child.open([] {});
+  auto early = child.connect([] {});
   ASSERT_TRUE(early);
   EXPECT_FALSE(early.value());
   give(first.value(), "one ");
   first.value() = UniqueFd();
   ASSERT_TRUE(run_until_reaped());
   {
-    auto second = child.open([] {});
+    auto second = child.connect([] {});
     ASSERT_TRUE(second && second.value());
     give(second.value(), "two");
   }
@@ -177,7 +177,7 @@ TEST_F(ChildProcessTest, WhatItLeavesBehindHoldsNothingUp) {
 TEST_F(ChildProcessTest, IsReapedAfterTheSessionHasGone) {
   {
     auto child = command("cat > " + out());
-    ASSERT_TRUE(child.open([] {}));
+    ASSERT_TRUE(child.connect([] {}));
   }
   ASSERT_TRUE(run_until_reaped());
 }

@@ -21,21 +21,21 @@ namespace orbbuf {
 /// What is known of a robot's latest session, for people and their tools: nothing in the server
 /// depends on it. The session tells; the page, /metrics and `status` read. Holds one frame, the
 /// newest, if anybody can see it. Thread-bound to `main`.
-class RobotFigures {
+class RobotMetrics {
  public:
   using Clock = std::chrono::steady_clock;
   using Time = Clock::time_point;
 
-  explicit RobotFigures(SessionInfo info, bool keeps_frame = true)
+  explicit RobotMetrics(SessionInfo info, bool keeps_frame = true)
       : info_(std::move(info)), keeps_frame_(keeps_frame) {}
 
-  void connected(Time now = Clock::now());
-  void disconnected();
-  void told(const wire::Report& report, Time now = Clock::now());
+  void on_connected(Time now = Clock::now());
+  void on_disconnected();
+  void on_report(const wire::Report& report, Time now = Clock::now());
   /// The sinks have taken it.
-  void delivered(FramePtr frame, Time now = Clock::now());
-  void dropped(std::span<const DropRecord> records, Time now = Clock::now());
-  void ended(Time now = Clock::now());
+  void on_delivered(FramePtr frame, Time now = Clock::now());
+  void on_dropped(std::span<const DropRecord> records, Time now = Clock::now());
+  void on_ended(Time now = Clock::now());
 
   const SessionInfo& info() const { return info_; }
   bool is_connected() const { return is_connected_; }
@@ -80,15 +80,15 @@ class RobotFigures {
 
 /// All robots that have been here since the server was started; of those that are gone, the last.
 /// Thread-bound to `main`.
-class Figures {
+class Metrics {
  public:
-  using Robots = std::map<std::string, std::shared_ptr<RobotFigures>>;
+  using Robots = std::map<std::string, std::shared_ptr<RobotMetrics>>;
 
-  explicit Figures(std::size_t max_robots, bool keep_frames = true)
+  explicit Metrics(std::size_t max_robots, bool keep_frames = true)
       : max_robots_(max_robots), keep_frames_(keep_frames) {}
 
-  /// A session begins: its figures take the place of the robot's earlier ones.
-  std::shared_ptr<RobotFigures> begin(const SessionInfo& info);
+  /// A session begins: its metrics take the place of the robot's earlier ones.
+  std::shared_ptr<RobotMetrics> begin(const SessionInfo& info);
 
   const Robots& robots() const { return robots_; }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/http/site.hpp"
+#include "server/http/router.hpp"
 
 #include <algorithm>
 #include <boost/asio/ip/address.hpp>
@@ -85,15 +85,15 @@ fs::path file_in_session(const std::vector<std::string>& words) {
 
 }  // namespace
 
-Site::Site(asio::io_context& main, asio::thread_pool& files, const Figures& figures,
-           fs::path folder, bool is_local)
+Router::Router(asio::io_context& main, asio::thread_pool& files, const Metrics& metrics,
+               fs::path folder, bool is_local)
     : main_(main),
       files_(files),
-      figures_(figures),
+      metrics_(metrics),
       folder_(std::move(folder)),
       is_local_(is_local) {}
 
-void Site::answer(const HttpRequest& request, Answer answer) const {
+void Router::answer(const HttpRequest& request, Answer answer) const {
   if (is_local_ && !is_own_host(request.host)) {
     return answer(error_response(kMisdirected, "ask for localhost, or for an address"));
   }
@@ -101,13 +101,13 @@ void Site::answer(const HttpRequest& request, Answer answer) const {
   answer_path(request, words_of(request.path), std::move(answer));
 }
 
-void Site::answer_path(const HttpRequest& request, const Words& words, Answer answer) const {
+void Router::answer_path(const HttpRequest& request, const Words& words, Answer answer) const {
   const std::string& first = words.front();
   if (first == "healthz" && words.size() == 1) {  // `main` runs, and so does `files`
     return run_on_files([] { return text_response("ok\n"); }, std::move(answer));
   }
   if (first == "metrics" && words.size() == 1) {
-    return answer(text_response(to_metrics(figures_, RobotFigures::Clock::now()), kMetricsType));
+    return answer(text_response(to_prometheus(metrics_, RobotMetrics::Clock::now()), kMetricsType));
   }
   if (first == "robots" && words.size() == 3 && words[2] == "image") return answer(image(words[1]));
   if (first == "api" && words.size() == 2 && words[1] == "robots") {
@@ -121,13 +121,13 @@ void Site::answer_path(const HttpRequest& request, const Words& words, Answer an
   answer(error_response(kNotFound));
 }
 
-HttpResponse Site::robots(const std::string& query) const {
-  return text_response(to_json(figures_, since(query), RobotFigures::Clock::now()), kJson);
+HttpResponse Router::robots(const std::string& query) const {
+  return text_response(to_json(metrics_, since(query), RobotMetrics::Clock::now()), kJson);
 }
 
-HttpResponse Site::image(const std::string& robot) const {
-  const auto entry = figures_.robots().find(robot);
-  if (entry == figures_.robots().end() || !entry->second->newest()) {
+HttpResponse Router::image(const std::string& robot) const {
+  const auto entry = metrics_.robots().find(robot);
+  if (entry == metrics_.robots().end() || !entry->second->newest()) {
     return error_response(kNotFound, "no frame of such a robot");
   }
   HttpResponse response;
@@ -136,7 +136,7 @@ HttpResponse Site::image(const std::string& robot) const {
   return response;
 }
 
-void Site::session_file(const Words& words, Answer answer) const {
+void Router::session_file(const Words& words, Answer answer) const {
   const fs::path file = file_in_session(words);
   if (folder_.empty() || file.empty() || !wire::is_valid_id(words[1]) ||
       !wire::is_valid_id(words[2])) {
@@ -155,7 +155,7 @@ void Site::session_file(const Words& words, Answer answer) const {
 }
 
 /// /api/sessions, with a robot, and with a session of it.
-void Site::sessions(const Words& words, Answer answer) const {
+void Router::sessions(const Words& words, Answer answer) const {
   const bool is_valid = std::all_of(words.begin() + 2, words.end(),
                                     [](const auto& id) { return wire::is_valid_id(id); });
   if (!is_valid || folder_.empty()) return answer(error_response(kNotFound));
@@ -170,7 +170,7 @@ void Site::sessions(const Words& words, Answer answer) const {
       std::move(answer));
 }
 
-void Site::run_on_files(std::function<HttpResponse()> work, Answer answer) const {
+void Router::run_on_files(std::function<HttpResponse()> work, Answer answer) const {
   run_in_pool(main_, files_, std::move(work), std::move(answer));
 }
 

@@ -10,20 +10,20 @@
 
 #include "server/http/request_reader.hpp"
 #include "server/http/response.hpp"
-#include "server/live/figures.hpp"
+#include "server/live/metrics.hpp"
 
 namespace orbbuf {
 
 /// What there is to be seen, by path (docs/live-page.md). Read-only. Thread-bound to `main`; what
 /// reads the disk is done on `files`.
-class Site {
+class Router {
  public:
   using Answer = std::function<void(HttpResponse)>;
 
   /// `folder`: where sessions are kept; empty: nowhere. `is_local`: only this machine can connect,
   /// so a request for another host was sent by a page from there that misleads a browser here.
-  Site(boost::asio::io_context& main, boost::asio::thread_pool& files, const Figures& figures,
-       std::filesystem::path folder, bool is_local);
+  Router(boost::asio::io_context& main, boost::asio::thread_pool& files, const Metrics& metrics,
+         std::filesystem::path folder, bool is_local);
 
   /// Runs `answer` once, from within the call or later.
   void answer(const HttpRequest& request, Answer answer) const;
@@ -40,7 +40,7 @@ class Site {
 
   boost::asio::io_context& main_;
   boost::asio::thread_pool& files_;
-  const Figures& figures_;
+  const Metrics& metrics_;
   const std::filesystem::path folder_;
   const bool is_local_;
 };
