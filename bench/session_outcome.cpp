@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "bench/session_record.hpp"
+#include "bench/session_outcome.hpp"
 
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
 #include <fstream>
 #include <iterator>
-#include <sstream>
 #include <stdexcept>
 
 #include "daemon/buffer/similarity.hpp"
 #include "daemon/image/orb_extractor.hpp"
+#include "server/recording/recorded_session.hpp"
 
 namespace orbbuf::bench {
 namespace {
@@ -21,36 +21,13 @@ std::ifstream open(const std::filesystem::path& path) {
   return file;
 }
 
-void read_delivered(const std::filesystem::path& folder, std::vector<RecordedFrame>& frames) {
-  std::ifstream times = open(folder / "times.txt");
-  Sequence sequence = 0;
-  double time = 0;
-  double exposure = 0;
-  while (times >> sequence >> time >> exposure) frames.push_back({sequence, time, true, -1});
-}
-
-void read_dropped(const std::filesystem::path& folder, std::vector<RecordedFrame>& frames) {
-  if (!exists(folder / "drops.csv")) return;
-  std::ifstream drops = open(folder / "drops.csv");
-  std::string line;
-  std::getline(drops, line);  // the header
-  while (std::getline(drops, line)) {
-    std::replace(line.begin(), line.end(), ',', ' ');
-    std::istringstream fields(line);
-    RecordedFrame frame;
-    std::string reason;
-    if (!(fields >> frame.sequence >> reason >> frame.capture_time_s)) {
-      throw std::runtime_error(folder.string() + "/drops.csv: cannot read \"" + line + "\"");
-    }
-    frames.push_back(frame);
-  }
-}
+double to_seconds(std::int64_t time_ns) { return static_cast<double>(time_ns) / 1e9; }
 
 /// Of a stereo session; of a mono one there is nothing to check.
 void check_right_images(const std::filesystem::path& folder,
-                        const std::vector<RecordedFrame>& frames) {
+                        const std::vector<FrameOutcome>& frames) {
   if (!exists(folder / "images_right")) return;
-  for (const RecordedFrame& frame : frames) {
+  for (const FrameOutcome& frame : frames) {
     const auto image = folder / "images_right" / fmt::format("{:06}.jpg", frame.sequence);
     if (exists(image) == frame.is_delivered) continue;
     throw std::runtime_error(image.string() +
@@ -58,11 +35,11 @@ void check_right_images(const std::filesystem::path& folder,
   }
 }
 
-void compare_neighbours(const std::filesystem::path& folder, std::vector<RecordedFrame>& frames) {
+void compare_neighbours(const std::filesystem::path& folder, std::vector<FrameOutcome>& frames) {
   OrbExtractor extractor{FeatureSettings{}};
   FeatureSet previous;
   bool has_previous = false;
-  for (RecordedFrame& frame : frames) {
+  for (FrameOutcome& frame : frames) {
     if (!frame.is_delivered) continue;
     std::ifstream image = open(folder / "images" / fmt::format("{:06}.jpg", frame.sequence));
     EncodedFrame encoded;
@@ -77,17 +54,17 @@ void compare_neighbours(const std::filesystem::path& folder, std::vector<Recorde
 
 }  // namespace
 
-std::size_t SessionRecord::delivered() const {
+std::size_t SessionOutcome::delivered() const {
   return static_cast<std::size_t>(
       std::count_if(frames.begin(), frames.end(), [](const auto& f) { return f.is_delivered; }));
 }
 
-std::size_t SessionRecord::dropped() const { return frames.size() - delivered(); }
+std::size_t SessionOutcome::dropped() const { return frames.size() - delivered(); }
 
-std::size_t SessionRecord::longest_gap() const {
+std::size_t SessionOutcome::longest_gap() const {
   std::size_t longest = 0;
-  const RecordedFrame* last = nullptr;
-  for (const RecordedFrame& frame : frames) {
+  const FrameOutcome* last = nullptr;
+  for (const FrameOutcome& frame : frames) {
     if (!frame.is_delivered) continue;
     if (last) longest = std::max<std::size_t>(longest, frame.sequence - last->sequence - 1);
     last = &frame;
@@ -95,9 +72,9 @@ std::size_t SessionRecord::longest_gap() const {
   return longest;
 }
 
-int SessionRecord::smallest_similarity() const {
+int SessionOutcome::smallest_similarity() const {
   int smallest = -1;
-  for (const RecordedFrame& frame : frames) {
+  for (const FrameOutcome& frame : frames) {
     if (frame.similarity >= 0 && (smallest < 0 || frame.similarity < smallest)) {
       smallest = frame.similarity;
     }
@@ -105,15 +82,25 @@ int SessionRecord::smallest_similarity() const {
   return smallest;
 }
 
-SessionRecord read_session(const std::string& label, const std::filesystem::path& folder) {
-  SessionRecord record{label, {}};
-  read_delivered(folder, record.frames);
-  read_dropped(folder, record.frames);
-  std::sort(record.frames.begin(), record.frames.end(),
+SessionOutcome read_session(const std::string& label, const std::filesystem::path& folder) {
+  const auto recorded = read_recorded_session(folder);
+  if (!recorded) throw std::runtime_error(recorded.error().text);
+  const RecordedSession& session = recorded.value();
+  if (!session.problems.empty()) {
+    throw std::runtime_error(folder.string() + ": " + session.problems.front());
+  }
+  SessionOutcome outcome{label, {}};
+  for (const RecordedFrame& frame : session.frames) {
+    outcome.frames.push_back({frame.sequence, to_seconds(frame.capture_time_ns), true, -1});
+  }
+  for (const DropRecord& drop : session.drops) {
+    outcome.frames.push_back({drop.sequence, to_seconds(drop.capture_time_ns), false, -1});
+  }
+  std::sort(outcome.frames.begin(), outcome.frames.end(),
             [](const auto& a, const auto& b) { return a.sequence < b.sequence; });
-  check_right_images(folder, record.frames);
-  compare_neighbours(folder, record.frames);
-  return record;
+  check_right_images(folder, outcome.frames);
+  compare_neighbours(folder, outcome.frames);
+  return outcome;
 }
 
 }  // namespace orbbuf::bench

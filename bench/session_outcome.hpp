@@ -10,18 +10,18 @@
 
 namespace orbbuf::bench {
 
-/// One frame of a session, as the server's record has it.
-struct RecordedFrame {
+/// What became of one captured frame.
+struct FrameOutcome {
   Sequence sequence = 0;
   double capture_time_s = 0;
   bool is_delivered = false;
   int similarity = -1;  ///< M to the delivered frame before it; -1: there is none, or not delivered
 };
 
-/// What a session folder of the `files` sink says about every captured frame.
-struct SessionRecord {
+/// What became of every captured frame of a session, by its folder.
+struct SessionOutcome {
   std::string label;
-  std::vector<RecordedFrame> frames;  ///< by sequence
+  std::vector<FrameOutcome> frames;  ///< by sequence
 
   std::size_t delivered() const;
   std::size_t dropped() const;
@@ -34,6 +34,6 @@ struct SessionRecord {
 /// Reads times.txt and drops.csv of `folder` and computes the similarities from its images with the
 /// daemon's own extractor at its default settings; in a stereo session, the left ones. Throws
 /// std::runtime_error, also if a delivered frame lacks its right image where others have one.
-SessionRecord read_session(const std::string& label, const std::filesystem::path& folder);
+SessionOutcome read_session(const std::string& label, const std::filesystem::path& folder);
 
 }  // namespace orbbuf::bench
