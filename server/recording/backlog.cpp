@@ -18,11 +18,6 @@
 #include "server/recording/session_names.hpp"
 
 namespace orbbuf {
-namespace {
-
-constexpr std::size_t kBlockBytes = 4096;
-
-}  // namespace
 
 Result<FramePtr> Backlog::next(Sequence first) {
   const auto path = folder_ / session_names::kTimes;
@@ -33,7 +28,7 @@ Result<FramePtr> Backlog::next(Sequence first) {
   }
   if (first < first_) offset_ = 0;
   first_ = first;
-  std::array<char, kBlockBytes> block;
+  std::array<char, 4096> block;
   for (;;) {
     const ssize_t got = ::pread(fd.get(), block.data(), block.size(), offset_);
     if (got < 0) return system_error("read " + path.string(), errno);
