@@ -61,9 +61,9 @@ if(CMAKE_CROSSCOMPILING)
 endif()
 set(CPACK_DEBIAN_ORBBUFD_PACKAGE_NAME orbbufd)
 set(CPACK_DEBIAN_ORBBUFD_DESCRIPTION "camera link for remote visual SLAM: the robot's daemon
-Films, or replays a sequence, and sends the frames to orbbuf-server over a
-network that may fail for seconds at a time. When frames must be given up, it
-gives up those that cost visual SLAM least.")
+Captures frames from a camera, or replays a sequence, and sends the frames to
+orbbuf-server over a network with outages of seconds. When the network cannot
+carry all frames, it selects frames such that visual SLAM keeps tracking.")
 set(CPACK_DEBIAN_ORBBUF-SERVER_PACKAGE_NAME orbbuf-server)
 set(CPACK_DEBIAN_ORBBUF-SERVER_DESCRIPTION "camera link for remote visual SLAM: the server
 Receives the frames of many robots that run orbbufd, and writes them in order
@@ -72,6 +72,6 @@ set(CPACK_DEBIAN_ORBBUF-DEV_PACKAGE_NAME orbbuf-dev)
 set(CPACK_DEBIAN_ORBBUF-DEV_PACKAGE_ARCHITECTURE all)
 set(CPACK_DEBIAN_ORBBUF-DEV_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_ORBBUF-DEV_DESCRIPTION "camera link for remote visual SLAM: reading the server's pipe
-A C header, for C and C++, that reads frame by frame what orbbuf-server writes
-to a SLAM program, and an example.")
+A header for C and C++ that reads the frames that orbbuf-server writes to a
+SLAM program, and an example.")
 include(CPack)
