@@ -10,12 +10,13 @@
 namespace orbbuf {
 namespace {
 
-constexpr double kWeightOfNew = 0.1;       // in the means of interval and bytes
-constexpr double kLongestInterval = 4;     // counted of one step, as a multiple of the mean
-constexpr double kRoom = 1.001;            // a step of n frames may be that much longer than it
-constexpr double kJitter = 0.2;            // of an interval: that much late may be what is to come
-constexpr double kDrift = 0.01;            // of an interval that the clocks drift apart in a frame
-constexpr int kHalvings = 20;              // a millionth of the range
+constexpr double kWeightOfNew = 0.1;    // in the means of interval and bytes
+constexpr double kLongestInterval = 4;  // counted of one step, as a multiple of the mean
+constexpr double kRoom = 1.001;         // a step of n frames may be that much longer than it
+constexpr double kJitter = 0.2;         // of an interval: that much late may be what is to come
+constexpr double kDrift = 0.01;         // of an interval that the clocks drift apart in a frame
+constexpr double kTolerance = 0.5;      // of an interval: the deadline is met to the nearest frame
+constexpr int kHalvings = 20;           // a millionth of the range
 constexpr double kShortestHorizon = 0.15;  // of live_again: left to plan for when late
 
 double seconds(std::chrono::nanoseconds duration) {
@@ -64,7 +65,7 @@ std::size_t SendPlanner::choose(std::optional<double> last, std::span<const Plan
 /// stream is somewhat late instead.
 double SendPlanner::next_step(double last, std::span<const PlannedFrame> waiting,
                               const SendMoment& moment) {
-  const double left_s = seconds(*deadline_ - moment.now);
+  const double left_s = seconds(*deadline_ - moment.now) + kTolerance * interval_s_;
   const double least_s = kShortestHorizon * seconds(settings_.live_again);
   const double step = smallest_step(last, waiting, left_s, moment);
   if (step > largest_so_far_s_ && left_s < least_s) {
