@@ -17,7 +17,7 @@ using std::chrono::nanoseconds;
 
 constexpr std::chrono::seconds kTellInterval{1};
 
-std::string describe(const Link& link) {
+std::string describe(const ServerLink& link) {
   if (link.is_stalled()) return "stalled";
   if (link.is_connected()) return "connected";
   if (link.last_error().empty()) return "connecting";

@@ -21,21 +21,23 @@ Sender::Sender(boost::asio::io_context& io, const LinkSettings& settings, wire::
     : buffer_(buffer),
       drops_(drops),
       drain_timeout_(settings.drain_timeout),
-      link_(io, settings, std::move(hello), static_cast<Link::Owner&>(*this)),
-      drain_timer_(io) {}
+      link_(io, settings, std::move(hello), static_cast<ServerLink::Owner&>(*this)),
+      drain_timer_(io),
+      report_timer_(io) {}
 
 void Sender::start() {
   reporter_.start(Clock::now());
   link_.start();
+  report_each_second();
 }
 
 void Sender::on_connected(const wire::Position& position) {
-  on_lost();  // of the connection that this one replaces, if any
+  on_disconnected();  // from the connection that this one replaces, if there is one
   buffer_.resume(position.next_sequence);
   drops_.rewind(position.next_drop);
 }
 
-void Sender::on_lost() {
+void Sender::on_disconnected() {
   is_bye_sent_ = false;
   rate_.on_lost();
   buffer_.return_in_flight();
@@ -96,7 +98,8 @@ bool Sender::is_settled() const {
 }
 
 std::chrono::nanoseconds Sender::round_trip() const {
-  return link_.progress() ? link_.progress()->least_round_trip : std::chrono::microseconds(0);
+  const auto progress = link_.progress();
+  return progress ? progress->least_round_trip : std::chrono::microseconds(0);
 }
 
 std::vector<std::uint8_t> Sender::next_report() {
@@ -112,7 +115,11 @@ void Sender::say_bye() {
   link_.write(std::move(message));
 }
 
-void Sender::on_tick() {
+void Sender::report_each_second() {
+  report_timer_.expires_after(std::chrono::seconds(1));
+  report_timer_.async_wait([this](const error_code& error) {
+    if (!error && link_.state() != ServerLink::State::kClosed) report_each_second();
+  });
   if (!reporter_.is_time(Clock::now())) return;
   const wire::Stats stats = buffer_.stats();
   reporter_.look(Clock::now(), stats, link_.progress());
@@ -149,8 +156,9 @@ void Sender::give_up_waiting() {
 }
 
 void Sender::end(bool complete) {
-  link_.end();
+  link_.close();
   drain_timer_.cancel();
+  report_timer_.cancel();
   buffer_.give_up();
   collect_drops();
   std::exchange(done_, nullptr)(complete);

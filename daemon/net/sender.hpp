@@ -13,9 +13,9 @@
 #include "common/wire.hpp"
 #include "daemon/buffer/frame_buffer.hpp"
 #include "daemon/net/drop_log.hpp"
-#include "daemon/net/link.hpp"
 #include "daemon/net/link_rate.hpp"
 #include "daemon/net/reporter.hpp"
+#include "daemon/net/server_link.hpp"
 
 namespace orbbuf {
 
@@ -26,7 +26,7 @@ namespace orbbuf {
 /// but about 100 ms of what was written (LinkRate): what is written can no longer be chosen from.
 /// Every frame stays in the buffer's account until the server has acknowledged it; every drop
 /// record is sent until acknowledged. Thread-bound to `main`, the thread that runs the io_context.
-class Sender final : private Link::Owner {
+class Sender final : private ServerLink::Owner {
  public:
   /// `buffer` and `drops` must outlive the sender. Nothing happens before start(). Throws
   /// std::runtime_error if the keys of settings.tls cannot be used.
@@ -38,7 +38,7 @@ class Sender final : private Link::Owner {
   /// There may be something new to send.
   void wake();
 
-  const Link& link() const { return link_; }
+  const ServerLink& link() const { return link_; }
 
   /// No more frames will come: delivers what waits, for at most drain_timeout, gives up the rest by
   /// name, and says bye. Then `done` is called, with true if the server has the whole record.
@@ -46,12 +46,12 @@ class Sender final : private Link::Owner {
 
  private:
   void on_connected(const wire::Position& position) override;
-  void on_lost() override;
+  void on_disconnected() override;
   void on_ack(const wire::Position& position) override;
   void on_bye(const wire::Position& position) override;
   void on_writable() override { write_next(); }
-  void on_tick() override;
 
+  void report_each_second();
   void write_next();
   FramePtr take_frame();
   void collect_drops();
@@ -66,10 +66,11 @@ class Sender final : private Link::Owner {
   DropLog& drops_;
   std::vector<DropRecord> collected_;  // on their way from buffer_ to drops_
   const std::chrono::nanoseconds drain_timeout_;
-  Link link_;
+  ServerLink link_;
   LinkRate rate_;
   Reporter reporter_;
   boost::asio::steady_timer drain_timer_;
+  boost::asio::steady_timer report_timer_;
   bool is_drops_turn_ = false;
   bool is_bye_sent_ = false;
   std::function<void(bool)> done_;  // set: finishing

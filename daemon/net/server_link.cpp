@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/net/link.hpp"
+#include "daemon/net/server_link.hpp"
 
 #include <spdlog/spdlog.h>
 
@@ -15,7 +15,7 @@ namespace {
 
 constexpr milliseconds kShortestRetryDelay{125};
 constexpr milliseconds kLongestRetryDelay{375};
-constexpr milliseconds kTick{100};
+constexpr milliseconds kWatchInterval{100};
 constexpr unsigned kAttemptsBeforeResolvingAgain = 20;
 
 double seconds(std::chrono::nanoseconds duration) {
@@ -24,7 +24,7 @@ double seconds(std::chrono::nanoseconds duration) {
 
 }  // namespace
 
-Link::Link(asio::io_context& io, LinkSettings settings, wire::Hello hello, Owner& owner)
+ServerLink::ServerLink(asio::io_context& io, LinkSettings settings, wire::Hello hello, Owner& owner)
     : io_(io),
       settings_(std::move(settings)),
       tls_(make_tls_context(settings_.tls)),
@@ -32,43 +32,59 @@ Link::Link(asio::io_context& io, LinkSettings settings, wire::Hello hello, Owner
       owner_(owner),
       resolver_(io),
       attempt_timer_(io),
+      watch_timer_(io),
       random_(std::random_device{}()),
-      tick_timer_(io),
       stall_watch_(settings_.stall_timeout) {}
 
-Link::~Link() {
-  for (const auto& open : {attempt_, connection_}) {
-    if (open) open->close();
-  }
-}
+ServerLink::~ServerLink() { close(); }
 
-void Link::start() {
+void ServerLink::start() {
   if (!tls_ && !is_loopback(settings_.server)) {
     spdlog::warn(
-        "link: plain TCP to {}: anyone on the path can read and change the frames; "
+        "link: plain TCP to {}: whoever is on the way can see and change the frames; "
         "docs/security.md says how to set up [tls]",
         to_string(settings_.server));
   }
-  resolve();
-  tick();
+  attempt();
+  watch();
 }
 
-void Link::resolve() {
+void ServerLink::close() {
+  state_ = State::kClosed;
+  for (auto* open : {&attempt_, &connection_}) {
+    if (*open) (*open)->close();
+    open->reset();
+  }
+  attempt_timer_.cancel();
+  watch_timer_.cancel();
+  resolver_.cancel();
+}
+
+std::optional<TcpProgress> ServerLink::progress() const {
+  return connection_ ? connection_->progress() : std::nullopt;
+}
+
+void ServerLink::attempt() {
+  if (endpoints_.empty()) return resolve();
+  connect();
+}
+
+void ServerLink::resolve() {
   const auto on_resolved = [this](const error_code& error,
                                   const asio::ip::tcp::resolver::results_type& results) {
-    if (error == asio::error::operation_aborted || is_ended_) return;
+    if (error == asio::error::operation_aborted || state_ == State::kClosed) return;
     if (error) {
       return on_attempt_failed({"cannot resolve " + settings_.server.host + ": " + error.message()},
                                retry_delay());
     }
     endpoints_.assign(results.begin(), results.end());
-    if (is_wanting_attempt()) connect();
+    if (is_attempt_due()) connect();
   };
   resolver_.async_resolve(settings_.server.host, std::to_string(settings_.server.port),
                           on_resolved);
 }
 
-void Link::connect() {
+void ServerLink::connect() {
   attempt_ = std::make_shared<ServerConnection>(io_, tls_.get(),
                                                 static_cast<ServerConnection::Owner&>(*this));
   attempt_->open(endpoints_[attempts_ % endpoints_.size()], settings_.server.host, hello_,
@@ -76,7 +92,7 @@ void Link::connect() {
   start_attempt_timer();
 }
 
-void Link::start_attempt_timer() {
+void ServerLink::start_attempt_timer() {
   attempt_timer_.expires_after(settings_.connect_timeout);
   attempt_timer_.async_wait([this, attempt = attempt_](const error_code& error) {
     if (error || attempt != attempt_ || attempt_timer_.expiry() > Clock::now()) return;
@@ -85,113 +101,104 @@ void Link::start_attempt_timer() {
   });
 }
 
-void Link::connect_again(std::chrono::nanoseconds delay) {
+void ServerLink::attempt_later(std::chrono::nanoseconds delay) {
   // A name may come to mean another address while a robot is out of reach.
   if (++attempts_ % kAttemptsBeforeResolvingAgain == 0) endpoints_.clear();
   attempt_timer_.expires_after(delay);
   attempt_timer_.async_wait([this](const error_code& error) {
-    if (error || !is_wanting_attempt()) return;
-    if (endpoints_.empty()) return resolve();
-    connect();
+    if (!error && is_attempt_due()) attempt();
   });
 }
 
 /// Asked by what may come late: a timer or a resolver that was cancelled.
-bool Link::is_wanting_attempt() const {
-  return !is_ended_ && !attempt_ && (!connection_ || is_stalled_);
+bool ServerLink::is_attempt_due() const {
+  return !attempt_ && (state_ == State::kConnecting || state_ == State::kStalled);
 }
 
-std::chrono::nanoseconds Link::retry_delay() {
+std::chrono::nanoseconds ServerLink::retry_delay() {
   return milliseconds(std::uniform_int_distribution<milliseconds::rep>(
       kShortestRetryDelay.count(), kLongestRetryDelay.count())(random_));
 }
 
-void Link::on_attempt_failed(const Error& why, std::chrono::nanoseconds delay) {
+void ServerLink::on_attempt_failed(const Error& why, std::chrono::nanoseconds delay) {
   has_tried_ = true;
   if (attempt_) attempt_->close();
   attempt_.reset();
   if (!connection_ && why.text != last_error_) {
-    spdlog::warn("link: no connection to {}: {}; trying again", to_string(settings_.server),
-                 why.text);
+    spdlog::warn("link: no connection to {}: {}; trying on", to_string(settings_.server), why.text);
     last_error_ = why.text;
   }
-  connect_again(delay);
+  attempt_later(delay);
 }
 
-void Link::on_connection_lost(const Error& why) {
+void ServerLink::on_connection_lost(const Error& why) {
   connection_.reset();
-  const bool was_stalled = std::exchange(is_stalled_, false);
+  const bool was_stalled = std::exchange(state_, State::kConnecting) == State::kStalled;
+  owner_.on_disconnected();
   spdlog::log(was_stalled ? spdlog::level::info : spdlog::level::warn,
               "link: connection to {} lost: {}", to_string(settings_.server), why.text);
-  if (!was_stalled) connect_again(retry_delay());  // else another is on its way already
-  owner_.on_lost();
+  if (!was_stalled) attempt_later(retry_delay());  // else another is on its way already
 }
 
-void Link::on_failed(const ServerConnection& from, const Error& error) {
+void ServerLink::on_failed(const ServerConnection& from, const Error& error) {
   if (&from == attempt_.get()) return on_attempt_failed(error, retry_delay());
   on_connection_lost(error);
 }
 
-void Link::on_step(const ServerConnection& from) {
+void ServerLink::on_step(const ServerConnection& from) {
   if (&from == attempt_.get()) start_attempt_timer();
 }
 
-void Link::on_welcome(const wire::Position& position) {
+void ServerLink::on_welcome(const wire::Position& position) {
   has_tried_ = true;
   attempt_timer_.cancel();
   if (connection_) connection_->close();  // the server has left it for this one
   connection_ = std::move(attempt_);
+  state_ = State::kConnected;
   attempts_ = 0;
   last_error_.clear();
-  is_stalled_ = false;
   stall_watch_.restart(Clock::now());
   spdlog::info("link: connected to {}{}; its record of this session reaches frame {}",
                to_string(settings_.server), tls_ ? " over TLS" : "", position.next_sequence);
   owner_.on_connected(position);
 }
 
-void Link::tick() {
-  tick_timer_.expires_after(kTick);
-  tick_timer_.async_wait([this](const error_code& error) {
-    if (!error && !is_ended_) tick();
+void ServerLink::on_ack(const wire::Position& position) { owner_.on_ack(position); }
+
+void ServerLink::on_bye(const wire::Position& position) { owner_.on_bye(position); }
+
+void ServerLink::on_writable() { owner_.on_writable(); }
+
+void ServerLink::watch() {
+  watch_timer_.expires_after(kWatchInterval);
+  watch_timer_.async_wait([this](const error_code& error) {
+    if (error || state_ == State::kClosed) return;
+    if (connection_) check_stall();
+    watch();
   });
-  progress_ = connection_ ? connection_->progress() : std::nullopt;
-  if (connection_) check_stall();
-  owner_.on_tick();
 }
 
-void Link::check_stall() {
-  stall_watch_.look(progress_, Clock::now());
+void ServerLink::check_stall() {
+  stall_watch_.look(connection_->progress(), Clock::now());
   if (stall_watch_.is_moving()) return on_recovered();
-  if (is_stalled_ || !stall_watch_.is_stalled()) return;
-  is_stalled_ = true;
+  if (state_ == State::kStalled || !stall_watch_.is_stalled()) return;
+  state_ = State::kStalled;
   spdlog::warn("link: connection to {} stalled, nothing acknowledged for {:.1f} s; trying another",
                to_string(settings_.server), seconds(stall_watch_.still_for()));
-  if (endpoints_.empty()) return resolve();
-  connect();
+  attempt();
 }
 
-/// Once another has said hello the server may have left this one for it: then it must be seen
-/// through, and the connection that the server has left will be closed by it.
-void Link::on_recovered() {
-  if (!is_stalled_ || (attempt_ && attempt_->has_said_hello())) return;
-  is_stalled_ = false;
+/// Once another has said hello the server may have left this one for it: then the attempt is seen
+/// through, and the server says which of the two it has left.
+void ServerLink::on_recovered() {
+  if (state_ != State::kStalled || (attempt_ && attempt_->has_said_hello())) return;
+  state_ = State::kConnected;
   resolver_.cancel();
   attempt_timer_.cancel();
   if (attempt_) attempt_->close();
   attempt_.reset();
   attempts_ = 0;
   spdlog::info("link: connection to {} recovered", to_string(settings_.server));
-}
-
-void Link::end() {
-  is_ended_ = true;
-  for (auto* open : {&attempt_, &connection_}) {
-    if (*open) (*open)->close();
-    open->reset();
-  }
-  for (auto* timer : {&attempt_timer_, &tick_timer_}) timer->cancel();
-  resolver_.cancel();
 }
 
 }  // namespace orbbuf
