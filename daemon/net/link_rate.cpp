@@ -5,6 +5,8 @@
 #include <cmath>
 #include <utility>
 
+#include "common/seconds.hpp"
+
 namespace orbbuf {
 namespace {
 
@@ -14,10 +16,6 @@ constexpr double kShortestService = 1e-6;  // seconds
 constexpr double kLongest = 4;             // of what is expected
 constexpr std::size_t kLeastFrames = 2;    // one is sent while the next one waits
 constexpr double kBeyondS = 0.1;
-
-double seconds(std::chrono::nanoseconds duration) {
-  return std::chrono::duration<double>(duration).count();
-}
 
 }  // namespace
 
@@ -35,7 +33,7 @@ void LinkRate::on_acknowledged(Time now, Sequence next, std::chrono::nanoseconds
     on_their_way_.pop_front();
   }
   acknowledged_time_ = now;
-  observe(bytes, std::max(kShortestService, seconds(now - begin)));
+  observe(bytes, std::max(kShortestService, to_seconds(now - begin)));
 }
 
 /// A single long one is an outage. If they go on, the link has become slow: each counts for more.
@@ -56,7 +54,7 @@ bool LinkRate::has_room(std::chrono::nanoseconds round_trip) const {
   if (on_their_way_.size() < kLeastFrames) return true;
   double bytes = 0;
   for (const Written& written : on_their_way_) bytes += static_cast<double>(written.bytes);
-  return bytes < bytes_per_s() * (2 * seconds(round_trip) + kBeyondS);
+  return bytes < bytes_per_s() * (2 * to_seconds(round_trip) + kBeyondS);
 }
 
 }  // namespace orbbuf

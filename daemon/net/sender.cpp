@@ -5,6 +5,8 @@
 
 #include <utility>
 
+#include "common/seconds.hpp"
+
 namespace orbbuf {
 
 using boost::system::error_code;
@@ -145,7 +147,7 @@ void Sender::finish(std::function<void(bool)> done) {
 void Sender::give_up_waiting() {
   const wire::Stats stats = buffer_.stats();
   spdlog::warn("link: {} frames are still undelivered after {} s", stats.waiting + stats.in_flight,
-               std::chrono::duration<double>(drain_timeout_).count());
+               to_seconds(drain_timeout_));
   if (!link_.is_connected()) return end(false);
   buffer_.give_up_waiting();
   drain_timer_.expires_after(kByeTimeout);
