@@ -19,6 +19,8 @@ constexpr milliseconds kLongestRetryDelay{375};
 constexpr milliseconds kTick{100};
 constexpr std::chrono::seconds kByeTimeout{2};
 constexpr unsigned kAttemptsBeforeResolvingAgain = 20;
+constexpr std::size_t kWindowFrames = 3;
+constexpr milliseconds kWindowTime{100};
 
 double seconds(std::chrono::nanoseconds duration) {
   return std::chrono::duration<double>(duration).count();
@@ -155,6 +157,7 @@ void Sender::on_welcome(const wire::Position& position) {
   last_error_.clear();
   is_stalled_ = false;
   stall_watch_.restart(Clock::now());
+  link_rate_.on_connected(Clock::now());
   buffer_.resume(position.next_sequence);
   drops_.rewind(position.next_drop);
   spdlog::info("link: connected to {}{}; its record of this session reaches frame {}",
@@ -162,9 +165,12 @@ void Sender::on_welcome(const wire::Position& position) {
 }
 
 void Sender::on_ack(const wire::Position& position) {
+  const auto progress = connection_->progress();
+  if (progress) min_round_trip_ = progress->min_round_trip;
+  link_rate_.on_acknowledged(position.next_sequence, Clock::now(), min_round_trip_);
   buffer_.acknowledge(position.next_sequence);
   drops_.acknowledge(position.next_drop);
-  if (done_) wake();
+  wake();
 }
 
 void Sender::on_bye(const wire::Position& /*position*/) {
@@ -183,15 +189,25 @@ void Sender::write_next() {
   if (reporter_.is_due()) return connection_->write(next_report());
   // After an outage the drop records are many: frames first, then turn by turn.
   const bool is_drops_turn = std::exchange(is_drops_turn_, false) && drops_.has_unsent();
-  if (FramePtr frame = is_drops_turn ? nullptr : buffer_.take()) {
+  const bool is_frames_turn = !is_drops_turn && is_window_open();
+  if (FramePtr frame = is_frames_turn ? buffer_.take() : nullptr) {
     is_drops_turn_ = true;
     spdlog::debug("link: frame {} is the kernel's from here on", frame->sequence);
+    link_rate_.on_write(frame->sequence, frame->jpeg.size(), Clock::now());
     connection_->write(std::move(frame));
   } else if (drops_.has_unsent()) {
     connection_->write(wire::encode(drops_.take_unsent()));
   } else if (done_ && !is_bye_sent_ && is_settled()) {
     say_bye();
   }
+}
+
+/// As much as link and server take in two round trips, one for the bytes and one for what delays
+/// them, and 100 ms of jitter.
+bool Sender::is_window_open() const {
+  const double bytes = link_rate_.bytes_per_s() * seconds(2 * min_round_trip_ + kWindowTime);
+  return link_rate_.frames_in_flight() < kWindowFrames ||
+         static_cast<double>(link_rate_.bytes_in_flight()) < bytes;
 }
 
 void Sender::collect_drops() {

@@ -19,6 +19,7 @@
 #include "common/wire.hpp"
 #include "daemon/buffer/frame_buffer.hpp"
 #include "daemon/net/drop_log.hpp"
+#include "daemon/net/link_rate.hpp"
 #include "daemon/net/reporter.hpp"
 #include "daemon/net/server_connection.hpp"
 #include "daemon/net/stall_watch.hpp"
@@ -44,8 +45,11 @@ struct LinkSettings {
 /// until finish(). While it stalls others are attempted beside it; if it moves before one of them
 /// has said hello it goes on, else the first that is welcome takes its place. The next frame is
 /// chosen when the kernel has nearly nothing left to send (paper, Sec. III-E: transmission of a
-/// message begins when the last is complete). Every frame stays in the buffer's account until the
-/// server has acknowledged it; every drop record is sent until acknowledged. Thread-bound to
+/// message begins when the last is complete), and less than a window of frames is written and not
+/// acknowledged: 3 frames, or what link and server take in two round trips and 100 ms, whichever is
+/// more. So a slow SLAM program leaves the choice to the policy, and a server that never
+/// acknowledges cannot make the robot hold more. Every frame stays in the buffer's account until
+/// the server has acknowledged it; every drop record is sent until acknowledged. Thread-bound to
 /// `main`, the thread that runs the io_context.
 class Sender final : private ServerConnection::Owner {
  public:
@@ -86,6 +90,7 @@ class Sender final : private ServerConnection::Owner {
   void attempt_failed(const Error& why, std::chrono::nanoseconds retry_delay);
   void connection_lost(const Error& why);
   void write_next();
+  bool is_window_open() const;
   void collect_drops();
   bool is_settled() const;
   std::vector<std::uint8_t> next_report();
@@ -120,6 +125,8 @@ class Sender final : private ServerConnection::Owner {
 
   StallWatch stall_watch_;   // of connection_
   bool is_stalled_ = false;  // another connection is being tried
+  LinkRate link_rate_;
+  std::chrono::nanoseconds min_round_trip_{0};  // the last connection's
   Reporter reporter_;
   bool is_drops_turn_ = false;
   bool is_bye_sent_ = false;
