@@ -17,7 +17,7 @@ using std::chrono::nanoseconds;
 
 constexpr std::chrono::seconds kTellInterval{1};
 
-std::string describe(const Sender& link) {
+std::string describe(const ServerLink& link) {
   if (link.is_stalled()) return "stalled";
   if (link.is_connected()) return "connected";
   if (link.last_error().empty()) return "connecting";
@@ -29,13 +29,13 @@ std::string describe(const Sender& link) {
 Health::Health(ServiceStatus& service, std::size_t capacity)
     : service_(service), capacity_(capacity), watchdog_(service.watchdog()) {}
 
-void Health::report(const wire::Stats& stats, const Sender& sender) {
-  if (Clock::now() >= told_time_ + kTellInterval) tell(stats, sender);
-  if (stats.captured > 0 && sender.has_tried()) service_.ready();
+void Health::report(const wire::Stats& stats, const ServerLink& link) {
+  if (Clock::now() >= told_time_ + kTellInterval) tell(stats, link);
+  if (stats.captured > 0 && link.has_tried()) service_.ready();
   if (watchdog_ > nanoseconds(0)) feed_if_moving();
 }
 
-void Health::tell(const wire::Stats& stats, const Sender& sender) {
+void Health::tell(const wire::Stats& stats, const ServerLink& link) {
   const auto now = Clock::now();
   const double seconds = duration<double>(now - std::exchange(told_time_, now)).count();
   const wire::Stats before = std::exchange(told_, stats);
@@ -45,7 +45,7 @@ void Health::tell(const wire::Stats& stats, const Sender& sender) {
   service_.status(fmt::format(
       "{:.1f} frames/s captured, {:.1f} delivered; buffer {} of {}; link {}",
       rate(before.captured, stats.captured), rate(before.acknowledged, stats.acknowledged),
-      stats.waiting, capacity_, describe(sender)));
+      stats.waiting, capacity_, describe(link)));
 }
 
 void Health::feed_if_moving() {

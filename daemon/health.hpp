@@ -8,7 +8,7 @@
 
 #include "common/service_status.hpp"
 #include "common/wire.hpp"
-#include "daemon/net/sender.hpp"
+#include "daemon/net/server_link.hpp"
 
 namespace orbbuf {
 
@@ -23,10 +23,10 @@ class Health {
   /// `service` must outlive it. capacity: the buffer's, in frames.
   Health(ServiceStatus& service, std::size_t capacity);
 
-  void report(const wire::Stats& stats, const Sender& sender);
+  void report(const wire::Stats& stats, const ServerLink& link);
 
  private:
-  void tell(const wire::Stats& stats, const Sender& sender);
+  void tell(const wire::Stats& stats, const ServerLink& link);
   void feed_if_moving();
 
   ServiceStatus& service_;

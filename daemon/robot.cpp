@@ -12,6 +12,7 @@
 
 #include "common/service_status.hpp"
 #include "daemon/health.hpp"
+#include "daemon/net/sender.hpp"
 #include "daemon/pipeline.hpp"
 
 namespace orbbuf {
@@ -114,7 +115,7 @@ void Robot::on_source_ended(bool failed) {
 
 void Robot::report() {
   if (is_over_) return;
-  health_.report(buffer_.stats(), sender_);
+  health_.report(buffer_.stats(), sender_.link());
   report_timer_.expires_after(service_.interval());
   report_timer_.async_wait([this](const boost::system::error_code& /*error*/) { report(); });
 }

@@ -96,7 +96,7 @@ TEST_P(StallTest, TheOldConnectionGoesOnIfItIsTheFirstToMove) {
   ASSERT_TRUE(robot_->wait_for_line("stalled"));
   set_rule("tcp flags & (syn | ack) == syn drop");  // nothing new comes in
   hosts_.mend_link();
-  EXPECT_TRUE(robot_->wait_for_line("moves again")) << robot_->output();
+  EXPECT_TRUE(robot_->wait_for_line("recovered")) << robot_->output();
   nft("delete table inet some");
   EXPECT_EQ(robot_->count_lines("connected to"), 1) << robot_->output();
   end_and_expect_exactly_once();
