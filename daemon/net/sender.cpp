@@ -12,7 +12,7 @@ using Clock = std::chrono::steady_clock;
 
 namespace {
 
-constexpr std::size_t kWindowFrames = 3;
+constexpr std::size_t kWindowFrames = 2;
 constexpr std::chrono::milliseconds kWindowTime{100};
 constexpr std::chrono::seconds kByeTimeout{2};
 

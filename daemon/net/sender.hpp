@@ -22,7 +22,7 @@ namespace orbbuf {
 ///
 /// The next message is chosen when the kernel has nearly nothing left to send (paper, Sec. III-E:
 /// transmission of a message begins when the last is complete). A frame is chosen only while less
-/// than a window is written and not acknowledged: 3 frames, or what link and server take in two
+/// than a window is written and not acknowledged: 2 frames, or what link and server take in two
 /// round trips and 100 ms, whichever is more. So a slow SLAM program leaves the choice to the
 /// policy, and a server that never acknowledges cannot make the robot hold more. Other messages are
 /// not bound by the window. Every frame stays in the buffer's account until the server has

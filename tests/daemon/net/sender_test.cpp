@@ -72,7 +72,7 @@ TEST_F(SenderTest, SendsWhatWaitsInOrder) {
   push(0, 2);
   start();
   server_.welcome({});
-  for (Sequence sequence = 0; sequence < 3; ++sequence) {
+  for (Sequence sequence = 0; sequence < 3; server_.ack({++sequence, 0})) {
     const EncodedFrame frame = server_.read(Type::kFrame).frame();
     EXPECT_EQ(frame.sequence, sequence);
     EXPECT_EQ(frame.jpeg, std::vector<std::uint8_t>(100, static_cast<std::uint8_t>(sequence)));
@@ -83,7 +83,7 @@ TEST_F(SenderTest, UnacknowledgedFramesComeAgainOnTheNextConnection) {
   push(0, 3);
   start();
   server_.welcome({});
-  for (int i = 0; i < 3; ++i) server_.read(Type::kFrame);
+  for (int i = 0; i < 2; ++i) server_.read(Type::kFrame);
   server_.ack({1, 0});
   server_.read(Type::kFrame);
   server_.close();
@@ -93,7 +93,7 @@ TEST_F(SenderTest, UnacknowledgedFramesComeAgainOnTheNextConnection) {
   EXPECT_EQ(buffer_.stats().acknowledged, 2U);
 }
 
-TEST_F(SenderTest, ThreeFramesAreWrittenToAServerThatNeverAcknowledgesAndOthersWhenItDoes) {
+TEST_F(SenderTest, TwoFramesAreWrittenToAServerThatNeverAcknowledgesAndOthersWhenItDoes) {
   push(0, 4);
   start();
   server_.welcome({});
@@ -102,10 +102,10 @@ TEST_F(SenderTest, ThreeFramesAreWrittenToAServerThatNeverAcknowledgesAndOthersW
        message = server_.read_any()) {
     if (message->type() == Type::kFrame) ++frames;
   }
-  EXPECT_EQ(frames, 3);
-  EXPECT_EQ(buffer_.stats().in_flight, 3U);
+  EXPECT_EQ(frames, 2);
+  EXPECT_EQ(buffer_.stats().in_flight, 2U);
   server_.ack({1, 0});
-  EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 3U);
+  EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 2U);
 }
 
 TEST_F(SenderTest, DropsAreReportedNumberedAndAgainUntilAcknowledged) {
