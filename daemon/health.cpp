@@ -26,16 +26,16 @@ std::string describe(const ServerLink& link) {
 
 }  // namespace
 
-Health::Health(ServiceStatus& service, std::size_t capacity)
-    : service_(service), capacity_(capacity), watchdog_(service.watchdog()) {}
+Health::Health(ServiceStatus& service) : service_(service), watchdog_(service.watchdog()) {}
 
-void Health::report(const wire::Stats& stats, const ServerLink& link) {
-  if (Clock::now() >= told_time_ + kTellInterval) tell(stats, link);
-  if (stats.captured > 0 && link.has_tried()) service_.ready();
+void Health::report(const wire::Report& report, const Sender& sender) {
+  if (Clock::now() >= told_time_ + kTellInterval) tell(report, sender);
+  if (report.account.captured > 0 && sender.link().has_tried()) service_.ready();
   if (watchdog_ > nanoseconds(0)) feed_if_moving();
 }
 
-void Health::tell(const wire::Stats& stats, const ServerLink& link) {
+void Health::tell(const wire::Report& report, const Sender& sender) {
+  const wire::Stats& stats = report.account;
   const auto now = Clock::now();
   const double seconds = duration<double>(now - std::exchange(told_time_, now)).count();
   const wire::Stats before = std::exchange(told_, stats);
@@ -45,7 +45,7 @@ void Health::tell(const wire::Stats& stats, const ServerLink& link) {
   service_.status(fmt::format(
       "{:.1f} frames/s captured, {:.1f} delivered; buffer {} of {}; link {}",
       rate(before.captured, stats.captured), rate(before.acknowledged, stats.acknowledged),
-      stats.waiting, capacity_, describe(link)));
+      stats.waiting, report.capacity, describe(sender.link())));
 }
 
 void Health::feed_if_moving() {

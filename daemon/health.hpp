@@ -8,7 +8,7 @@
 
 #include "common/service_status.hpp"
 #include "common/wire.hpp"
-#include "daemon/net/server_link.hpp"
+#include "daemon/net/sender.hpp"
 
 namespace orbbuf {
 
@@ -20,17 +20,16 @@ class Health {
  public:
   using Clock = std::chrono::steady_clock;
 
-  /// `service` must outlive it. capacity: the buffer's, in frames.
-  Health(ServiceStatus& service, std::size_t capacity);
+  /// `service` must outlive it.
+  explicit Health(ServiceStatus& service);
 
-  void report(const wire::Stats& stats, const ServerLink& link);
+  void report(const wire::Report& report, const Sender& sender);
 
  private:
-  void tell(const wire::Stats& stats, const ServerLink& link);
+  void tell(const wire::Report& report, const Sender& sender);
   void feed_if_moving();
 
   ServiceStatus& service_;
-  const std::size_t capacity_;
   const std::chrono::nanoseconds watchdog_;  // 0: none
   std::set<std::string> still_;              // threads, and logged
   wire::Stats told_;                         // at told_time_

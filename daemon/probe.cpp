@@ -140,7 +140,6 @@ std::string probe(const Settings& settings) {
 
 std::string suggest(const Settings& settings, const ProbeResult& result) {
   constexpr int kLeastPixels = 10'000;  // what settings.cpp allows
-  constexpr std::int64_t kLeastCapacity = 3;
   const double share = result.features_ms * result.fps / 1000;
   int pixels = std::min(settings.features.pixels, result.width_px * result.height_px);
   pixels = share > 0.5 ? std::max(static_cast<int>(pixels * 0.5 / share), kLeastPixels)
@@ -166,11 +165,10 @@ std::string suggest(const Settings& settings, const ProbeResult& result) {
   if (source.is_side_by_side) text += "stereo = \"side-by-side\"\n";
   return text + fmt::format(
                     "width = {}\nheight = {}\nfps = {:.4g}\n[jpeg]\nquality = {}\ncolor = "
-                    "{}\n[features]\npixels = {}\n[buffer]\n"
-                    "capacity = {}\n",
+                    "{}\n[features]\npixels = {}\n",
                     source.is_side_by_side ? 2 * result.width_px : result.width_px,
                     result.height_px, result.fps, settings.jpeg.quality, settings.jpeg.color,
-                    pixels, std::max<std::int64_t>(std::llround(result.fps), kLeastCapacity));
+                    pixels);
 }
 
 }  // namespace orbbuf

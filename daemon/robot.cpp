@@ -12,7 +12,6 @@
 
 #include "common/service_status.hpp"
 #include "daemon/health.hpp"
-#include "daemon/net/sender.hpp"
 #include "daemon/pipeline.hpp"
 
 namespace orbbuf {
@@ -35,6 +34,7 @@ class Robot {
   ServiceStatus service_;
   asio::io_context io_{1};
   asio::signal_set signals_{io_, SIGINT, SIGTERM};
+  std::unique_ptr<FrameSource> source_;  // until pipeline_ has it
   OrbExtractor extractor_;
   FrameBuffer buffer_;
   DropLog drops_;
@@ -54,9 +54,8 @@ wire::Hello make_hello(const Settings& settings) {
   hello.session_id = new_session_id();
   hello.software = "orbbufd " ORBBUF_VERSION;
   hello.calibration = settings.calibration;
-  spdlog::info("robot {}, session {}, buffer of {} frames, policy {}, server {}", hello.robot_id,
-               hello.session_id, settings.buffer.capacity, settings.buffer.policy,
-               to_string(settings.link.server));
+  spdlog::info("robot {}, session {}, policy {}, server {}", hello.robot_id, hello.session_id,
+               settings.buffer.policy, to_string(settings.link.server));
   return hello;
 }
 
@@ -66,20 +65,27 @@ std::unique_ptr<FrameSource> open_source(const SourceSettings& settings) {
   return source;
 }
 
+/// A source that waits for room is not chosen from: it loses no frame, however late it becomes.
+BufferSettings buffer_settings(const Settings& settings, const FrameSource& source) {
+  BufferSettings buffer = settings.buffer;
+  if (!source.is_live()) buffer.policy = "drop-oldest";
+  return buffer;
+}
+
 Robot::Robot(const Settings& settings)
-    : extractor_(settings.features),
-      buffer_(settings.buffer.capacity,
-              make_policy(settings.buffer,
+    : source_(open_source(settings.source)),
+      extractor_(settings.features),
+      buffer_(make_buffer(buffer_settings(settings, *source_),
                           [this](const EncodedFrame& frame, FeatureSet& features) {
                             extractor_.extract(frame, features);
                           })),
       drops_(settings.buffer.drop_log),
       sender_(io_, settings.link, make_hello(settings), buffer_, drops_),
       pipeline_(
-          open_source(settings.source), settings.jpeg, buffer_,
+          std::move(source_), settings.jpeg, buffer_,
           {[this] { asio::post(io_, [this] { sender_.wake(); }); },
            [this](bool failed) { asio::post(io_, [this, failed] { on_source_ended(failed); }); }}),
-      health_(service_, settings.buffer.capacity) {}
+      health_(service_) {}
 
 bool Robot::run() {
   await_signal();
@@ -115,7 +121,7 @@ void Robot::on_source_ended(bool failed) {
 
 void Robot::report() {
   if (is_over_) return;
-  health_.report(buffer_.stats(), sender_.link());
+  health_.report(buffer_.report(), sender_);
   report_timer_.expires_after(service_.interval());
   report_timer_.async_wait([this](const boost::system::error_code& /*error*/) { report(); });
 }

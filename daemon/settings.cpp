@@ -13,6 +13,7 @@
 #include <random>
 
 #include "common/config.hpp"
+#include "common/log.hpp"
 #include "common/wire.hpp"
 #include "daemon/capture/camera_formats.hpp"
 
@@ -22,7 +23,6 @@ namespace {
 using std::chrono::hours;
 using std::chrono::milliseconds;
 
-constexpr std::array<std::string_view, 5> kLogLevels = {"trace", "debug", "info", "warn", "error"};
 constexpr auto kSourceFormats = [] {
   std::array<std::string_view, kCameraFormats.size() + 1> formats = {"auto"};
   std::copy(kCameraFormats.begin(), kCameraFormats.end(), formats.begin() + 1);
@@ -120,11 +120,18 @@ void read_images(ConfigReader& config, Settings& settings) {
 }
 
 void read_buffer(ConfigReader& config, BufferSettings& buffer) {
+  buffer.policy = config.choice("buffer.policy", buffer.policy, kPolicies);
+  buffer.memory_bytes = config.bytes("buffer.memory", buffer.memory_bytes, 1 << 20, 1LL << 40);
   buffer.capacity = static_cast<std::size_t>(
       config.integer("buffer.capacity", static_cast<std::int64_t>(buffer.capacity), 3, 100000));
-  buffer.policy = config.choice("buffer.policy", buffer.policy, kPolicies);
   buffer.seed = static_cast<std::uint64_t>(config.integer("buffer.seed", 1, 0, kMaxInteger));
   buffer.drop_log = config.path("buffer.drop_log", buffer.drop_log);
+}
+
+void read_plan(ConfigReader& config, PlanSettings& plan) {
+  plan.live_again = config.duration("link.live_again", plan.live_again, milliseconds(50), hours(1));
+  plan.largest_step =
+      config.duration("link.largest_step", plan.largest_step, milliseconds(1), hours(1));
 }
 
 void read_link(ConfigReader& config, LinkSettings& link) {
@@ -153,6 +160,7 @@ Settings load_settings(const std::filesystem::path& file, std::span<const std::s
   read_stereo(config, settings.source);
   read_images(config, settings);
   read_buffer(config, settings.buffer);
+  read_plan(config, settings.buffer.plan);
   read_link(config, settings.link);
   config.reject_unknown();
   return settings;

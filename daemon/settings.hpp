@@ -9,7 +9,7 @@
 #include "daemon/capture/make_source.hpp"
 #include "daemon/image/jpeg_encoder.hpp"
 #include "daemon/image/orb_extractor.hpp"
-#include "daemon/net/server_link.hpp"
+#include "daemon/net/sender.hpp"
 
 namespace orbbuf {
 

@@ -85,15 +85,15 @@ void enqueue(benchmark::State& state, const sim::RecordedSequence& sequence) {
   OrbExtractor extractor(FeatureSettings{});
   int extractions = 0;
   int comparisons = 0;
-  FrameBuffer buffer(kCapacity, std::make_unique<OrbPolicy>(
-                                    [&](const EncodedFrame& frame, FeatureSet& features) {
-                                      ++extractions;
-                                      extractor.extract(frame, features);
-                                    },
-                                    [&](const FeatureSet& a, const FeatureSet& b) {
-                                      ++comparisons;
-                                      return similarity(a, b);
-                                    }));
+  FrameBuffer buffer({kCapacity}, std::make_unique<OrbPolicy>(
+                                      [&](const EncodedFrame& frame, FeatureSet& features) {
+                                        ++extractions;
+                                        extractor.extract(frame, features);
+                                      },
+                                      [&](const FeatureSet& a, const FeatureSet& b) {
+                                        ++comparisons;
+                                        return similarity(a, b);
+                                      }));
   std::vector<FramePtr> frames;
   for (std::size_t i = 0; i < 3 * kCapacity + kPushes; ++i) {
     frames.push_back(renumbered(sequence, i));
@@ -137,10 +137,10 @@ void match(benchmark::State& state, const sim::RecordedSequence& sequence) {
 /// All that the buffer does for a frame when the link keeps up.
 void steady(benchmark::State& state, const sim::RecordedSequence& /*sequence*/) {
   OrbExtractor extractor(FeatureSettings{});
-  FrameBuffer buffer(
-      kCapacity, std::make_unique<OrbPolicy>([&](const EncodedFrame& frame, FeatureSet& features) {
-        extractor.extract(frame, features);
-      }));
+  FrameBuffer buffer({kCapacity}, std::make_unique<OrbPolicy>(
+                                      [&](const EncodedFrame& frame, FeatureSet& features) {
+                                        extractor.extract(frame, features);
+                                      }));
   std::vector<FramePtr> frames;
   for (std::size_t i = 0; i < 1000; ++i) {
     EncodedFrame frame;

@@ -25,7 +25,7 @@
 #include <vector>
 
 #include "bench/plain_socket.hpp"
-#include "server/sink/orbbuf_pipe.h"
+#include "orbbuf/pipe.h"
 
 namespace {
 

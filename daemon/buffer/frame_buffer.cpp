@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cassert>
+#include <iterator>
+#include <limits>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -11,6 +13,8 @@
 
 namespace orbbuf {
 namespace {
+
+constexpr std::size_t kMostReserved = 1000;  // frames; more make the lists grow
 
 DropRecord record_of(const EncodedFrame& frame, DropReason reason,
                      std::uint16_t similarity = kUnknownSimilarity) {
@@ -24,15 +28,17 @@ std::uint16_t to_similarity(std::optional<int> score) {
 
 }  // namespace
 
-FrameBuffer::FrameBuffer(std::size_t capacity, std::unique_ptr<DropPolicy> policy)
-    : capacity_(capacity), policy_(std::move(policy)) {
-  if (capacity_ < 3) {
-    throw std::invalid_argument("buffer capacity " + std::to_string(capacity_) +
+FrameBuffer::FrameBuffer(BufferLimits limits, std::unique_ptr<DropPolicy> policy,
+                         std::unique_ptr<SendPlanner> planner)
+    : limits_(limits), policy_(std::move(policy)), planner_(std::move(planner)) {
+  if (limits_.frames < 3) {
+    throw std::invalid_argument("buffer capacity " + std::to_string(limits_.frames) +
                                 " is less than 3 frames");
   }
   assert(policy_);
-  waiting_.reserve(capacity_ + 1);
-  view_.waiting.reserve(capacity_ + 1);
+  const std::size_t expected = std::min(limits_.frames, kMostReserved);
+  waiting_.reserve(expected + 1);
+  view_.waiting.reserve(expected + 1);
 }
 
 void FrameBuffer::captured() {
@@ -66,16 +72,18 @@ void FrameBuffer::push(FramePtr frame) {
   assert(waiting_.empty() || waiting_.back().frame->sequence < frame->sequence);
   --entering_;
   // First of all the network may have it: what the policy thinks about must not delay the link.
-  waiting_.push_back({std::move(frame)});
-  while (waiting_.size() > capacity_) {
+  waiting_bytes_ += frame->jpeg.size();
+  const double position_s = next_position(*frame);
+  waiting_.push_back({std::move(frame), position_s});
+  while (is_over_limit()) {
     update_view();
     lock.unlock();
     const std::size_t choice = policy_->victim(view_);
     assert(choice + 1 < view_.waiting.size());
     lock.lock();
     // The network went on meanwhile: there may be room now, or the victim may be on its way.
-    if (waiting_.size() > capacity_) {
-      drop_if_waiting({view_.waiting[choice], to_similarity(policy_->last_score())});
+    if (is_over_limit()) {
+      drop_if_waiting(view_.waiting[choice], to_similarity(policy_->last_score()));
     }
   }
   lock.unlock();
@@ -94,33 +102,42 @@ bool FrameBuffer::prepare() {
 
 bool FrameBuffer::wait_for_room(const std::stop_token& stop) {
   std::unique_lock lock(mutex_);
-  return wait_beating(room_, lock, stop, [this] { return waiting_.size() < capacity_; });
+  return wait_beating(room_, lock, stop, [this] {
+    return waiting_.size() < limits_.frames && waiting_bytes_ < limits_.bytes;
+  });
 }
 
-FramePtr FrameBuffer::take() {
+FramePtr FrameBuffer::take(const SendMoment& moment) {
   const std::lock_guard lock(mutex_);
   if (waiting_.empty()) return nullptr;
-  in_flight_.push_back(std::move(waiting_.front().frame));
-  waiting_.erase(waiting_.begin());
+  const auto chosen = waiting_.begin() + static_cast<std::ptrdiff_t>(planner_ ? choose(moment) : 0);
+  for (auto passed = waiting_.begin(); passed != chosen; ++passed) {
+    drop(*passed, kUnknownSimilarity);
+  }
+  waiting_bytes_ -= chosen->frame->jpeg.size();
+  in_flight_.push_back(std::move(*chosen));
+  waiting_.erase(waiting_.begin(), chosen + 1);
   room_.notify_all();
-  return in_flight_.back();
+  return in_flight_.back().frame;
 }
 
 void FrameBuffer::acknowledge(Sequence next) {
   const std::lock_guard lock(mutex_);
   auto first = in_flight_.begin();
-  for (; first != in_flight_.end() && (*first)->sequence < next; ++first) {
-    count_delivered(std::move(*first));
+  for (; first != in_flight_.end() && first->frame->sequence < next; ++first) {
+    count_delivered(*first);
   }
   in_flight_.erase(in_flight_.begin(), first);
 }
 
 void FrameBuffer::return_in_flight() {
   const std::lock_guard lock(mutex_);
-  waiting_.insert(waiting_.begin(), in_flight_.size(), {});
-  std::ranges::transform(in_flight_, waiting_.begin(), [](FramePtr& frame) {
-    return Entry{std::move(frame), true};
-  });
+  for (Entry& entry : in_flight_) {
+    entry.was_taken = true;
+    waiting_bytes_ += entry.frame->jpeg.size();
+  }
+  waiting_.insert(waiting_.begin(), std::make_move_iterator(in_flight_.begin()),
+                  std::make_move_iterator(in_flight_.end()));
   in_flight_.clear();
 }
 
@@ -133,16 +150,17 @@ void FrameBuffer::resume(Sequence next) {
   // Frames that were taken are older than all that were not, so they are first in line.
   auto first = waiting_.begin();
   for (; first != waiting_.end() && first->was_taken && first->frame->sequence < next; ++first) {
-    count_delivered(std::move(first->frame));
+    waiting_bytes_ -= first->frame->jpeg.size();
+    count_delivered(*first);
   }
   waiting_.erase(waiting_.begin(), first);
   for (Entry& entry : waiting_) entry.was_taken = false;
-  for (auto& [frame, similarity] : unconfirmed_drops_) {
-    if (frame->sequence < next) {
+  for (auto& [entry, similarity] : unconfirmed_drops_) {
+    if (entry.frame->sequence < next) {
       --counts_.dropped;
-      count_delivered(std::move(frame));
+      count_delivered(entry);
     } else {
-      final_drops_.push_back(record_of(*frame, DropReason::kPolicy, similarity));
+      final_drops_.push_back(record_of(*entry.frame, DropReason::kPolicy, similarity));
     }
   }
   unconfirmed_drops_.clear();
@@ -160,6 +178,7 @@ void FrameBuffer::give_up_waiting() {
   const auto first = std::ranges::find(waiting_, false, &Entry::was_taken);
   for (auto entry = first; entry != waiting_.end(); ++entry) {
     final_drops_.push_back(record_of(*entry->frame, DropReason::kShutdown));
+    waiting_bytes_ -= entry->frame->jpeg.size();
     ++counts_.dropped;
   }
   waiting_.erase(first, waiting_.end());
@@ -168,19 +187,19 @@ void FrameBuffer::give_up_waiting() {
 
 void FrameBuffer::give_up() {
   const std::lock_guard lock(mutex_);
-  for (const auto& [frame, similarity] : unconfirmed_drops_) {
-    final_drops_.push_back(record_of(*frame, DropReason::kPolicy, similarity));
+  for (const auto& [entry, similarity] : unconfirmed_drops_) {
+    final_drops_.push_back(record_of(*entry.frame, DropReason::kPolicy, similarity));
   }
-  for (const FramePtr& frame : in_flight_) {
-    final_drops_.push_back(record_of(*frame, DropReason::kShutdown));
-  }
-  for (const Entry& entry : waiting_) {
-    final_drops_.push_back(record_of(*entry.frame, DropReason::kShutdown));
+  for (const auto* undelivered : {&in_flight_, &waiting_}) {
+    for (const Entry& entry : *undelivered) {
+      final_drops_.push_back(record_of(*entry.frame, DropReason::kShutdown));
+    }
   }
   counts_.dropped += in_flight_.size() + waiting_.size();
   unconfirmed_drops_.clear();
   in_flight_.clear();
   waiting_.clear();
+  waiting_bytes_ = 0;
   room_.notify_all();
 }
 
@@ -191,9 +210,13 @@ wire::Stats FrameBuffer::stats() const {
 
 wire::Report FrameBuffer::report() const {
   const std::lock_guard lock(mutex_);
-  wire::Report report{account(), static_cast<std::uint32_t>(capacity_)};
-  for (const Entry& entry : waiting_) report.waiting_bytes += entry.frame->jpeg.size();
-  return report;
+  std::size_t capacity = limits_.frames;
+  if (planner_ && planner_->mean_bytes() > 0) {
+    const double frames = static_cast<double>(limits_.bytes) / planner_->mean_bytes();
+    capacity = std::min(capacity, static_cast<std::size_t>(frames));
+  }
+  constexpr std::size_t kMost = std::numeric_limits<std::uint32_t>::max();
+  return {account(), static_cast<std::uint32_t>(std::min(capacity, kMost)), waiting_bytes_};
 }
 
 wire::Stats FrameBuffer::account() const {
@@ -203,28 +226,60 @@ wire::Stats FrameBuffer::account() const {
   return stats;
 }
 
+bool FrameBuffer::is_over_limit() const {
+  return waiting_.size() > limits_.frames ||
+         (waiting_bytes_ > limits_.bytes && waiting_.size() > 1);
+}
+
+/// A clock that was set back stands still until it is where it was.
+double FrameBuffer::next_position(const EncodedFrame& frame) {
+  const std::int64_t time_ns = frame.capture_time_ns;
+  const std::int64_t step_ns = time_ns - last_capture_time_ns_.value_or(time_ns);
+  last_capture_time_ns_ = time_ns;
+  const double step_s = 1e-9 * static_cast<double>(std::max<std::int64_t>(0, step_ns));
+  if (planner_) planner_->on_captured(step_s, frame.jpeg.size());
+  return last_position_s_ += step_s;
+}
+
+std::size_t FrameBuffer::choose(const SendMoment& moment) {
+  for (const Entry& entry : waiting_) {
+    planned_.push_back({entry.position_s, entry.frame->jpeg.size()});
+  }
+  const Entry& last = in_flight_.empty() ? last_acknowledged_ : in_flight_.back();
+  const std::size_t choice = planner_->choose(
+      last.frame ? std::optional(last.position_s) : std::nullopt, planned_, moment);
+  planned_.clear();
+  return choice;
+}
+
 void FrameBuffer::update_view() {
-  view_.previous = in_flight_.empty() ? last_acknowledged_ : in_flight_.back();
+  view_.previous = in_flight_.empty() ? last_acknowledged_.frame : in_flight_.back().frame;
   view_.waiting.clear();
   for (const Entry& entry : waiting_) view_.waiting.push_back(entry.frame);
 }
 
-void FrameBuffer::drop_if_waiting(const Drop& victim) {
-  const auto entry = std::ranges::find(waiting_, victim.frame, &Entry::frame);
+void FrameBuffer::drop_if_waiting(const FramePtr& victim, std::uint16_t similarity) {
+  const auto entry = std::ranges::find(waiting_, victim, &Entry::frame);
   if (entry == waiting_.end()) return;
-  ++counts_.dropped;
-  if (entry->was_taken) {
-    unconfirmed_drops_.push_back(victim);
-  } else {
-    final_drops_.push_back(record_of(*victim.frame, DropReason::kPolicy, victim.similarity));
-  }
+  drop(*entry, similarity);
   waiting_.erase(entry);
 }
 
-void FrameBuffer::count_delivered(FramePtr frame) {
+/// Leaves the entry in the list, empty or not.
+void FrameBuffer::drop(Entry& entry, std::uint16_t similarity) {
+  ++counts_.dropped;
+  waiting_bytes_ -= entry.frame->jpeg.size();
+  if (entry.was_taken) {
+    unconfirmed_drops_.push_back({std::move(entry), similarity});
+  } else {
+    final_drops_.push_back(record_of(*entry.frame, DropReason::kPolicy, similarity));
+  }
+}
+
+void FrameBuffer::count_delivered(Entry& entry) {
   ++counts_.acknowledged;
-  if (!last_acknowledged_ || last_acknowledged_->sequence < frame->sequence) {
-    last_acknowledged_ = std::move(frame);
+  if (!last_acknowledged_.frame || last_acknowledged_.frame->sequence < entry.frame->sequence) {
+    last_acknowledged_ = std::move(entry);
   }
 }
 

@@ -4,8 +4,10 @@
 #include <condition_variable>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <stop_token>
 #include <vector>
 
@@ -13,8 +15,15 @@
 #include "common/frame.hpp"
 #include "common/wire.hpp"
 #include "daemon/buffer/drop_policy.hpp"
+#include "daemon/buffer/send_planner.hpp"
 
 namespace orbbuf {
+
+/// How much may wait.
+struct BufferLimits {
+  std::size_t frames = std::numeric_limits<std::size_t>::max();  ///< >= 3
+  std::size_t bytes = std::numeric_limits<std::size_t>::max();   ///< of JPEG
+};
 
 /// The robot's frames from capture to acknowledgement, and the account of every one of them.
 ///
@@ -22,6 +31,10 @@ namespace orbbuf {
 /// Which one is the policy's choice: OrbPolicy gives up the frame whose two neighbours are most
 /// alike, so that what remains still overlaps enough for visual SLAM to hold on.
 /// Source: Wang et al., "ORBBuf", IROS 2021, arXiv:2010.14861, Sec. III-C and III-D.
+///
+/// With a SendPlanner (the policy `catch-up`) the frames to give up are chosen when one is taken
+/// instead: the planner says which, and those before it are passed over. The buffer is then bounded
+/// by bytes, and large; the policy thins it once it is full.
 ///
 /// A frame waits, is taken by the network (in flight), and leaves when the server acknowledges it.
 /// If the connection breaks first it waits again, at the head, and competes like any other. Whether
@@ -35,22 +48,23 @@ namespace orbbuf {
 /// quality 80; and with OrbPolicy, once it has waited behind another, its features, 16 KB for 500.
 /// Apart from the frames that are pushed nothing is allocated, once as many have been there before.
 /// Invariants: sequence numbers strictly increase from the first in flight to the last waiting;
-/// stats() always adds up. At most `capacity` frames wait once a push has returned; returned frames
-/// may exceed it until the next push.
+/// stats() always adds up. What waits is within the limits once a push has returned, but for the
+/// newest frame, which is always kept; returned frames may exceed them until the next push.
 class FrameBuffer {
  public:
-  /// capacity: frames, >= 3, since a frame needs two neighbours to be judged redundant.
-  /// Throws std::invalid_argument below that. `policy` is owned from here on.
-  FrameBuffer(std::size_t capacity, std::unique_ptr<DropPolicy> policy);
+  /// limits.frames >= 3, since a frame needs two neighbours to be judged redundant. Throws
+  /// std::invalid_argument below that. `planner` may be null: frames are then taken in order.
+  FrameBuffer(BufferLimits limits, std::unique_ptr<DropPolicy> policy,
+              std::unique_ptr<SendPlanner> planner = nullptr);
 
   /// `capture`: one more frame exists. Each ends in exactly one push() or lost().
   void captured();
   /// Any thread: a captured frame that will never be pushed (kBusy, kFailed, kShutdown).
   void lost(const DropRecord& record);
 
-  /// `worker`: adds the newest frame; gives up as many as it takes to be within capacity again. The
-  /// newest is never given up. Does not wait, but takes as long as the policy does, which is asked
-  /// only if a frame must go.
+  /// `worker`: adds the newest frame; gives up as many as it takes to be within the limits again.
+  /// The newest is never given up. Does not wait, but takes as long as the policy does, which is
+  /// asked only if a frame must go.
   void push(FramePtr frame);
   /// `worker`, when it has nothing else to do: one unit of the policy's work ahead. True if more
   /// remains. Does nothing while the link keeps up, which is while at most one frame waits.
@@ -58,8 +72,9 @@ class FrameBuffer {
   /// `worker`: waits until a push would not cost a frame. False if `stop` was requested first.
   bool wait_for_room(const std::stop_token& stop);
 
-  /// `main`: hands the oldest frame to the network. Null if none waits.
-  FramePtr take();
+  /// `main`: hands the oldest frame to the network, or, with a planner, the one that it chooses
+  /// (giving up those before it). Null if none waits.
+  FramePtr take(const SendMoment& moment = {});
   /// `main`: the server has every frame in flight below `next`.
   void acknowledge(Sequence next);
   /// `main`: the connection broke; what is in flight goes back to the head, in order.
@@ -80,35 +95,46 @@ class FrameBuffer {
   /// Any thread. A consistent snapshot: captured = the sum of the rest.
   wire::Stats stats() const;
   /// Any thread. Those, the capacity and the bytes that wait, of one moment; nothing of the link.
+  /// Where bytes are the limit the capacity is what they are worth in frames of the mean size.
   wire::Report report() const;
 
  private:
   struct Entry {
     FramePtr frame;
+    double position_s = 0;   ///< PlannedFrame's
     bool was_taken = false;  ///< by a connection that broke; the server may have it
   };
 
   struct Drop {
-    FramePtr frame;
+    Entry entry;
     std::uint16_t similarity;  ///< DropRecord's
   };
 
-  // All four require mutex_.
+  // All require mutex_.
   wire::Stats account() const;
+  bool is_over_limit() const;
+  double next_position(const EncodedFrame& frame);
+  std::size_t choose(const SendMoment& moment);
   void update_view();
-  void drop_if_waiting(const Drop& victim);
-  void count_delivered(FramePtr frame);
+  void drop_if_waiting(const FramePtr& victim, std::uint16_t similarity);
+  void drop(Entry& entry, std::uint16_t similarity);
+  void count_delivered(Entry& entry);
 
-  const std::size_t capacity_;
+  const BufferLimits limits_;
   const std::unique_ptr<DropPolicy> policy_;  // worker only
   BufferView view_;                           // worker only; empty between calls
 
   mutable std::mutex mutex_;
   std::condition_variable_any room_;
   // All below guarded by mutex_.
-  std::vector<Entry> waiting_;  // some dozens at most, as is the next
-  std::vector<FramePtr> in_flight_;
-  FramePtr last_acknowledged_;  // the newest of them: the head's neighbour when none is in flight
+  const std::unique_ptr<SendPlanner> planner_;  // null: frames are taken in order
+  std::vector<PlannedFrame> planned_;           // empty between calls
+  std::vector<Entry> waiting_;                  // some dozens at most; with a planner, thousands
+  std::size_t waiting_bytes_ = 0;               // of their JPEGs
+  std::vector<Entry> in_flight_;
+  Entry last_acknowledged_;  // the newest of them: the head's neighbour when none is in flight
+  std::optional<std::int64_t> last_capture_time_ns_;  // of the last push
+  double last_position_s_ = 0;                        // of the same
   std::vector<DropRecord> final_drops_;
   std::vector<Drop> unconfirmed_drops_;  // at most as many as were in flight at once
   wire::Stats counts_;          // waiting and in_flight are taken from the containers, see stats()

@@ -12,11 +12,19 @@ namespace orbbuf {
 std::unique_ptr<DropPolicy> make_policy(const BufferSettings& settings, FillFeatures extract) {
   const std::string& name = settings.policy;
   if (name == "orbbuf") return std::make_unique<OrbPolicy>(std::move(extract));
-  if (name == "uniform") return std::make_unique<UniformPolicy>();
+  if (name == "uniform" || name == "catch-up") return std::make_unique<UniformPolicy>();
   if (name == "drop-oldest") return std::make_unique<DropOldestPolicy>();
   if (name == "drop-youngest") return std::make_unique<DropYoungestPolicy>();
   if (name == "random") return std::make_unique<RandomPolicy>(settings.seed);
   throw std::invalid_argument("unknown drop policy '" + name + "'");
+}
+
+FrameBuffer make_buffer(const BufferSettings& settings, FillFeatures extract) {
+  auto policy = make_policy(settings, std::move(extract));
+  if (settings.policy != "catch-up") return {{.frames = settings.capacity}, std::move(policy)};
+  return {{.bytes = settings.memory_bytes},
+          std::move(policy),
+          std::make_unique<SendPlanner>(settings.plan)};
 }
 
 }  // namespace orbbuf

@@ -11,23 +11,32 @@
 
 #include "daemon/buffer/drop_policy.hpp"
 #include "daemon/buffer/features.hpp"
+#include "daemon/buffer/frame_buffer.hpp"
+#include "daemon/buffer/send_planner.hpp"
 
 namespace orbbuf {
 
 /// `[buffer]` of orbbufd.toml.
 struct BufferSettings {
-  std::size_t capacity = 25;       ///< frames, >= 3: a frame needs two neighbours to be judged
-  std::string policy = "orbbuf";   ///< one of kPolicies
-  std::uint64_t seed = 1;          ///< of the random policy
-  std::filesystem::path drop_log;  ///< the robot's own drop record; empty: none
+  std::string policy = "catch-up";         ///< one of kPolicies
+  std::size_t capacity = 25;               ///< frames, >= 3; of all policies but catch-up
+  std::uint64_t memory_bytes = 64U << 20;  ///< what may wait under catch-up
+  PlanSettings plan;                       ///< of catch-up; `[link]` of orbbufd.toml
+  std::uint64_t seed = 1;                  ///< of the random policy
+  std::filesystem::path drop_log;          ///< the robot's own drop record; empty: none
 };
 
 /// Every drop policy, by its name in the configuration.
-inline constexpr std::array<std::string_view, 5> kPolicies = {"orbbuf", "uniform", "drop-oldest",
-                                                              "drop-youngest", "random"};
+inline constexpr std::array<std::string_view, 6> kPolicies = {
+    "catch-up", "orbbuf", "uniform", "drop-oldest", "drop-youngest", "random"};
 
-/// The policy that `settings.policy` names. `extract` is kept by those that look at images.
-/// Throws std::invalid_argument for a name that is not in kPolicies.
+/// The policy that `settings.policy` names; of `catch-up` the part that thins a full buffer, which
+/// goes by time as `uniform` does. `extract` is kept by those that look at images. Throws
+/// std::invalid_argument for a name that is not in kPolicies.
 std::unique_ptr<DropPolicy> make_policy(const BufferSettings& settings, FillFeatures extract);
+
+/// The buffer with that policy: under `catch-up` bounded by bytes, and with a planner; else bounded
+/// by frames. Throws as make_policy() and FrameBuffer do.
+FrameBuffer make_buffer(const BufferSettings& settings, FillFeatures extract);
 
 }  // namespace orbbuf

@@ -3,54 +3,58 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
+
+#include "common/seconds.hpp"
 
 namespace orbbuf {
 namespace {
 
-constexpr double kMemorySeconds = 1;
-constexpr double kMemoryObservations = 50;
-constexpr double kFastest = 1e9;  // bytes a second: clocks are too coarse to tell more
-constexpr int kStartRoundTrips = 10;
+constexpr double kMemoryS = 1;
+constexpr double kMemoryFrames = 16;
+constexpr double kShortestService = 1e-6;  // seconds
+constexpr double kLongest = 4;             // of what is expected
+constexpr std::size_t kLeastFrames = 2;    // one is sent while the next one waits
+constexpr double kBeyondS = 0.1;
 
 }  // namespace
 
-void LinkRate::on_connected(Time now) {
-  in_flight_.clear();
-  bytes_in_flight_ = 0;
-  connected_time_ = acknowledged_time_ = now;
-  limit_ = kLimit;
+void LinkRate::on_written(Time now, Sequence sequence, std::size_t bytes) {
+  on_their_way_.push_back({sequence, bytes, now});
 }
 
-void LinkRate::on_write(Sequence sequence, std::size_t bytes, Time now) {
-  in_flight_.push_back({sequence, bytes, now});
-  bytes_in_flight_ += bytes;
-}
-
-void LinkRate::on_acknowledged(Sequence next, Time now, std::chrono::nanoseconds min_round_trip) {
-  if (in_flight_.empty() || in_flight_.front().sequence >= next) return;
-  const Time begin = std::max(acknowledged_time_, in_flight_.front().time + min_round_trip);
-  std::uint64_t bytes = 0;
-  for (; !in_flight_.empty() && in_flight_.front().sequence < next; in_flight_.pop_front()) {
-    bytes += in_flight_.front().bytes;
+/// Frames that are acknowledged together are one observation.
+void LinkRate::on_acknowledged(Time now, Sequence next, std::chrono::nanoseconds round_trip) {
+  if (on_their_way_.empty() || on_their_way_.front().sequence >= next) return;
+  const Time begin = std::max(acknowledged_time_, on_their_way_.front().time + round_trip);
+  double bytes = 0;
+  while (!on_their_way_.empty() && on_their_way_.front().sequence < next) {
+    bytes += static_cast<double>(on_their_way_.front().bytes);
+    on_their_way_.pop_front();
   }
-  bytes_in_flight_ -= bytes;
   acknowledged_time_ = now;
-  observe(static_cast<double>(bytes), now - begin,
-          now < connected_time_ + kStartRoundTrips * min_round_trip);
+  observe(bytes, std::max(kShortestService, to_seconds(now - begin)));
 }
 
-void LinkRate::observe(double bytes, std::chrono::duration<double> service, bool is_starting) {
-  double seconds = std::max(service.count(), bytes / kFastest);
-  if (seconds_ > 0) {
-    const double predicted = bytes / bytes_per_s();
-    const double limit = is_starting ? 1 : limit_;
-    const bool is_over = seconds > limit * predicted;
-    if (is_over) seconds = limit * predicted;
-    limit_ = is_over && !is_starting ? 2 * limit_ : kLimit;
+/// A single long one is an outage. If they go on, the link has become slow: each counts for more.
+void LinkRate::observe(double bytes, double service_s) {
+  if (service_s_ > 0) {
+    const double limit_s = longest_ * bytes / bytes_per_s();
+    longest_ = service_s > limit_s ? 2 * longest_ : kLongest;
+    service_s = std::min(service_s, limit_s);
   }
-  const double kept = std::exp(-seconds / kMemorySeconds - 1 / kMemoryObservations);
+  const double kept = std::min(std::exp(-service_s / kMemoryS), 1 - 1 / kMemoryFrames);
   bytes_ = kept * bytes_ + bytes;
-  seconds_ = kept * seconds_ + seconds;
+  service_s_ = kept * service_s_ + service_s;
+}
+
+double LinkRate::bytes_per_s() const { return service_s_ > 0 ? bytes_ / service_s_ : 0; }
+
+bool LinkRate::has_room(std::chrono::nanoseconds round_trip) const {
+  if (on_their_way_.size() < kLeastFrames) return true;
+  double bytes = 0;
+  for (const Written& written : on_their_way_) bytes += static_cast<double>(written.bytes);
+  return bytes < bytes_per_s() * (2 * to_seconds(round_trip) + kBeyondS);
 }
 
 }  // namespace orbbuf

@@ -7,6 +7,7 @@ namespace orbbuf {
 
 void Reporter::look(Time now, const wire::Stats& account,
                     const std::optional<TcpProgress>& progress) {
+  next_look_ += kInterval;
   measure(now, progress);
   is_due_ = account != told_ || now >= told_time_ + kQuietInterval;
 }

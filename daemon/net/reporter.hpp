@@ -16,10 +16,10 @@ class Reporter {
  public:
   using Time = std::chrono::steady_clock::time_point;
 
-  static constexpr std::chrono::seconds kInterval{1};
-
-  /// Every kInterval: `account` as it is `now`, and what the kernel says of the connection; nothing
-  /// without one.
+  void start(Time now) { next_look_ = now + kInterval; }
+  /// Whether a second has passed since the last look().
+  bool is_time(Time now) const { return now >= next_look_; }
+  /// `account` as it is `now`, and what the kernel says of the connection; nothing without one.
   void look(Time now, const wire::Stats& account, const std::optional<TcpProgress>& progress);
 
   bool is_due() const { return is_due_; }
@@ -27,10 +27,12 @@ class Reporter {
   wire::Report take(Time now, wire::Report report);
 
  private:
+  static constexpr std::chrono::seconds kInterval{1};
   static constexpr std::chrono::seconds kQuietInterval{4};
 
   void measure(Time now, const std::optional<TcpProgress>& progress);
 
+  Time next_look_;
   bool is_due_ = false;
   wire::Stats told_;  // the last account that was taken
   Time told_time_;

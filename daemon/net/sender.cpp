@@ -5,58 +5,48 @@
 
 #include <utility>
 
+#include "common/seconds.hpp"
+
 namespace orbbuf {
-namespace asio = boost::asio;
+
 using boost::system::error_code;
 using Clock = std::chrono::steady_clock;
 
 namespace {
 
-constexpr std::size_t kWindowFrames = 2;
-constexpr std::chrono::milliseconds kWindowTime{100};
 constexpr std::chrono::seconds kByeTimeout{2};
-
-double seconds(std::chrono::nanoseconds duration) {
-  return std::chrono::duration<double>(duration).count();
-}
-
-const char* describe(const ServerLink& link) {
-  if (!link.is_connected()) return ", no connection";
-  return link.is_stalled() ? ", stalled" : "";
-}
 
 }  // namespace
 
-Sender::Sender(asio::io_context& io, const LinkSettings& settings, wire::Hello hello,
+Sender::Sender(boost::asio::io_context& io, const LinkSettings& settings, wire::Hello hello,
                FrameBuffer& buffer, DropLog& drops)
     : buffer_(buffer),
       drops_(drops),
       drain_timeout_(settings.drain_timeout),
       link_(io, settings, std::move(hello), static_cast<ServerLink::Owner&>(*this)),
-      state_timer_(io),
+      drain_timer_(io),
       report_timer_(io) {}
 
 void Sender::start() {
+  reporter_.start(Clock::now());
   link_.start();
   report_each_second();
 }
 
 void Sender::on_connected(const wire::Position& position) {
-  is_bye_sent_ = false;
-  buffer_.return_in_flight();
+  on_disconnected();  // from the connection that this one replaces, if there is one
   buffer_.resume(position.next_sequence);
   drops_.rewind(position.next_drop);
-  rate_.on_connected(Clock::now());
 }
 
 void Sender::on_disconnected() {
   is_bye_sent_ = false;
+  rate_.on_lost();
   buffer_.return_in_flight();
 }
 
 void Sender::on_ack(const wire::Position& position) {
-  if (const auto progress = link_.progress()) min_round_trip_ = progress->min_round_trip;
-  rate_.on_acknowledged(position.next_sequence, Clock::now(), min_round_trip_);
+  rate_.on_acknowledged(Clock::now(), position.next_sequence, round_trip());
   buffer_.acknowledge(position.next_sequence);
   drops_.acknowledge(position.next_drop);
   wake();
@@ -67,8 +57,6 @@ void Sender::on_bye(const wire::Position& /*position*/) {
   spdlog::info("link: the server is going down");
 }
 
-void Sender::on_writable() { write_next(); }
-
 void Sender::wake() {
   if (link_.is_writable()) write_next();
 }
@@ -78,29 +66,27 @@ void Sender::write_next() {
   if (reporter_.is_due()) return link_.write(next_report());
   // After an outage the drop records are many: frames first, then turn by turn.
   const bool is_drops_turn = std::exchange(is_drops_turn_, false) && drops_.has_unsent();
-  if (FramePtr frame = is_drops_turn ? nullptr : choose_frame()) {
+  if (FramePtr frame = is_drops_turn ? nullptr : take_frame()) {
     is_drops_turn_ = true;
-    spdlog::debug("link: frame {} is the kernel's from here on", frame->sequence);
-    rate_.on_write(frame->sequence, frame->jpeg.size(), Clock::now());
     link_.write(std::move(frame));
   } else if (drops_.has_unsent()) {
     link_.write(wire::encode(drops_.take_unsent()));
-  } else if (state_ != State::kSending && !is_bye_sent_ && is_settled()) {
+  } else if (done_ && !is_bye_sent_ && is_settled()) {
     say_bye();
   }
 }
 
-/// The one place where a frame leaves the policy. Null if none waits or the window is full.
-FramePtr Sender::choose_frame() {
-  if (!is_window_open()) return nullptr;
-  return buffer_.take();
-}
-
-/// Two round trips: one for the bytes, and one for what delays them.
-bool Sender::is_window_open() const {
-  const double bytes = rate_.bytes_per_s() * seconds(2 * min_round_trip_ + kWindowTime);
-  return rate_.frames_in_flight() < kWindowFrames ||
-         static_cast<double>(rate_.bytes_in_flight()) < bytes;
+FramePtr Sender::take_frame() {
+  if (!rate_.has_room(round_trip())) return nullptr;
+  const auto now = Clock::now();
+  SendMoment moment{now.time_since_epoch(), rate_.bytes_per_s()};
+  if (done_) moment.end = drain_timer_.expiry().time_since_epoch();
+  FramePtr frame = buffer_.take(moment);
+  if (!frame) return nullptr;
+  rate_.on_written(now, frame->sequence, frame->jpeg.size());
+  spdlog::debug("link: frame {} is the kernel's from here on", frame->sequence);
+  collect_drops();  // those that were passed over for it
+  return frame;
 }
 
 void Sender::collect_drops() {
@@ -113,20 +99,9 @@ bool Sender::is_settled() const {
   return stats.waiting == 0 && stats.in_flight == 0 && drops_.is_settled();
 }
 
-/// Into the log, and for the server if there is something new.
-void Sender::report_each_second() {
-  report_timer_.expires_after(Reporter::kInterval);
-  report_timer_.async_wait([this](const error_code& error) {
-    if (error || state_ == State::kEnded) return;
-    const wire::Stats stats = buffer_.stats();
-    reporter_.look(Clock::now(), stats, link_.progress());
-    spdlog::info(
-        "captured {} skipped {} failed {} dropped {} acknowledged {} waiting {} in flight {}{}",
-        stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged,
-        stats.waiting, stats.in_flight, describe(link_));
-    report_each_second();
-    wake();
-  });
+std::chrono::nanoseconds Sender::round_trip() const {
+  const auto progress = link_.progress();
+  return progress ? progress->least_round_trip : std::chrono::microseconds(0);
 }
 
 std::vector<std::uint8_t> Sender::next_report() {
@@ -142,35 +117,49 @@ void Sender::say_bye() {
   link_.write(std::move(message));
 }
 
+void Sender::report_each_second() {
+  report_timer_.expires_after(std::chrono::seconds(1));
+  report_timer_.async_wait([this](const error_code& error) {
+    if (!error && link_.state() != ServerLink::State::kClosed) report_each_second();
+  });
+  if (!reporter_.is_time(Clock::now())) return;
+  const wire::Stats stats = buffer_.stats();
+  reporter_.look(Clock::now(), stats, link_.progress());
+  spdlog::info(
+      "captured {} skipped {} failed {} dropped {} acknowledged {} waiting {} in flight {}{}",
+      stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged, stats.waiting,
+      stats.in_flight,
+      !link_.is_connected() ? ", no connection"
+      : link_.is_stalled()  ? ", stalled"
+                            : "");
+  wake();
+}
+
 void Sender::finish(std::function<void(bool)> done) {
   done_ = std::move(done);
-  state_ = State::kDraining;
-  state_timer_.expires_after(drain_timeout_);
-  state_timer_.async_wait([this](const error_code& error) {
-    // A timer that has expired by then cannot be cancelled any more.
-    if (!error && state_ == State::kDraining) leave();
+  drain_timer_.expires_after(drain_timeout_);
+  drain_timer_.async_wait([this](const error_code& error) {
+    if (!error && done_) give_up_waiting();
   });
   wake();
 }
 
-void Sender::leave() {
+void Sender::give_up_waiting() {
   const wire::Stats stats = buffer_.stats();
   spdlog::warn("link: {} frames are still undelivered after {} s", stats.waiting + stats.in_flight,
-               seconds(drain_timeout_));
+               to_seconds(drain_timeout_));
   if (!link_.is_connected()) return end(false);
-  state_ = State::kLeaving;
   buffer_.give_up_waiting();
-  state_timer_.expires_after(kByeTimeout);
-  state_timer_.async_wait([this](const error_code& error) {
-    if (!error && state_ == State::kLeaving) end(false);
+  drain_timer_.expires_after(kByeTimeout);
+  drain_timer_.async_wait([this](const error_code& error) {
+    if (!error && done_) end(false);
   });
   wake();
 }
 
 void Sender::end(bool complete) {
-  state_ = State::kEnded;
   link_.close();
-  state_timer_.cancel();
+  drain_timer_.cancel();
   report_timer_.cancel();
   buffer_.give_up();
   collect_drops();

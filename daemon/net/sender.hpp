@@ -3,9 +3,10 @@
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
-#include <chrono>
 #include <cstdint>
 #include <functional>
+#include <optional>
+#include <string>
 #include <vector>
 
 #include "common/drop_record.hpp"
@@ -18,26 +19,13 @@
 
 namespace orbbuf {
 
-/// Chooses what goes to the server next: frames of the buffer, drop records, reports, and bye.
+/// Chooses what goes over the link, until finish(): frames from the buffer, drop records, reports.
 ///
-/// The next message is chosen when the kernel has nearly nothing left to send (paper, Sec. III-E:
-/// transmission of a message begins when the last is complete). A frame is chosen only while less
-/// than a window is written and not acknowledged: 2 frames, or what link and server take in two
-/// round trips and 100 ms, whichever is more. So a slow SLAM program leaves the choice to the
-/// policy, and a server that never acknowledges cannot make the robot hold more. Other messages are
-/// not bound by the window. Every frame stays in the buffer's account until the server has
-/// acknowledged it; every drop record is sent until acknowledged.
-///
-/// | state     | what is sent                      | the next state, and when |
-/// |-----------|-----------------------------------|------------------------------------------------|
-/// | kSending  | frames, drop records, reports     | kDraining: finish() | | kDraining | the same;
-/// bye, once everything    | kEnded: the server answers the bye             | |           | is
-/// acknowledged                   | kLeaving: drain_timeout, while connected       | |           |
-/// | kEnded: drain_timeout, without a connection    | | kLeaving  | the same; the frames that
-/// waited  | kEnded: the server answers the bye, or after   | |           | were given up by name
-/// | 2 s                                            | | kEnded    | nothing | |
-///
-/// Thread-bound to `main`, the thread that runs the io_context.
+/// The next frame is chosen when the kernel has nearly nothing left to send (paper, Sec. III-E:
+/// transmission of a message begins when the last is complete) and the server has acknowledged all
+/// but about 100 ms of what was written (LinkRate): what is written can no longer be chosen from.
+/// Every frame stays in the buffer's account until the server has acknowledged it; every drop
+/// record is sent until acknowledged. Thread-bound to `main`, the thread that runs the io_context.
 class Sender final : private ServerLink::Owner {
  public:
   /// `buffer` and `drops` must outlive the sender. Nothing happens before start(). Throws
@@ -57,42 +45,35 @@ class Sender final : private ServerLink::Owner {
   void finish(std::function<void(bool complete)> done);
 
  private:
-  enum class State : std::uint8_t { kSending, kDraining, kLeaving, kEnded };
-
   void on_connected(const wire::Position& position) override;
   void on_disconnected() override;
   void on_ack(const wire::Position& position) override;
   void on_bye(const wire::Position& position) override;
-  void on_writable() override;
+  void on_writable() override { write_next(); }
 
+  void report_each_second();
   void write_next();
-  FramePtr choose_frame();
-  bool is_window_open() const;
+  FramePtr take_frame();
   void collect_drops();
   bool is_settled() const;
-  void report_each_second();
+  std::chrono::nanoseconds round_trip() const;
   std::vector<std::uint8_t> next_report();
   void say_bye();
-  void leave();
+  void give_up_waiting();
   void end(bool complete);
 
   FrameBuffer& buffer_;
   DropLog& drops_;
   std::vector<DropRecord> collected_;  // on their way from buffer_ to drops_
   const std::chrono::nanoseconds drain_timeout_;
-
   ServerLink link_;
   LinkRate rate_;
-  std::chrono::nanoseconds min_round_trip_{0};  // the last connection's
-
-  State state_ = State::kSending;
-  boost::asio::steady_timer state_timer_;  // until the end of kDraining or kLeaving
-  std::function<void(bool)> done_;
-
   Reporter reporter_;
+  boost::asio::steady_timer drain_timer_;
   boost::asio::steady_timer report_timer_;
   bool is_drops_turn_ = false;
-  bool is_bye_sent_ = false;  // to the present connection
+  bool is_bye_sent_ = false;
+  std::function<void(bool)> done_;  // set: finishing
 };
 
 }  // namespace orbbuf

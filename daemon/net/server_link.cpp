@@ -5,6 +5,8 @@
 
 #include <utility>
 
+#include "common/seconds.hpp"
+
 namespace orbbuf {
 namespace asio = boost::asio;
 using boost::system::error_code;
@@ -17,10 +19,6 @@ constexpr milliseconds kShortestRetryDelay{125};
 constexpr milliseconds kLongestRetryDelay{375};
 constexpr milliseconds kWatchInterval{100};
 constexpr unsigned kAttemptsBeforeResolvingAgain = 20;
-
-double seconds(std::chrono::nanoseconds duration) {
-  return std::chrono::duration<double>(duration).count();
-}
 
 }  // namespace
 
@@ -96,7 +94,7 @@ void ServerLink::start_attempt_timer() {
   attempt_timer_.expires_after(settings_.connect_timeout);
   attempt_timer_.async_wait([this, attempt = attempt_](const error_code& error) {
     if (error || attempt != attempt_ || attempt_timer_.expiry() > Clock::now()) return;
-    on_attempt_failed({fmt::format("no answer within {} s", seconds(settings_.connect_timeout))},
+    on_attempt_failed({fmt::format("no answer within {} s", to_seconds(settings_.connect_timeout))},
                       milliseconds(0));
   });
 }
@@ -184,7 +182,7 @@ void ServerLink::check_stall() {
   if (state_ == State::kStalled || !stall_watch_.is_stalled()) return;
   state_ = State::kStalled;
   spdlog::warn("link: connection to {} stalled, nothing acknowledged for {:.1f} s; trying another",
-               to_string(settings_.server), seconds(stall_watch_.still_for()));
+               to_string(settings_.server), to_seconds(stall_watch_.still_for()));
   attempt();
 }
 

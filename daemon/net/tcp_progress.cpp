@@ -7,22 +7,20 @@
 #include <netinet/in.h>
 #include <sys/socket.h>
 
-#include <limits>
-
 namespace orbbuf {
 
 std::optional<TcpProgress> tcp_progress(int socket) {
   tcp_info info{};
   socklen_t length = sizeof info;
   if (::getsockopt(socket, IPPROTO_TCP, TCP_INFO, &info, &length) != 0) return std::nullopt;
-  constexpr auto kNone = std::numeric_limits<decltype(info.tcpi_min_rtt)>::max();
-  const auto min_round_trip = info.tcpi_min_rtt == kNone ? 0 : info.tcpi_min_rtt;
+  constexpr std::uint32_t kNoRoundTripYet = ~0U;
+  const std::uint32_t least = info.tcpi_min_rtt == kNoRoundTripYet ? 0 : info.tcpi_min_rtt;
   return TcpProgress{info.tcpi_bytes_acked,
                      info.tcpi_unacked,
                      info.tcpi_notsent_bytes,
                      info.tcpi_probes,
                      std::chrono::microseconds(info.tcpi_rtt),
-                     std::chrono::microseconds(min_round_trip)};
+                     std::chrono::microseconds(least)};
 }
 
 bool limit_unsent(int socket, std::uint32_t bytes) {

@@ -57,7 +57,7 @@ class PipelineTest : public ::testing::Test {
   }
   bool wait_for_end() { return ended_.get_future().get(); }
 
-  FrameBuffer buffer_{5, std::make_unique<DropOldestPolicy>()};
+  FrameBuffer buffer_{{5}, std::make_unique<DropOldestPolicy>()};
   int changes_ = 0;  // worker only
   std::promise<bool> ended_;
   std::unique_ptr<Pipeline> pipeline_;
@@ -165,8 +165,9 @@ class SlowExtractionTest : public ::testing::Test {
     if (index == kFrames - 1) done_.release();
   }
 
-  FrameBuffer buffer_{kFrames, std::make_unique<OrbPolicy>(
-                                   [this](const EncodedFrame&, FeatureSet&) { extract(); })};
+  FrameBuffer buffer_{
+      {kFrames},
+      std::make_unique<OrbPolicy>([this](const EncodedFrame&, FeatureSet&) { extract(); })};
   std::counting_semaphore<> pushed_{0};
   std::counting_semaphore<> begun_{0};
   std::counting_semaphore<> done_{0};

@@ -36,7 +36,6 @@ TEST(Probe, WhatItSuggestsIsAConfiguration) {
   const Settings suggested = load_settings(folder / "c.toml", {});
   EXPECT_EQ(suggested.source.width_px, 160);
   EXPECT_EQ(suggested.source.fps, 25);
-  EXPECT_EQ(suggested.buffer.capacity, 25U);
 }
 
 TEST(Probe, ASingleImageIsNoFilm) { EXPECT_THROW(probe(generated(1)), std::runtime_error); }
@@ -77,12 +76,9 @@ TEST(Probe, WhatIsSuggestedFilmsTheSame) {
   EXPECT_THAT(suggest(settings, {.fps = 20}), HasSubstr("_right = \"/dev/v4l/by-id/\\\\x\"\n"));
 }
 
-TEST(Probe, TheBufferHoldsASecondAndAtLeastThree) {
+TEST(Probe, TheMeasuredRateIsSuggested) {
   ProbeResult result{.fps = 29.97, .width_px = 64, .height_px = 64};
   EXPECT_THAT(suggest({}, result), HasSubstr("fps = 29.97\n"));
-  EXPECT_THAT(suggest({}, result), HasSubstr("capacity = 30\n"));
-  result.fps = 1;
-  EXPECT_THAT(suggest({}, result), HasSubstr("capacity = 3\n"));
 }
 
 TEST(Probe, WhatIsSuggestedIsStereoAgain) {

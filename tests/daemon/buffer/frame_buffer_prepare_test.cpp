@@ -37,7 +37,7 @@ class FrameBufferPrepareTest : public testing::Test {
   }
 
   FakePolicy* policy_ = new FakePolicy;  // owned by buffer_
-  FrameBuffer buffer_{4, std::unique_ptr<DropPolicy>(policy_)};
+  FrameBuffer buffer_{{4}, std::unique_ptr<DropPolicy>(policy_)};
   std::vector<std::vector<Sequence>> seen_;
   FramePtr previous_;
   bool more_ = false;

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <memory>
 #include <random>
 #include <set>
@@ -27,6 +28,13 @@ std::unique_ptr<DropPolicy> make(std::string_view name) {
   BufferSettings settings;
   settings.policy = name;
   return make_policy(settings, random_features);
+}
+
+/// Passes over many frames: the camera has a frame every 10 ms, and the deadlines are short.
+std::unique_ptr<SendPlanner> make_planner(std::string_view name) {
+  if (name != "catch-up") return nullptr;
+  return std::make_unique<SendPlanner>(
+      PlanSettings{std::chrono::milliseconds(50), std::chrono::seconds(1)});
 }
 
 /// The server of one session and the connection to it. A broken connection loses what was written
@@ -148,9 +156,15 @@ class FrameBufferRunTest : public testing::TestWithParam<std::string_view> {
   }
   void take() {
     if (!is_connected_) return;
-    const FramePtr frame = buffer_.take();
+    now_ += std::chrono::milliseconds(random_() % 40);
+    const FramePtr frame = buffer_.take({now_, static_cast<double>(random_() % 200)});
     ASSERT_EQ(frame == nullptr, account_.waiting.empty());
     if (!frame) return;
+    while (is_planned_ && frame->sequence > account_.waiting.front()) {
+      ++passed_over_;
+      account_.drop(account_.waiting.front());
+      ASSERT_FALSE(account_.waiting.empty());
+    }
     ASSERT_EQ(frame->sequence, account_.waiting.front());
     account_.waiting.erase(account_.waiting.begin());
     account_.in_flight.push_back(frame->sequence);
@@ -203,7 +217,11 @@ class FrameBufferRunTest : public testing::TestWithParam<std::string_view> {
 
   std::mt19937_64 random_{1};
   Account account_;
-  FrameBuffer buffer_{kCapacity, std::make_unique<Witness>(make(GetParam()), account_)};
+  FrameBuffer buffer_{
+      {kCapacity}, std::make_unique<Witness>(make(GetParam()), account_), make_planner(GetParam())};
+  const bool is_planned_ = GetParam() == "catch-up";
+  std::chrono::nanoseconds now_{0};
+  std::size_t passed_over_ = 0;
   Server server_;
   Sequences collected_;
   Sequence entered_ = 0;
@@ -238,10 +256,11 @@ TEST_P(FrameBufferRunTest, AccountsForEveryFrameAfterEveryOperation) {
   expect_each_once(server_.taken, collected_, entered_);
   EXPECT_EQ(buffer_.stats().acknowledged, server_.taken.size());
   EXPECT_GT(server_.taken.size(), 1'000U);
+  EXPECT_EQ(passed_over_ > 1'000U, is_planned_);
 }
 
 TEST_P(FrameBufferRunTest, LosesNothingBetweenTwoThreads) {
-  FrameBuffer buffer(kCapacity, make(GetParam()));
+  FrameBuffer buffer({kCapacity}, make(GetParam()), make_planner(GetParam()));
   std::jthread worker([&](const std::stop_token& stop) {
     for (Sequence sequence = 0; sequence < kThreadedFrames; ++sequence) {
       if (sequence % 2 == 0) buffer.wait_for_room(stop);
@@ -250,7 +269,8 @@ TEST_P(FrameBufferRunTest, LosesNothingBetweenTwoThreads) {
     }
   });
   for (bool is_done = false; !is_done;) {
-    const FramePtr frame = buffer.take();
+    now_ += std::chrono::milliseconds(1);
+    const FramePtr frame = buffer.take({now_, 100});
     if (frame) server_.write(frame->sequence);
     server_.take(static_cast<std::size_t>(random_() % 3));
     if (random_() % 2 == 0) buffer.acknowledge(server_.next);

@@ -45,12 +45,12 @@ class FrameBufferTest : public testing::Test {
   }
 
   FakePolicy* policy_ = new FakePolicy;  // owned by buffer_
-  FrameBuffer buffer_{kCapacity, std::unique_ptr<DropPolicy>(policy_)};
+  FrameBuffer buffer_{{kCapacity}, std::unique_ptr<DropPolicy>(policy_)};
 };
 
 TEST_F(FrameBufferTest, RefusesACapacityOfLessThanThreeFrames) {
-  EXPECT_THROW(FrameBuffer(2, std::make_unique<FakePolicy>()), std::invalid_argument);
-  EXPECT_NO_THROW(FrameBuffer(3, std::make_unique<FakePolicy>()));
+  EXPECT_THROW(FrameBuffer({2}, std::make_unique<FakePolicy>()), std::invalid_argument);
+  EXPECT_NO_THROW(FrameBuffer({3}, std::make_unique<FakePolicy>()));
 }
 
 TEST_F(FrameBufferTest, HasRoomUntilItIsFull) {

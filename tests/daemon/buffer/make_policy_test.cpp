@@ -40,7 +40,7 @@ class EveryPolicyTest : public testing::TestWithParam<std::string_view> {
   std::vector<Sequence> drops() { return sequences_of(collect_drops(buffer_)); }
 
   static constexpr std::size_t kCapacity = 5;
-  FrameBuffer buffer_{kCapacity, make(std::string(GetParam()))};
+  FrameBuffer buffer_{{kCapacity}, make(std::string(GetParam()))};
 };
 
 INSTANTIATE_TEST_SUITE_P(Policies, EveryPolicyTest, testing::ValuesIn(kPolicies),
@@ -71,7 +71,7 @@ TEST_P(EveryPolicyTest, ChoosesAmongAsFewAsTwoFrames) {
 }
 
 TEST_P(EveryPolicyTest, ChoosesTheSameInTheSameRun) {
-  FrameBuffer other(kCapacity, make(std::string(GetParam())));
+  FrameBuffer other({kCapacity}, make(std::string(GetParam())));
   for (Sequence sequence = 0; sequence < 100; ++sequence) {
     push(sequence);
     capture_and_push(other, sequence);

@@ -54,7 +54,7 @@ class OrbPolicyCostTest : public OrbPolicyTest {
   }
 
   OrbPolicy* policy_ = make().release();  // owned by buffer_
-  FrameBuffer buffer_{kCapacity, std::unique_ptr<DropPolicy>(policy_)};
+  FrameBuffer buffer_{{kCapacity}, std::unique_ptr<DropPolicy>(policy_)};
 };
 
 TEST_F(OrbPolicyCostTest, NothingIsExtractedWhileTheLinkKeepsUp) {

@@ -58,7 +58,7 @@ class SteadyStateTest : public testing::Test {
     }
   }
 
-  FrameBuffer buffer_{kCapacity, std::make_unique<OrbPolicy>(fill_features, fake_similarity)};
+  FrameBuffer buffer_{{kCapacity}, std::make_unique<OrbPolicy>(fill_features, fake_similarity)};
   std::vector<DropRecord> drops_;
   int buffer_allocations_ = 0;
 };

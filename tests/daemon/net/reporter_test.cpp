@@ -10,6 +10,8 @@ using namespace std::chrono_literals;
 
 class ReporterTest : public testing::Test {
  protected:
+  ReporterTest() { reporter_.start(now_); }
+
   /// A second later, with so many frames captured and bytes acknowledged by the peer's kernel.
   void look(std::uint64_t captured, std::optional<std::uint64_t> acked_bytes) {
     now_ += 1s;
@@ -24,6 +26,14 @@ class ReporterTest : public testing::Test {
   Reporter::Time now_{};
   Reporter reporter_;
 };
+
+TEST_F(ReporterTest, ItIsTimeOnceASecond) {
+  EXPECT_FALSE(reporter_.is_time(now_ + 999ms));
+  EXPECT_TRUE(reporter_.is_time(now_ + 1s));
+  look(1, 0);
+  EXPECT_FALSE(reporter_.is_time(now_ + 999ms));
+  EXPECT_TRUE(reporter_.is_time(now_ + 1s));
+}
 
 TEST_F(ReporterTest, AChangedAccountIsDueAtOnceAndTheSameOneAfterFourSeconds) {
   look(1, 0);

@@ -8,8 +8,8 @@
 #include <future>
 #include <set>
 
+#include "tests/server/event_loop.hpp"
 #include "tests/server/retention/sessions_on_disk.hpp"
-#include "tests/server/sink/event_loop.hpp"
 #include "tests/support/captured_log.hpp"
 
 namespace orbbuf {
