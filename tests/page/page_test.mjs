@@ -124,7 +124,8 @@ async function watch() {
 
 async function stream() {
   const robots = ["front", "rear"].map((id) => new Program(orbbufd, set({ "robot.id": id,
-    "link.server": `127.0.0.1:${link.at}`, "buffer.capacity": 15, "source.frames": 100000 })));
+    "link.server": `127.0.0.1:${link.at}`, "buffer.policy": "uniform", "buffer.capacity": 15,
+    "source.frames": 100000 })));
   await page.waitForSelector('article[data-robot="front"] .badge.connected');
   await watch();
   await picture("live-light", "light", 1280);
