@@ -9,7 +9,7 @@
 #include "bench/paper/trial/mobile_link.hpp"
 #include "bench/paper/trial/report.hpp"
 #include "bench/paper/trial/scene.hpp"
-#include "tests/support/temporary_folder.hpp"
+#include "testing/temporary_folder.hpp"
 
 namespace orbbuf::paper {
 namespace {

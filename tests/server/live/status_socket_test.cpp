@@ -10,8 +10,8 @@
 #include <thread>
 
 #include "server/live/status_table.hpp"
+#include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf::test {
 namespace {

@@ -10,10 +10,10 @@
 
 #include "server/sink/child_process.hpp"
 #include "server/sink/fifo.hpp"
+#include "testing/captured_log.hpp"
+#include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
 #include "tests/server/sink/event_loop.hpp"
-#include "tests/support/captured_log.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

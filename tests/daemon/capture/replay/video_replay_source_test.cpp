@@ -3,8 +3,8 @@
 
 #include <gmock/gmock.h>
 
+#include "testing/temporary_folder.hpp"
 #include "tests/daemon/capture/source_test_support.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

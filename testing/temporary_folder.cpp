@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/support/temporary_folder.hpp"
+#include "testing/temporary_folder.hpp"
 
 #include <cstdlib>
 #include <fstream>

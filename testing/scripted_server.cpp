@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/support/scripted_server.hpp"
+#include "testing/scripted_server.hpp"
 
 #include <array>
 #include <boost/asio/buffer.hpp>

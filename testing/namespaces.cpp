@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/support/namespaces.hpp"
+#include "testing/namespaces.hpp"
 
 #include <unistd.h>
 
 #include <atomic>
 #include <stdexcept>
 
-#include "tests/support/process.hpp"
+#include "testing/process.hpp"
 
 namespace orbbuf::test {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/support/notify_socket.hpp"
+#include "testing/notify_socket.hpp"
 
 #include <poll.h>
 #include <sys/socket.h>

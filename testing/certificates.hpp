@@ -4,7 +4,7 @@
 #include <string>
 
 #include "common/net/tls.hpp"
-#include "tests/support/temporary_folder.hpp"
+#include "testing/temporary_folder.hpp"
 
 namespace orbbuf::test {
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/support/certificates.hpp"
+#include "testing/certificates.hpp"
 
 #include <stdexcept>
 #include <vector>
 
-#include "tests/support/process.hpp"
+#include "testing/process.hpp"
 
 namespace orbbuf::test {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/support/process.hpp"
+#include "testing/process.hpp"
 
 #include <fcntl.h>
 #include <spawn.h>
