@@ -8,25 +8,25 @@
 #include <string>
 #include <vector>
 
-#include "bench/session_record.hpp"
+#include "bench/session_outcome.hpp"
 #include "bench/timeline_picture.hpp"
 
 namespace {
 
 using orbbuf::bench::Outage;
-using orbbuf::bench::SessionRecord;
+using orbbuf::bench::SessionOutcome;
 
-void print_table(const std::vector<SessionRecord>& sessions) {
+void print_table(const std::vector<SessionOutcome>& sessions) {
   fmt::print("{:<16} {:>9} {:>10} {:>8} {:>19} {:>20}\n", "policy", "captured", "delivered",
              "dropped", "longest gap, frames", "smallest similarity");
-  for (const SessionRecord& s : sessions) {
+  for (const SessionOutcome& s : sessions) {
     fmt::print("{:<16} {:>9} {:>10} {:>8} {:>19} {:>20}\n", s.label, s.frames.size(), s.delivered(),
                s.dropped(), s.longest_gap(), s.smallest_similarity());
   }
 }
 
-void print_results(const std::string& name, const std::vector<SessionRecord>& sessions) {
-  for (const SessionRecord& s : sessions) {
+void print_results(const std::string& name, const std::vector<SessionOutcome>& sessions) {
+  for (const SessionOutcome& s : sessions) {
     fmt::print("RESULT {}.{}.captured {}\n", name, s.label, s.frames.size());
     fmt::print("RESULT {}.{}.delivered {}\n", name, s.label, s.delivered());
     fmt::print("RESULT {}.{}.dropped {}\n", name, s.label, s.dropped());
@@ -35,8 +35,8 @@ void print_results(const std::string& name, const std::vector<SessionRecord>& se
   }
 }
 
-std::vector<SessionRecord> read_sessions(const std::vector<std::string>& arguments) {
-  std::vector<SessionRecord> sessions;
+std::vector<SessionOutcome> read_sessions(const std::vector<std::string>& arguments) {
+  std::vector<SessionOutcome> sessions;
   for (const std::string& argument : arguments) {
     const std::size_t equals = argument.find('=');
     if (equals == std::string::npos) {
@@ -64,7 +64,7 @@ int main(int argc, char** argv) {
   app.add_option("--results", results, "Print RESULT lines under this name");
   CLI11_PARSE(app, argc, argv);
   try {
-    const std::vector<SessionRecord> sessions = read_sessions(arguments);
+    const std::vector<SessionOutcome> sessions = read_sessions(arguments);
     print_table(sessions);
     if (!png.empty()) {
       orbbuf::bench::draw_timelines(sessions, outage, png);

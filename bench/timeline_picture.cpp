@@ -32,11 +32,11 @@ const cv::Scalar kLine(180, 100, 30);
 
 class Canvas {
  public:
-  Canvas(const std::vector<SessionRecord>& sessions, const Outage& outage)
+  Canvas(const std::vector<SessionOutcome>& sessions, const Outage& outage)
       : outage_(outage),
         image_(static_cast<int>(sessions.size()) * kPanel + kFooter, kWidth, CV_8UC3, kPaper) {
-    for (const SessionRecord& session : sessions) {
-      for (const RecordedFrame& frame : session.frames) {
+    for (const SessionOutcome& session : sessions) {
+      for (const FrameOutcome& frame : session.frames) {
         begin_s_ = std::min(begin_s_, frame.capture_time_s);
         end_s_ = std::max(end_s_, frame.capture_time_s);
         top_ = std::max(top_, frame.similarity);
@@ -44,7 +44,7 @@ class Canvas {
     }
   }
 
-  void draw(const SessionRecord& session, int panel) {
+  void draw(const SessionOutcome& session, int panel) {
     const int y = panel * kPanel;
     text(fmt::format("{}: {} captured, {} delivered, {} dropped, longest gap {} frames, smallest "
                      "similarity {}",
@@ -83,8 +83,8 @@ class Canvas {
     text("link down", {x(outage_.begin_s) + 4, bottom - 4}, 0.4);
   }
 
-  void draw_ticks(const SessionRecord& session, int y) {
-    for (const RecordedFrame& frame : session.frames) {
+  void draw_ticks(const SessionOutcome& session, int y) {
+    for (const FrameOutcome& frame : session.frames) {
       const int column = x(frame.capture_time_s);
       if (frame.is_delivered) {
         cv::line(image_, {column, y}, {column, y + kTicks}, kDelivered, 1);
@@ -94,7 +94,7 @@ class Canvas {
     }
   }
 
-  void draw_curve(const SessionRecord& session, int y) {
+  void draw_curve(const SessionOutcome& session, int y) {
     const auto row = [&](int similarity) {
       return y + kCurve - similarity * kCurve / std::max(top_, 1);
     };
@@ -102,8 +102,8 @@ class Canvas {
       cv::line(image_, {kLeft, row(level)}, {kWidth - kRight, row(level)}, kGrid, 1);
       text(std::to_string(level), {30, row(level) + 4}, 0.4);
     }
-    const RecordedFrame* last = nullptr;
-    for (const RecordedFrame& frame : session.frames) {
+    const FrameOutcome* last = nullptr;
+    for (const FrameOutcome& frame : session.frames) {
       if (frame.similarity < 0) continue;
       if (last) {
         cv::line(image_, {x(last->capture_time_s), row(last->similarity)},
@@ -122,7 +122,7 @@ class Canvas {
 
 }  // namespace
 
-void draw_timelines(const std::vector<SessionRecord>& sessions, const Outage& outage,
+void draw_timelines(const std::vector<SessionOutcome>& sessions, const Outage& outage,
                     const std::filesystem::path& png) {
   Canvas canvas(sessions, outage);
   for (std::size_t i = 0; i < sessions.size(); ++i) canvas.draw(sessions[i], static_cast<int>(i));

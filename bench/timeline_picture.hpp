@@ -4,7 +4,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "bench/session_record.hpp"
+#include "bench/session_outcome.hpp"
 
 namespace orbbuf::bench {
 
@@ -17,7 +17,7 @@ struct Outage {
 /// Draws one timeline a session, above one another on the same axis of capture time: a tick for
 /// each captured frame (delivered or dropped), and below it the similarity between delivered
 /// neighbours. Writes a PNG. Throws std::runtime_error if it cannot.
-void draw_timelines(const std::vector<SessionRecord>& sessions, const Outage& outage,
+void draw_timelines(const std::vector<SessionOutcome>& sessions, const Outage& outage,
                     const std::filesystem::path& png);
 
 }  // namespace orbbuf::bench

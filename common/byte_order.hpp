@@ -2,14 +2,13 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
+#include <boost/endian/conversion.hpp>
 #include <concepts>
 #include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string>
 #include <string_view>
-#include <type_traits>
 #include <vector>
 
 /// Integers and texts as bytes in network order, for wire*.cpp only.
@@ -18,21 +17,14 @@ namespace orbbuf::wire {
 /// Writes `value` to at[0 .. sizeof value), most significant byte first; returns the place after.
 template <std::integral T>
 std::uint8_t* store(std::uint8_t* at, T value) {
-  const auto bits = static_cast<std::make_unsigned_t<T>>(value);
-  for (std::size_t i = 0; i < sizeof(T); ++i) {
-    at[i] = static_cast<std::uint8_t>(bits >> (8 * (sizeof(T) - 1 - i)));
-  }
+  boost::endian::endian_store<T, sizeof(T), boost::endian::order::big>(at, value);
   return at + sizeof(T);
 }
 
 /// The reverse of store().
 template <std::integral T>
 T load(const std::uint8_t* at) {
-  std::make_unsigned_t<T> bits = 0;
-  for (std::size_t i = 0; i < sizeof(T); ++i) {
-    bits = static_cast<std::make_unsigned_t<T>>((std::uint64_t{bits} << 8) | at[i]);
-  }
-  return static_cast<T>(bits);
+  return boost::endian::endian_load<T, sizeof(T), boost::endian::order::big>(at);
 }
 
 /// Appends to a byte vector.
@@ -42,9 +34,8 @@ class Writer {
 
   template <std::integral T>
   void put(T value) {
-    std::array<std::uint8_t, sizeof(T)> stored;
-    store(stored.data(), value);
-    bytes_.insert(bytes_.end(), stored.begin(), stored.end());
+    bytes_.resize(bytes_.size() + sizeof(T));
+    store(bytes_.data() + bytes_.size() - sizeof(T), value);
   }
   void put_zeros(std::size_t count) { bytes_.insert(bytes_.end(), count, 0); }
   /// u16 length, then the bytes. Requires text.size() < 64 Ki.

@@ -78,4 +78,8 @@ std::string path_step(std::string_view name);
 [[noreturn]] void refuse_type(const Setting& setting, std::string_view key,
                               std::string_view expected);
 
+/// The word that `word` may be a slip of: the nearest of `words` by Levenshtein distance, the first
+/// of equals, if at most one letter in four (and never fewer than two) would have to change.
+std::optional<std::string> nearest_word(std::string_view word, const std::set<std::string>& words);
+
 }  // namespace orbbuf

@@ -25,11 +25,12 @@ struct LevelName {
   std::string_view journal_prefix;
 };
 
-constexpr std::array<LevelName, 5> kLevels = {{{spdlog::level::trace, "trace", "<7>"},
-                                               {spdlog::level::debug, "debug", "<7>"},
-                                               {spdlog::level::info, "info", "<6>"},
-                                               {spdlog::level::warn, "warn", "<4>"},
-                                               {spdlog::level::err, "error", "<3>"}}};
+constexpr std::array<LevelName, kLogLevels.size()> kLevels = {
+    {{spdlog::level::trace, kLogLevels[0], "<7>"},
+     {spdlog::level::debug, kLogLevels[1], "<7>"},
+     {spdlog::level::info, kLogLevels[2], "<6>"},
+     {spdlog::level::warn, kLogLevels[3], "<4>"},
+     {spdlog::level::err, kLogLevels[4], "<3>"}}};
 
 /// `critical`, which we do not use, goes as an error.
 const LevelName& name_of(spdlog::level::level_enum level) {

@@ -1,15 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <string>
 #include <string_view>
 
 namespace orbbuf {
 
-/// Sends spdlog's default logger to stderr, synchronously. `level`: trace, debug, info, warn,
-/// error. Lines carry time, level and thread name; under systemd (stderr is the journal, per
-/// $JOURNAL_STREAM) an sd-daemon(3) `<N>` prefix instead of time and level. Throws
-/// std::invalid_argument for another level. Call once, from main().
+inline constexpr std::array<std::string_view, 5> kLogLevels = {"trace", "debug", "info", "warn",
+                                                               "error"};
+
+/// Sends spdlog's default logger to stderr, synchronously. `level`: one of kLogLevels. Lines carry
+/// time, level and thread name; under systemd (stderr is the journal, per $JOURNAL_STREAM) an
+/// sd-daemon(3) `<N>` prefix instead of time and level. Throws std::invalid_argument for another
+/// level. Call once, from main().
 void set_up_log(std::string_view level);
 
 /// `text` with '?' for all that is not printable ASCII: fit for the log, whoever chose it.

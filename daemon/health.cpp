@@ -17,7 +17,7 @@ using std::chrono::nanoseconds;
 
 constexpr std::chrono::seconds kTellInterval{1};
 
-std::string describe(const Sender& link) {
+std::string describe(const ServerLink& link) {
   if (link.is_stalled()) return "stalled";
   if (link.is_connected()) return "connected";
   if (link.last_error().empty()) return "connecting";
@@ -30,7 +30,7 @@ Health::Health(ServiceStatus& service) : service_(service), watchdog_(service.wa
 
 void Health::report(const wire::Report& report, const Sender& sender) {
   if (Clock::now() >= told_time_ + kTellInterval) tell(report, sender);
-  if (report.account.captured > 0 && sender.has_tried()) service_.ready();
+  if (report.account.captured > 0 && sender.link().has_tried()) service_.ready();
   if (watchdog_ > nanoseconds(0)) feed_if_moving();
 }
 
@@ -45,7 +45,7 @@ void Health::tell(const wire::Report& report, const Sender& sender) {
   service_.status(fmt::format(
       "{:.1f} frames/s captured, {:.1f} delivered; buffer {} of {}; link {}",
       rate(before.captured, stats.captured), rate(before.acknowledged, stats.acknowledged),
-      stats.waiting, report.capacity, describe(sender)));
+      stats.waiting, report.capacity, describe(sender.link())));
 }
 
 void Health::feed_if_moving() {

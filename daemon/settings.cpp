@@ -13,6 +13,7 @@
 #include <random>
 
 #include "common/config.hpp"
+#include "common/log.hpp"
 #include "common/wire.hpp"
 #include "daemon/capture/camera_formats.hpp"
 
@@ -22,7 +23,6 @@ namespace {
 using std::chrono::hours;
 using std::chrono::milliseconds;
 
-constexpr std::array<std::string_view, 5> kLogLevels = {"trace", "debug", "info", "warn", "error"};
 constexpr auto kSourceFormats = [] {
   std::array<std::string_view, kCameraFormats.size() + 1> formats = {"auto"};
   std::copy(kCameraFormats.begin(), kCameraFormats.end(), formats.begin() + 1);

@@ -6,6 +6,8 @@
 #include <boost/asio/post.hpp>
 #include <utility>
 
+#include "server/runtime/listen_on.hpp"
+
 namespace orbbuf {
 namespace asio = boost::asio;
 

@@ -8,7 +8,7 @@
 #include <string>
 
 #include "common/service_status.hpp"
-#include "server/listener.hpp"
+#include "server/link/listener.hpp"
 
 namespace orbbuf {
 

@@ -17,12 +17,12 @@
 
 #include "common/log.hpp"
 #include "common/service_status.hpp"
-#include "server/descriptors.hpp"
 #include "server/health.hpp"
 #include "server/http/http_server.hpp"
-#include "server/listener.hpp"
+#include "server/link/listener.hpp"
 #include "server/live/status_socket.hpp"
 #include "server/retention/retention.hpp"
+#include "server/runtime/descriptors.hpp"
 
 namespace orbbuf {
 namespace {
@@ -44,11 +44,11 @@ std::shared_ptr<Retention> make_retention(asio::io_context& main, asio::thread_p
 
 /// Where the place is ours to choose, that it is taken is no reason not to serve.
 std::unique_ptr<StatusSocket> open_status(asio::io_context& main, const std::string& setting,
-                                          const Figures& figures) {
+                                          const Metrics& metrics) {
   const auto path = status_socket_path(setting);
   if (path.empty()) return nullptr;
   try {
-    return std::make_unique<StatusSocket>(main, path, figures);
+    return std::make_unique<StatusSocket>(main, path, metrics);
   } catch (const std::runtime_error& error) {
     if (setting != kAutomaticSocket) throw;
     spdlog::info("`orbbuf-server status` will not show this server: {}", error.what());
@@ -65,11 +65,11 @@ void serve(const Settings& settings) {
   asio::io_context main(1);
   asio::thread_pool files(1);  // ends before `main`, to which its work reports
   asio::post(files, [] { name_this_thread("files"); });
-  Figures figures(settings.listen.max_robots, settings.http_address.has_value());
-  const auto status = open_status(main, settings.status_socket, figures);
+  Metrics metrics(settings.listen.max_robots, settings.http_address.has_value());
+  const auto status = open_status(main, settings.status_socket, metrics);
   std::optional<HttpServer> http;
-  if (settings.http_address) http.emplace(main, files, settings, figures);
-  Listener listener(main, files, settings, http || status ? &figures : nullptr);
+  if (settings.http_address) http.emplace(main, files, settings, metrics);
+  Listener listener(main, files, settings, http || status ? &metrics : nullptr);
   ServiceStatus service;
   Health health(main, files, service, listener);
   const auto retention = make_retention(main, files, settings, listener);

@@ -10,6 +10,7 @@
 #include <string_view>
 #include <utility>
 
+#include "common/log.hpp"
 #include "common/wire.hpp"
 
 namespace orbbuf {
@@ -168,9 +169,8 @@ void load_quota(ConfigReader& reader, Quota& quota) {
 }  // namespace
 
 Settings load_settings(ConfigReader& reader) {
-  constexpr std::array<std::string_view, 5> kLevels{"trace", "debug", "info", "warn", "error"};
   Settings settings;
-  settings.log_level = reader.choice("log.level", settings.log_level, kLevels);
+  settings.log_level = reader.choice("log.level", settings.log_level, kLogLevels);
   load_listen(reader, settings.listen);
   load_http(reader, settings);
   load_status(reader, settings.status_socket);

@@ -11,13 +11,11 @@
 #include "common/address.hpp"
 #include "common/config.hpp"
 #include "common/net/tls.hpp"
+#include "server/live/status_socket.hpp"
 #include "server/retention/quota.hpp"
 #include "server/sink/make_sinks.hpp"
 
 namespace orbbuf {
-
-/// `status.socket` where the place is left to us.
-inline constexpr const char* kAutomaticSocket = "auto";
 
 /// What the server listens on, and what it allows there.
 struct ListenSettings {

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# What README and docs tell people to type and to open is there: each `./dev` verb and bench, each link to
-# a file, and the commands of "Install" and "From the sources", run on copies of what a package installs.
+# What the pages (*.md, docs/*.md) tell people to type and to open is there: each `./dev` verb and bench, each link to
+# a file, and the commands of "Install" and "Build from source", run on copies of what a package installs.
 # Usage: tests/readme.sh BUILD_FOLDER
 set -euo pipefail
 build=$(cd "$1" && pwd)
@@ -13,7 +13,7 @@ problem() { echo "readme: $1" >&2 && bad=1; }
 
 verbs=$(echo help && ./dev help | sed -nE 's/^  ([a-z-]+).*/\1/p')
 benches=$(./dev bench | sed -nE 's/^  ([a-z]+).*/\1/p')
-mapfile -t commands < <(cat README.md docs/*.md | grep -oE '\./dev( [a-z0-9-]+)*' | sort -u)
+mapfile -t commands < <(cat ./*.md docs/*.md | grep -oE '\./dev( [a-z0-9-]+)*' | sort -u)
 [ ${#commands[@]} -gt 9 ] || problem 'finds no commands'
 for command in "${commands[@]}"; do
   read -ra words <<<"$command"
@@ -23,7 +23,7 @@ for command in "${commands[@]}"; do
     problem "no bench: $command"
 done
 
-for page in README.md docs/*.md; do
+for page in ./*.md docs/*.md; do
   while read -r target; do
     [ -e "$(dirname "$page")/$target" ] || problem "$page: no file $target"
   done < <(grep -oE '\]\([^)#]+' "$page" | cut -c3- | grep -v '^https\?:')
@@ -49,6 +49,6 @@ while read -r command; do
   esac
   (cd "$folder" && bash -c "${command//SERVER/192.0.2.1}" >/dev/null) || problem "fails: $command"
   ran=$((ran + 1))
-done < <(section 'From the sources, on a robot and a server' | sed -n "s|^build/release/|$build/|p")
-[ $ran -eq 3 ] || problem "From the sources: $ran commands, not 3"
+done < <(section 'Build from source' | sed -n "s|^build/release/|$build/|p")
+[ $ran -eq 3 ] || problem "Build from source: $ran commands, not 3"
 exit $bad

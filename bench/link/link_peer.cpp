@@ -2,6 +2,8 @@
 // What the bench of the link measures with, and against:
 //   send ADDRESS PORT BYTES FPS   a camera over one plain, blocking TCP connection
 //   receive ADDRESS PORT          its other end: a line for each whole frame, TIME BYTES
+//   read FPS                      a SLAM program that takes at most FPS frames a second from its
+//                                 standard input: a line for each, TIME BYTES NUMBER
 //   watch FOLDER                  the same line, and the file's name, for each file that is renamed
 //                                 into FOLDER
 // TIME is in seconds of the system's clock. Each runs until it is killed.
@@ -11,6 +13,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cstdint>
@@ -22,6 +25,7 @@
 #include <vector>
 
 #include "bench/plain_socket.hpp"
+#include "orbbuf/pipe.h"
 
 namespace {
 
@@ -72,6 +76,22 @@ void receive(const std::string& address, const std::string& port) {
   }
 }
 
+/// Like a SLAM program it reads a frame as a whole and then leaves the pipe alone.
+void read(double fps) {
+  orbbuf_reader reader;
+  orbbuf_image image;
+  orbbuf_reader_init(&reader, stdin);
+  const auto interval =
+      std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1 / fps));
+  auto due = Clock::now();
+  while (orbbuf_read(&reader, &image) == 1) {
+    print_frame(image.size, std::to_string(image.seq).c_str());
+    due = std::max(due, Clock::now() - interval) + interval;
+    std::this_thread::sleep_until(due);
+  }
+  orbbuf_reader_free(&reader);
+}
+
 void print_file(const std::string& folder, const char* name) {
   struct stat status {};
   if (::stat((folder + "/" + name).c_str(), &status) != 0) return;
@@ -98,12 +118,14 @@ int run(const std::vector<std::string>& words) {
     send(words[1], words[2], std::stoul(words[3]), std::stod(words[4]));
   } else if (words.size() == 3 && words[0] == "receive") {
     receive(words[1], words[2]);
+  } else if (words.size() == 2 && words[0] == "read") {
+    read(std::stod(words[1]));
   } else if (words.size() == 2 && words[0] == "watch") {
     watch(words[1]);
   } else {
     std::fputs(
         "usage: orbbuf-link-peer send ADDRESS PORT BYTES FPS | receive ADDRESS PORT | "
-        "watch FOLDER\n",
+        "read FPS | watch FOLDER\n",
         stderr);
     return 2;
   }

@@ -29,16 +29,10 @@ percentiles() {
 
 # From the moment a frame is chosen, in the robot's log, to its file's appearance; milliseconds.
 under_way() { # NAME FROM
-  TZ=UTC awk -v from="$2" '
-    FNR == NR && / is the kernel/ {
-      gsub(/[-T:Z.]/, " ", $1)
-      split($1, t, " ")
-      at = mktime(t[1] " " t[2] " " t[3] " " t[4] " " t[5] " " t[6]) + t[7] / 1000
-      for (i = 2; i < NF; ++i) if ($i == "frame") chosen[$(i + 1) + 0] = at
-      next
-    }
-    FNR != NR && $1 > from && ($3 + 0) in chosen { print 1000 * ($1 - chosen[$3 + 0]) }
-  ' "$work/$1-robot.err" "$work/$1.out"
+  awk -v from="$2" '
+    FNR == NR { at[$2] = $1; next }
+    $1 > from && ($3 + 0) in at { print 1000 * ($1 - at[$3 + 0]) }
+  ' <(chosen "$1") "$work/$1.out"
 }
 
 # queue_of NAME ADDRESS IMAGES FPS UNSENT: sets `unsent`, `held` (KiB) and `age` (ms), each p50 p95,

@@ -11,6 +11,7 @@ server_ns=orbbuf-server-$$
 on_robot=(ip netns exec "$robot_ns")
 on_server=(ip netns exec "$server_ns")
 pids=()
+server_settings=()
 work=
 
 say() { printf '%s\n' "$*" >&2; }
@@ -112,14 +113,25 @@ make_images() {
   rm -r "$work/made"
 }
 
-# start_stream NAME ADDRESS IMAGES FPS [SETTING...]: orbbuf-server, orbbufd with these settings, and
-# a watch on what arrives, whose lines TIME BYTES FILE are $work/NAME.out.
+# chosen NAME: the lines TIME NUMBER of the frames that orbbufd has chosen to send, from its log.
+chosen() {
+  TZ=UTC awk '/ is the kernel/ {
+    gsub(/[-T:Z.]/, " ", $1)
+    split($1, t, " ")
+    at = mktime(t[1] " " t[2] " " t[3] " " t[4] " " t[5] " " t[6]) + t[7] / 1000
+    for (i = 2; i < NF; ++i) if ($i == "frame") printf "%.3f %d\n", at, $(i + 1)
+  }' "$work/$1-robot.err"
+}
+
+# start_stream NAME ADDRESS IMAGES FPS [SETTING...]: orbbuf-server with `server_settings`, orbbufd with
+# these settings, and a watch on what arrives, whose lines TIME BYTES FILE are $work/NAME.out.
 start_stream() {
-  local name=$1 address=$2 images=$3 fps=$4 port folder setting settings=()
+  local name=$1 address=$2 images=$3 fps=$4 port folder setting settings=() on_server_only=()
   for setting in "${@:5}"; do settings+=(--set "$setting"); done
+  for setting in "${server_settings[@]}"; do on_server_only+=(--set "$setting"); done
   start "$name-server" "${on_server[@]}" "$build/server/orbbuf-server" \
     --set "listen.address=$address:0" --set listen.insecure=true \
-    --set "files.path=$work/$name"
+    --set "files.path=$work/$name" "${on_server_only[@]}"
   wait_for "$name-server" 'listening on'
   port=$(grep -o 'listening on .*' "$work/$name-server.err" | grep -o '[0-9]*$')
   start "$name-robot" "${on_robot[@]}" "$build/daemon/orbbufd" --set robot.id=r \

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # The bench of the link, between two network namespaces: how soon frames come after an outage, side
-# by side with a plain TCP connection and with roscpp, how much of the link's rate is frames, and
-# what stands in the kernel's queue.
-# Usage: bench/link/run.sh BUILD_FOLDER [--full|--quick] [--seed N] [--only return|goodput|queue]
+# by side with a plain TCP connection and with roscpp, how much of the link's rate is frames,
+# what stands in the kernel's queue, and what a slow SLAM program finds.
+# Usage: bench/link/run.sh BUILD_FOLDER [--full|--quick] [--seed N] [--only return|goodput|queue|reader]
 # About 20 minutes; --full repeats the long outages ten times too (40 minutes), --quick is a look.
 set -euo pipefail
 build=$(cd "$1" && pwd)
@@ -31,6 +31,8 @@ results=()
 . "$here/goodput.sh"
 # shellcheck source=bench/link/queue.sh
 . "$here/queue.sh"
+# shellcheck source=bench/link/reader.sh
+. "$here/reader.sh"
 
 rig_up
 echo "bench link: seed $seed; OUTAGE:REPEATS ${plan[*]}; 20 Mbit/s; nftables drop at the server"
@@ -38,4 +40,5 @@ wants() { [ -z "$only" ] || [ "$only" = "$1" ]; }
 ! wants return || returns "${plan[@]}"
 ! wants goodput || goodput 2 10 50
 ! wants queue || queues "${rates[@]}"
+! wants reader || slow_readers
 printf '%s\n' "${results[@]}"

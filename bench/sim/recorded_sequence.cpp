@@ -11,16 +11,6 @@
 #include "daemon/image/orb_extractor.hpp"
 
 namespace orbbuf::sim {
-namespace {
-
-template <class Map, class Compute>
-int remembered(Map& map, std::size_t i, std::size_t j, const Compute& compute) {
-  const auto [entry, is_new] = map.try_emplace(std::minmax(i, j), 0);
-  if (is_new) entry->second = compute();
-  return entry->second;
-}
-
-}  // namespace
 
 RecordedSequence::RecordedSequence(std::string name, SourceSettings settings)
     : name_(std::move(name)) {
@@ -37,6 +27,7 @@ RecordedSequence::RecordedSequence(std::string name, SourceSettings settings)
     frames_.push_back(std::make_shared<const EncodedFrame>(std::move(encoded.value())));
     extractor.extract(*frames_.back(), features_.emplace_back());
   }
+  similarities_.assign(frames_.size() * frames_.size(), -1);
   if (frames_.size() < 2) throw std::runtime_error(name_ + ": less than two frames");
 }
 
@@ -57,12 +48,15 @@ double RecordedSequence::self_similarity() const {
 }
 
 int RecordedSequence::similarity(std::size_t i, std::size_t j) {
-  return remembered(similarities_, i, j,
-                    [&] { return orbbuf::similarity(features_[i], features_[j]); });
+  int& known = similarities_[std::min(i, j) * size() + std::max(i, j)];
+  if (known < 0) known = orbbuf::similarity(features_[i], features_[j]);
+  return known;
 }
 
 int RecordedSequence::epipolar_inliers(std::size_t i, std::size_t j) {
-  return remembered(inliers_, i, j, [&] { return view(i).inliers(view(j)); });
+  const auto [entry, is_new] = inliers_.try_emplace(std::minmax(i, j), 0);
+  if (is_new) entry->second = view(i).inliers(view(j));
+  return entry->second;
 }
 
 const EpipolarView& RecordedSequence::view(std::size_t i) {

@@ -49,7 +49,7 @@ class RecordedSequence {
   std::vector<FramePtr> frames_;
   std::vector<FeatureSet> features_;
   std::map<std::size_t, EpipolarView> views_;
-  std::map<Pair, int> similarities_;
+  std::vector<int> similarities_;  // row by row; -1: not yet computed
   std::map<Pair, int> inliers_;
 };
 

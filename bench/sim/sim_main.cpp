@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// orbbuf-sim: every policy over every sequence through many outages, on a virtual clock, against a
-// clairvoyant; and what M says of frames. Prints tables, then RESULT lines.
+// orbbuf-sim: every policy over every sequence through many outages, and over recorded links, on a
+// virtual clock, beside oracles; and what M says of frames. Prints tables, then RESULT lines.
 #include <spdlog/fmt/fmt.h>
 
 #include <CLI/CLI.hpp>
@@ -9,36 +9,57 @@
 #include <exception>
 #include <filesystem>
 #include <fstream>
+#include <future>
 #include <string>
 #include <vector>
 
 #include "bench/sim/curves.hpp"
-#include "bench/sim/trial.hpp"
+#include "bench/sim/links.hpp"
+#include "bench/sim/policy_report.hpp"
+#include "bench/sim/stage.hpp"
 
 namespace orbbuf::sim {
 namespace {
 
 constexpr std::size_t kNoisePairs = 1000;
+constexpr double kLongestLinkS = 1000;  // for which M is at hand
 
 struct Options {
   std::filesystem::path data;
+  std::vector<std::filesystem::path> sequences;  // beside those in data
+  std::filesystem::path traces;
   std::filesystem::path plots;
-  std::size_t outages = 100;
+  std::size_t outages = 150;
   std::uint64_t seed = 1;
+  bool is_quick = false;
 };
 
+/// A folder with images/ and, if the camera had a clock, times.txt.
+std::unique_ptr<RecordedSequence> load_folder(const std::filesystem::path& folder) {
+  SourceSettings source;
+  source.kind = "folder";
+  source.path = folder / "images";
+  const auto name = (folder / ".").lexically_normal().parent_path().filename();
+  return std::make_unique<RecordedSequence>(name.string(), source);
+}
+
 Sequences load(const Options& options) {
-  Sequences sequences;
-  for (const char* name : {"kitti05_stereo", "kitti06_mono", "picar_indoor"}) {
-    SourceSettings source;
-    source.kind = "folder";
-    source.path = options.data / name / "images";
-    if (!std::filesystem::exists(source.path)) {
-      fmt::print("skipped: no {}\n", source.path.string());
-      continue;
+  std::vector<std::filesystem::path> folders;
+  for (const char* name : {"kitti05_stereo", "kitti06_mono", "picar_indoor", "tsukuba_synth"}) {
+    const auto folder = options.data / name;
+    if (exists(folder)) {
+      folders.push_back(folder);
+    } else {
+      fmt::print("skipped: no {}\n", folder.string());
     }
-    sequences.push_back(std::make_unique<RecordedSequence>(name, source));
   }
+  folders.insert(folders.end(), options.sequences.begin(), options.sequences.end());
+  std::vector<std::future<std::unique_ptr<RecordedSequence>>> loading;
+  for (const auto& folder : folders) {
+    loading.push_back(std::async(std::launch::async, load_folder, folder));
+  }
+  Sequences sequences;
+  for (auto& future : loading) sequences.push_back(future.get());
   SourceSettings generated;
   generated.frames = 375;  // 15 s, one turn and the beginning of the next cycle
   sequences.push_back(std::make_unique<RecordedSequence>("generated", generated));
@@ -58,10 +79,16 @@ double percentile(const std::vector<double>& values, std::size_t percent) {
 
 void draw_distances(const Options& options, const Sequences& sequences) {
   fmt::print("\nM as a share of M(a, a): 5 %, median, 95 % of pairs by distance in frames\n");
+  std::vector<std::future<std::vector<DistancePoint>>> curves;
   for (const auto& sequence : sequences) {
+    curves.push_back(std::async(std::launch::async,
+                                [&sequence = *sequence] { return distance_curve(sequence); }));
+  }
+  for (std::size_t at = 0; const auto& sequence : sequences) {
+    const auto curve = curves[at++].get();
     fmt::print("  {:<15} M(a, a) {:3.0f}", sequence->name(), sequence->self_similarity());
     std::ofstream file = open(options, "distance_" + sequence->name() + ".dat");
-    for (const DistancePoint& point : distance_curve(*sequence)) {
+    for (const DistancePoint& point : curve) {
       file << fmt::format("{} {:.4f} {:.4f} {:.4f} {:.1f}\n", point.distance, point.low,
                           point.middle, point.high, point.epipolar);
       if (std::has_single_bit(point.distance)) {
@@ -104,53 +131,35 @@ std::string compare_rules(const Options& options, const Sequences& sequences) {
   return results;
 }
 
-std::string results_of(const std::string& prefix, const Summary& summary) {
-  return fmt::format(
-      "RESULT {0}.worst_similarity {1:.1f}\nRESULT {0}.broken_share {2:.3f}\n"
-      "RESULT {0}.longest_gap {3:.2f}\nRESULT {0}.vs_clairvoyant {4:.3f}\n"
-      "RESULT {0}.epipolar_worst {5:.1f}\n",
-      prefix, summary.worst_similarity, summary.broken_share, summary.longest_gap,
-      summary.vs_clairvoyant, summary.epipolar_worst);
-}
-
-void print_row(const std::string& name, const Summary& row, double where_dropped) {
-  fmt::print("  {:<14} {:10.1f} {:7.1f}% {:12.2f} {:13.3f} {:13.3f} {:9.1f}\n", name,
-             row.worst_similarity, 100 * row.broken_share, row.longest_gap, row.vs_clairvoyant,
-             where_dropped, row.epipolar_worst);
-}
-
-std::string try_policies(const Options& options, RecordedSequence& sequence) {
-  const std::vector<Outage> outages = draw_outages(sequence, options.outages, options.seed);
-  std::ofstream file = open(options, "policies_" + sequence.name() + ".dat");
-  std::string results;
-  Trial orbbuf;
-  for (const Contender& contender : contenders()) {
-    const Trial trial = run(sequence, contender, outages);
-    if (results.empty()) {
-      fmt::print(
-          "\n{}: {} outages, {} of which cost frames; means\n  {:<14} {:>10} {:>8} {:>12} "
-          "{:>13} {:>13} {:>9}\n",
-          sequence.name(), outages.size(), trial.dropped_in, "policy", "smallest M", "broken",
-          "longest gap", "/clairvoyant", "..if dropped", "epipolar");
-    }
-    if (contender.name == "orbbuf") orbbuf = trial;
-    print_row(contender.name, trial.policy, trial.vs_where_dropped);
-    file << fmt::format("{} {:.4f} {:.4f} {:.2f} {:.2f}\n", contender.name,
-                        trial.policy.vs_clairvoyant, trial.policy.broken_share,
-                        trial.policy.worst_similarity, trial.policy.epipolar_worst);
-    results += results_of(fmt::format("sim.{}.{}", sequence.name(), contender.name), trial.policy);
+/// Each in a thread of its own, since each sequence remembers what it has computed.
+std::string try_policies(const Options& options, const Sequences& sequences) {
+  std::vector<std::future<PolicyReport>> reports;
+  for (const auto& sequence : sequences) {
+    reports.push_back(std::async(std::launch::async, [&options, &sequence = *sequence] {
+      return report_policies(sequence, options.outages, options.seed, options.plots);
+    }));
   }
-  print_row("clairvoyant", orbbuf.clairvoyant, 1);
-  return results +
-         results_of(fmt::format("sim.{}.clairvoyant", sequence.name()), orbbuf.clairvoyant);
+  std::string results;
+  for (auto& future : reports) {
+    const PolicyReport report = future.get();
+    fmt::print("{}", report.text);
+    results += report.results;
+  }
+  return results;
 }
 
 void run_all(const Options& options) {
   std::filesystem::create_directories(options.plots);
   const Sequences sequences = load(options);
-  draw_distances(options, sequences);
-  std::string results = compare_rules(options, sequences);
-  for (const auto& sequence : sequences) results += try_policies(options, *sequence);
+  std::string results;
+  if (!options.is_quick) {
+    draw_distances(options, sequences);
+    results += compare_rules(options, sequences);
+  }
+  results += try_policies(options, sequences);
+  Stage generated(*sequences.back(), kLongestLinkS);
+  results += try_links(options.traces,
+                       [&](std::size_t i, std::size_t j) { return generated.similarity(i, j); });
   fmt::print("\nseed {}, {} outages for each buffer and rate\n{}", options.seed, options.outages,
              results);
 }
@@ -162,9 +171,12 @@ int main(int argc, char** argv) {
   orbbuf::sim::Options options;
   CLI::App app("Every drop policy over recorded sequences and simulated outages");
   app.add_option("--data", options.data, "folder of sequences")->required();
+  app.add_option("--sequence", options.sequences, "a folder of one more: images/, times.txt");
+  app.add_option("--traces", options.traces, "folder of recorded links")->required();
   app.add_option("--plots", options.plots, "folder for what gnuplot reads")->required();
   app.add_option("--outages", options.outages, "for each buffer and rate")->capture_default_str();
   app.add_option("--seed", options.seed, "of the outages")->capture_default_str();
+  app.add_flag("--quick", options.is_quick, "the policies only, not what M says of frames");
   CLI11_PARSE(app, argc, argv);
   try {
     orbbuf::sim::run_all(options);

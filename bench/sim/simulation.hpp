@@ -10,26 +10,45 @@
 #include "bench/sim/link_model.hpp"
 #include "common/frame.hpp"
 #include "daemon/buffer/drop_policy.hpp"
+#include "daemon/buffer/frame_buffer.hpp"
+#include "daemon/buffer/send_planner.hpp"
 
 namespace orbbuf::sim {
 
-/// What a link and a policy made of a sequence. Frames are named by their index.
+/// What a link and a policy made of a sequence. Frames are named by their sequence numbers.
 struct Delivery {
   std::vector<std::size_t> received;      ///< in order
+  std::vector<std::int64_t> begin_ns;     ///< when the send of received[k] began
+  std::vector<std::int64_t> end_ns;       ///< and when its last byte had passed
   std::vector<std::size_t> drops_before;  ///< how many had been dropped when received[k] was taken
-  std::vector<std::size_t> drops_after;   ///< how many, once frame T had been pushed
+  std::vector<std::size_t> drops_after;   ///< how many, once arrival T had been pushed
 };
 
 /// When the last of `bytes` has passed a link, if the first may set out at `start_ns`.
 using FinishTime = std::function<std::int64_t(std::int64_t start_ns, std::size_t bytes)>;
 
+/// What a FrameBuffer is made of, and what only a simulation knows.
+struct SimulatedBuffer {
+  BufferLimits limits;
+  std::unique_ptr<DropPolicy> policy;
+  std::unique_ptr<SendPlanner> planner = nullptr;
+  /// Asked before a frame is pushed, with the number of frames that wait; false: the frame is
+  /// dropped at once. Null: every frame is pushed. For rivals that refuse frames.
+  std::function<bool(std::size_t waiting)> admits = nullptr;
+  /// What is pushed instead of frame i: the same number and size, the capture time on another
+  /// clock, for a planner that goes by it. Null: the frame itself. Must outlive the simulation.
+  const std::vector<FramePtr>* stand_ins = nullptr;
+  /// What the planner is given of the link's measured rate: 1 is the truth as far as it is known.
+  double believed_rate = 1;
+};
+
 /// Runs the daemon's own FrameBuffer on a virtual clock: every frame arrives at its capture time,
-/// the link takes the oldest whenever the last one has passed, and `worker` has the time to prepare
-/// between two arrivals. frames[i]->sequence must be i.
-Delivery simulate(const std::vector<FramePtr>& frames, const LinkModel& link, std::size_t capacity,
-                  std::unique_ptr<DropPolicy> policy);
-/// The same over any link.
+/// the link takes one whenever the last one has passed, `worker` has the time to prepare between
+/// two arrivals, and the daemon's own LinkRate measures the rate that a planner is given.
 Delivery simulate(const std::vector<FramePtr>& frames, const FinishTime& finish,
-                  std::size_t capacity, std::unique_ptr<DropPolicy> policy);
+                  SimulatedBuffer buffer);
+/// The same over a link with one outage.
+Delivery simulate(const std::vector<FramePtr>& frames, const LinkModel& link,
+                  SimulatedBuffer buffer);
 
 }  // namespace orbbuf::sim

@@ -1,75 +1,85 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
-#include <memory>
 #include <string>
 #include <vector>
 
+#include "bench/sim/fifo_oracle.hpp"
 #include "bench/sim/recorded_sequence.hpp"
 #include "bench/sim/simulation.hpp"
-#include "daemon/buffer/drop_policy.hpp"
+#include "bench/sim/stage.hpp"
 
 namespace orbbuf::sim {
 
-/// A policy under trial. A new one for every outage; `seed` is for those that draw lots.
-struct Contender {
-  std::string name;
-  std::function<std::unique_ptr<DropPolicy>(RecordedSequence& sequence, std::uint64_t seed)> make;
+/// What a contender may need to know of a run.
+struct Setup {
+  std::size_t capacity = 25;  ///< frames; of all but the planner
+  std::chrono::nanoseconds live_again = std::chrono::seconds(1);  ///< the planner's
+  std::chrono::nanoseconds largest_step = std::chrono::milliseconds(250);
+  std::uint64_t seed = 1;                            ///< for those that draw lots
+  PairSimilarity similarity;                         ///< M of frames by their sequence numbers
+  const std::vector<FramePtr>* stand_ins = nullptr;  ///< SimulatedBuffer's
 };
 
-/// The five policies of orbbufd and the ideas of ideas.hpp. They use the sequence's remembered
-/// similarities instead of computing them again.
+/// A policy under trial. A new buffer for every run.
+struct Contender {
+  std::string name;
+  std::function<SimulatedBuffer(const Setup&)> make;
+};
+
+/// The policies of orbbufd, and `afr`. They take similarities from the setup instead of computing
+/// them.
 std::vector<Contender> contenders();
 
 /// One outage: how long a buffer, how fast and when dead a link.
 struct Outage {
+  double buffer_s = 0;
+  double rate = 0;  ///< of the mean need
   std::size_t capacity = 0;
   LinkModel link;
   std::uint64_t seed = 0;
 };
 
-/// `count` outages of 0.5 to 4 s, evenly spread over buffers of 0.5, 1 and 2 s and rates of 1.2 and
-/// 3 times the mean need, which begin and end within the sequence. The same for the same seed.
-std::vector<Outage> draw_outages(const RecordedSequence& sequence, std::size_t count_of_each,
+/// `count_of_each` outages of 0.5 to 4 s for each buffer and rate, which begin and end within the
+/// sequence. The same for the same seed.
+std::vector<Outage> draw_outages(const RecordedSequence& sequence,
+                                 const std::vector<double>& buffers_s,
+                                 const std::vector<double>& rates, std::size_t count_of_each,
                                  std::uint64_t seed);
 
-/// The frames that an outage could have cost: captured from its beginning to its end, or to the
-/// last drop if that came later.
-struct Window {
-  std::int64_t begin_ns = 0;
-  std::int64_t end_ns = 0;
+/// What came through of an outage, from the last frame before it until half a second after the
+/// stream was live again.
+struct Figures {
+  double longest_gap = 0;          ///< frames in a row that are missing
+  double largest_step_s = 0;       ///< from one frame to the next
+  double largest_motion = 0;       ///< the same in image motion, as a share of the width
+  double smallest_similarity = 0;  ///< between neighbours
+  double jump = 0;                 ///< largest change of image motion from one step to the next
+  double live_again_s = 0;         ///< from the link's return
+  /// What the oracle that may choose at every send reaches at this lateness, or at the one asked
+  /// for if that is more, over what was reached: of the time step, of the motion step; and of M
+  /// the other way round. At most 1.
+  double vs_oracle = 0;
+  double vs_oracle_motion = 0;
+  double vs_oracle_similarity = 0;
+  /// Of orbbuf only: its smallest similarity over that of oracle-fifo.
+  double vs_fifo_oracle = 0;
 };
 
-/// What came through of a window, the frames on either side of it included.
-struct Outcome {
-  int smallest_similarity = 0;
-  int smallest_epipolar = 0;
-  std::size_t longest_gap = 0;  ///< frames in a row that are missing
+/// One contender, in every outage. The oracles have nothing beside oracles.
+struct Column {
+  std::string name;
+  std::vector<Figures> runs;
 };
 
-Outcome judge(RecordedSequence& sequence, const std::vector<std::size_t>& received,
-              const Window& window);
-
-/// Over many outages: means, but for the share.
-struct Summary {
-  double worst_similarity = 0;  ///< of the smallest similarity between neighbours
-  double broken_share = 0;      ///< of outages in which it is under 10 % of M(a, a)
-  double longest_gap = 0;       ///< frames in a row that are missing
-  double vs_clairvoyant = 0;    ///< of the ratio of the smallest similarity to the clairvoyant's
-  double epipolar_worst = 0;    ///< of the smallest number of epipolar inliers
-};
-
-struct Trial {
-  Summary policy;
-  Summary clairvoyant;          ///< with the opportunities that this policy had
-  double vs_where_dropped = 0;  ///< vs_clairvoyant of the outages that cost a frame at all
-  std::size_t dropped_in = 0;   ///< how many of them did
-};
-
-Trial run(RecordedSequence& sequence, const Contender& contender,
-          const std::vector<Outage>& outages);
+/// Every contender through every outage. The planner is given as live_again what drop-oldest needs
+/// in the same outage; its clocks are contenders of their own: catch-up-motion, catch-up-both. Last
+/// come the oracles: oracle-time, oracle-motion, oracle-m may choose at every send and go by one
+/// measure each; oracle-fifo has the opportunities of orbbuf and goes by M.
+std::vector<Column> run(Stage& stage, const std::vector<Outage>& outages);
 
 }  // namespace orbbuf::sim

@@ -7,20 +7,19 @@
 #include <limits>
 #include <utility>
 
+#include "common/seconds.hpp"
+
 namespace orbbuf {
 namespace {
 
-constexpr double kWeightOfNew = 0.1;       // in the means of interval and bytes
-constexpr double kLongestInterval = 4;     // counted of one step, as a multiple of the mean
-constexpr double kRoom = 1.001;            // a step of n frames may be that much longer than it
-constexpr double kJitter = 0.2;            // of an interval: that much late may be what is to come
-constexpr double kDrift = 0.01;            // of an interval that the clocks drift apart in a frame
-constexpr int kHalvings = 20;              // a millionth of the range
+constexpr double kWeightOfNew = 0.1;    // in the means of interval and bytes
+constexpr double kLongestInterval = 4;  // counted of one step, as a multiple of the mean
+constexpr double kRoom = 1.001;         // a step of n frames may be that much longer than it
+constexpr double kJitter = 0.2;         // of an interval: that much late may be what is to come
+constexpr double kDrift = 0.01;         // of an interval that the clocks drift apart in a frame
+constexpr double kTolerance = 0.5;      // of an interval: the deadline is met to the nearest frame
+constexpr int kHalvings = 20;           // a millionth of the range
 constexpr double kShortestHorizon = 0.15;  // of live_again: left to plan for when late
-
-double seconds(std::chrono::nanoseconds duration) {
-  return std::chrono::duration<double>(duration).count();
-}
 
 }  // namespace
 
@@ -49,7 +48,7 @@ std::size_t SendPlanner::choose(std::optional<double> last, std::span<const Plan
     choice = first_to_send(waiting);
   } else if (waiting.size() > 1 && moment.bytes_per_s > 0) {
     const double step_s =
-        moment.end ? smallest_step(*last, waiting, seconds(*moment.end - moment.now), moment)
+        moment.end ? smallest_step(*last, waiting, to_seconds(*moment.end - moment.now), moment)
                    : next_step(*last, waiting, moment);
     choice = chain(*last, waiting, step_s, 0, moment).first;
   }
@@ -64,8 +63,8 @@ std::size_t SendPlanner::choose(std::optional<double> last, std::span<const Plan
 /// stream is somewhat late instead.
 double SendPlanner::next_step(double last, std::span<const PlannedFrame> waiting,
                               const SendMoment& moment) {
-  const double left_s = seconds(*deadline_ - moment.now);
-  const double least_s = kShortestHorizon * seconds(settings_.live_again);
+  const double left_s = to_seconds(*deadline_ - moment.now) + kTolerance * interval_s_;
+  const double least_s = kShortestHorizon * to_seconds(settings_.live_again);
   const double step = smallest_step(last, waiting, left_s, moment);
   if (step > largest_so_far_s_ && left_s < least_s) {
     return std::max(largest_so_far_s_, smallest_step(last, waiting, least_s, moment));
@@ -83,7 +82,7 @@ double SendPlanner::smallest_step(double last, std::span<const PlannedFrame> wai
   };
   double too_small = 0;
   double step = moment.end ? waiting.back().position_s - last
-                           : std::max(seconds(settings_.largest_step), 2 * kRoom * interval_s_);
+                           : std::max(to_seconds(settings_.largest_step), 2 * kRoom * interval_s_);
   if (is_enough(0)) return 0;
   if (!is_enough(step)) return step;
   for (int i = 0; i < kHalvings; ++i) {
@@ -102,7 +101,7 @@ void SendPlanner::look_for_return(std::size_t waiting, const SendMoment& moment)
     largest_so_far_s_ = 0;
     return;
   }
-  const double pause_s = before ? seconds(moment.now - *before) : 0;
+  const double pause_s = before ? to_seconds(moment.now - *before) : 0;
   if (!deadline_ || pause_s > 2 * (expected_s_ + interval_s_)) {
     deadline_ = moment.now + settings_.live_again;
     largest_so_far_s_ = 0;
@@ -111,7 +110,7 @@ void SendPlanner::look_for_return(std::size_t waiting, const SendMoment& moment)
 
 /// A frame that does not wait is taken as it comes: that tells the camera's clock by the link's.
 void SendPlanner::note_phase(std::span<const PlannedFrame> waiting, const SendMoment& moment) {
-  const double offset_s = seconds(moment.now) - waiting.back().position_s;
+  const double offset_s = to_seconds(moment.now) - waiting.back().position_s;
   if (waiting.size() == 1) offset_s_ = std::min(offset_s, offset_s_ + kDrift * interval_s_);
   next_capture_s_ = std::clamp(interval_s_ - (offset_s - offset_s_), 0.0, interval_s_);
 }
@@ -119,7 +118,7 @@ void SendPlanner::note_phase(std::span<const PlannedFrame> waiting, const SendMo
 /// Nothing is torn by what is missing before the first frame of all: so begin as late as the
 /// stream may be.
 std::size_t SendPlanner::first_to_send(std::span<const PlannedFrame> waiting) const {
-  const double earliest_s = waiting.back().position_s - seconds(settings_.live_again);
+  const double earliest_s = waiting.back().position_s - to_seconds(settings_.live_again);
   const auto first = std::ranges::lower_bound(waiting, earliest_s, {}, &PlannedFrame::position_s);
   return static_cast<std::size_t>(first - waiting.begin());
 }

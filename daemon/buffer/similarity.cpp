@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cassert>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
@@ -75,5 +76,23 @@ int count_matches(const FeatureSet& a, const FeatureSet& b, const MatchRule& rul
 }
 
 int similarity(const FeatureSet& a, const FeatureSet& b) { return count_matches(a, b, {}); }
+
+std::optional<double> image_motion(const FeatureSet& a, const FeatureSet& b) {
+  constexpr MatchRule kRule;
+  Neighbours found;
+  std::vector<Match> matches;
+  find_matches(a, b, kRule, found, matches);
+  std::vector<int> squares;
+  for (const Match& match : matches) {
+    if (!is_supported(match, matches, kRule.supporters)) continue;
+    const int dx = match.in_b.x - match.in_a.x;
+    const int dy = match.in_b.y - match.in_a.y;
+    squares.push_back(dx * dx + dy * dy);
+  }
+  if (squares.empty()) return std::nullopt;
+  const auto middle = squares.begin() + static_cast<std::ptrdiff_t>(squares.size() / 2);
+  std::ranges::nth_element(squares, middle);
+  return std::sqrt(static_cast<double>(*middle)) / Position::kWidth;
+}
 
 }  // namespace orbbuf

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <optional>
+
 #include "daemon/buffer/features.hpp"
 
 namespace orbbuf {
@@ -24,5 +26,9 @@ int count_matches(const FeatureSet& a, const FeatureSet& b, const MatchRule& rul
 /// must be to tell a lost scene from a kept one. M(a, a) is about the number of features (less
 /// those that occur twice or stand alone).
 int similarity(const FeatureSet& a, const FeatureSet& b);
+
+/// How far the image moved from `a` to `b`: the median displacement of M's matches, as a share of
+/// the image's width. Nothing if no feature matches. Cost: that of similarity().
+std::optional<double> image_motion(const FeatureSet& a, const FeatureSet& b);
 
 }  // namespace orbbuf

@@ -22,11 +22,11 @@ void ServerConnection::open(const asio::ip::tcp::endpoint& server, const std::st
       server, [self = shared_from_this(), host, unsent_limit](const error_code& error) {
         if (!self->owner_) return;
         if (error) return self->fail("cannot connect", error);
-        self->connected(host, unsent_limit);
+        self->on_connected(host, unsent_limit);
       });
 }
 
-void ServerConnection::connected(const std::string& host, std::uint32_t unsent_limit) {
+void ServerConnection::on_connected(const std::string& host, std::uint32_t unsent_limit) {
   auto& socket = stream_.socket();
   error_code error;
   socket.set_option(asio::ip::tcp::no_delay(true), error);

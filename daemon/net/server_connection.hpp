@@ -71,7 +71,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
  private:
   using FrameHead = std::array<std::uint8_t, wire::kHeaderBytes + wire::kFrameMetaBytes>;
 
-  void connected(const std::string& host, std::uint32_t unsent_limit);
+  void on_connected(const std::string& host, std::uint32_t unsent_limit);
   void say_hello();
   void wait_writable();
   void on_written(const boost::system::error_code& error);

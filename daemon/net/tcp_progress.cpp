@@ -13,8 +13,14 @@ std::optional<TcpProgress> tcp_progress(int socket) {
   tcp_info info{};
   socklen_t length = sizeof info;
   if (::getsockopt(socket, IPPROTO_TCP, TCP_INFO, &info, &length) != 0) return std::nullopt;
-  return TcpProgress{info.tcpi_bytes_acked, info.tcpi_unacked, info.tcpi_notsent_bytes,
-                     info.tcpi_probes, std::chrono::microseconds(info.tcpi_rtt)};
+  constexpr std::uint32_t kNoRoundTripYet = ~0U;
+  const std::uint32_t least = info.tcpi_min_rtt == kNoRoundTripYet ? 0 : info.tcpi_min_rtt;
+  return TcpProgress{info.tcpi_bytes_acked,
+                     info.tcpi_unacked,
+                     info.tcpi_notsent_bytes,
+                     info.tcpi_probes,
+                     std::chrono::microseconds(info.tcpi_rtt),
+                     std::chrono::microseconds(least)};
 }
 
 bool limit_unsent(int socket, std::uint32_t bytes) {

@@ -14,6 +14,7 @@ struct TcpProgress {
   std::uint32_t unsent_bytes = 0;          ///< accepted from us, not yet sent
   std::uint32_t unanswered_probes = 0;     ///< of a receive window that is full, since the last ack
   std::chrono::microseconds round_trip{};  ///< smoothed
+  std::chrono::microseconds least_round_trip{};  ///< of the last minutes
 
   /// Something was sent, be it but a probe, and has yet to be acknowledged.
   bool is_waiting() const { return unacked_segments > 0 || unanswered_probes > 0; }

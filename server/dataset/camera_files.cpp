@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "server/dataset/calibration.hpp"
+#include "server/calibration/calibration.hpp"
 
 namespace orbbuf {
 namespace {

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "server/dataset/dataset.hpp"
-#include "server/dataset/recorded_session.hpp"
+#include "server/recording/recorded_session.hpp"
 
 namespace orbbuf {
 

@@ -12,10 +12,10 @@
 #include "common/log.hpp"
 #include "common/progress.hpp"
 #include "common/wire.hpp"
-#include "server/dataset/calibration.hpp"
-#include "server/dataset/recorded_session.hpp"
-#include "server/sink/read_file.hpp"
-#include "server/sink/session_names.hpp"
+#include "server/calibration/calibration.hpp"
+#include "server/recording/file_io.hpp"
+#include "server/recording/recorded_session.hpp"
+#include "server/recording/session_names.hpp"
 
 namespace orbbuf {
 namespace {

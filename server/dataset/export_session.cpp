@@ -12,9 +12,8 @@
 
 #include "common/as_bytes.hpp"
 #include "common/progress.hpp"
-#include "server/sink/read_file.hpp"
-#include "server/sink/session_names.hpp"
-#include "server/sink/write_file.hpp"
+#include "server/recording/file_io.hpp"
+#include "server/recording/session_names.hpp"
 
 namespace orbbuf {
 namespace {

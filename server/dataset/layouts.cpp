@@ -8,8 +8,8 @@
 
 #include "common/decimal.hpp"
 #include "server/dataset/camera_files.hpp"
-#include "server/sink/session_lines.hpp"
-#include "server/sink/session_names.hpp"
+#include "server/recording/session_lines.hpp"
+#include "server/recording/session_names.hpp"
 
 namespace orbbuf {
 namespace {

@@ -6,7 +6,7 @@
 #include <string_view>
 
 #include "server/dataset/dataset.hpp"
-#include "server/dataset/recorded_session.hpp"
+#include "server/recording/recorded_session.hpp"
 
 namespace orbbuf {
 

@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "common/as_bytes.hpp"
-#include "server/run_in_pool.hpp"
+#include "server/runtime/run_in_pool.hpp"
 
 namespace orbbuf {
 namespace {
@@ -69,12 +69,12 @@ void HttpConnection::read() {
                           [self = shared_from_this()](const error_code& failed, std::size_t bytes) {
                             if (self->is_closed_) return;
                             if (failed) return self->close();  // gone, or as good as that
-                            self->bytes_came(bytes);
+                            self->on_bytes(bytes);
                           });
 }
 
 /// The bytes of a request that come in drops do not buy it time.
-void HttpConnection::bytes_came(std::size_t bytes) {
+void HttpConnection::on_bytes(std::size_t bytes) {
   if (reader_.is_between_requests()) limit(kRequestTime);
   reader_.add(std::span(in_).first(bytes));
   if (!serve()) read();
@@ -84,9 +84,10 @@ void HttpConnection::ask(const HttpRequest& request) {
   limit(kPieceTime);
   const bool is_head = request.is_head;
   const bool keeps_alive = request.keeps_alive;
-  owner_.requested(request, [self = shared_from_this(), is_head, keeps_alive](HttpResponse answer) {
-    if (!self->is_closed_) self->respond(std::move(answer), is_head, keeps_alive);
-  });
+  owner_.on_request(request,
+                    [self = shared_from_this(), is_head, keeps_alive](HttpResponse answer) {
+                      if (!self->is_closed_) self->respond(std::move(answer), is_head, keeps_alive);
+                    });
 }
 
 void HttpConnection::respond(HttpResponse response, bool is_head, bool keeps_alive) {
@@ -101,8 +102,10 @@ void HttpConnection::respond(HttpResponse response, bool is_head, bool keeps_ali
 
 void HttpConnection::write_next() {
   if (response_.file) return read_file();
+  // A body in memory: its size is a size_t, also where that has 32 bits.
   const auto size = std::min<std::uint64_t>(left_, ServedFile::kPieceBytes);
-  write(body_of(response_).subspan(written_, size));
+  write(body_of(response_).subspan(static_cast<std::size_t>(written_),
+                                   static_cast<std::size_t>(size)));
 }
 
 void HttpConnection::read_file() {
@@ -126,11 +129,11 @@ void HttpConnection::write(std::span<const std::uint8_t> piece) {
                     [self = shared_from_this()](const error_code& failed, std::size_t) {
                       if (self->is_closed_) return;
                       if (failed) return self->close();
-                      self->written();
+                      self->on_written();
                     });
 }
 
-void HttpConnection::written() {
+void HttpConnection::on_written() {
   head_.clear();
   if (left_ > 0) return write_next();
   response_ = {};
@@ -162,7 +165,7 @@ void HttpConnection::close() {
   timer_.cancel();
   error_code ignored;  // there is nothing to do about it
   stream_.socket().close(ignored);
-  owner_.closed(self);
+  owner_.on_closed(self);
 }
 
 void HttpConnection::limit(std::chrono::seconds time) {

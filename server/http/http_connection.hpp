@@ -28,9 +28,9 @@ class HttpOwner {
 
   virtual ~HttpOwner() = default;
   /// `answer` runs once, on `main`, from within the call or later.
-  virtual void requested(const HttpRequest& request, Answer answer) = 0;
+  virtual void on_request(const HttpRequest& request, Answer answer) = 0;
   /// The last call: the socket is closed.
-  virtual void closed(const std::shared_ptr<HttpConnection>& connection) = 0;
+  virtual void on_closed(const std::shared_ptr<HttpConnection>& connection) = 0;
 };
 
 /// One browser's connection: a request, its answer, the next request. Whatever it does, or does not
@@ -56,13 +56,13 @@ class HttpConnection final : public std::enable_shared_from_this<HttpConnection>
   bool serve();
   void go_on();
   void read();
-  void bytes_came(std::size_t bytes);
+  void on_bytes(std::size_t bytes);
   void ask(const HttpRequest& request);
   void respond(HttpResponse response, bool is_head, bool keeps_alive);
   void write_next();
   void read_file();
   void write(std::span<const std::uint8_t> piece);
-  void written();
+  void on_written();
   void part();
   void discard();
   void limit(std::chrono::seconds time);

@@ -5,8 +5,7 @@
 
 #include <utility>
 
-#include "server/connection.hpp"
-#include "server/listen_on.hpp"
+#include "server/runtime/listen_on.hpp"
 
 namespace orbbuf {
 namespace {
@@ -15,8 +14,6 @@ namespace asio = boost::asio;
 using asio::ip::tcp;
 using boost::system::error_code;
 
-constexpr std::chrono::milliseconds kPageRetry{200};
-
 std::filesystem::path folder_of(const SinkSettings& sinks) {
   return sinks.files_enabled ? sinks.files_path : std::filesystem::path();
 }
@@ -24,11 +21,11 @@ std::filesystem::path folder_of(const SinkSettings& sinks) {
 }  // namespace
 
 HttpServer::HttpServer(asio::io_context& main, asio::thread_pool& files, const Settings& settings,
-                       const Figures& figures)
+                       const Metrics& metrics)
     : files_(files),
       tls_(make_tls_context(settings.listen.tls)),
-      site_(main, files, figures, folder_of(settings.sinks),
-            !tls_ && is_loopback(*settings.http_address)),
+      router_(main, files, metrics, folder_of(settings.sinks),
+              !tls_ && is_loopback(*settings.http_address)),
       acceptor_(listen_on(main, "serve http on", *settings.http_address)),
       retry_(main) {}
 
@@ -61,17 +58,17 @@ void HttpServer::accept() {
 
 /// Out of descriptors or memory, mostly, of which the robots' listener tells.
 void HttpServer::accept_later() {
-  retry_.expires_after(kPageRetry);
+  retry_.expires_after(kRetry);
   retry_.async_wait([this](const error_code& aborted) {
     if (!aborted && acceptor_.is_open()) accept();
   });
 }
 
-void HttpServer::requested(const HttpRequest& request, Answer answer) {
-  site_.answer(request, std::move(answer));
+void HttpServer::on_request(const HttpRequest& request, Answer answer) {
+  router_.answer(request, std::move(answer));
 }
 
-void HttpServer::closed(const std::shared_ptr<HttpConnection>& connection) {
+void HttpServer::on_closed(const std::shared_ptr<HttpConnection>& connection) {
   connections_.erase(connection);
 }
 

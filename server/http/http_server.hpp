@@ -5,12 +5,13 @@
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
+#include <chrono>
 #include <cstddef>
 #include <memory>
 #include <set>
 
 #include "server/http/http_connection.hpp"
-#include "server/http/site.hpp"
+#include "server/http/router.hpp"
 #include "server/settings.hpp"
 
 namespace orbbuf {
@@ -23,9 +24,9 @@ class HttpServer final : private HttpOwner {
   static constexpr std::size_t kMaxConnections = 64;
 
   /// Listens on settings.http_address, which must be set. Throws std::runtime_error, saying on what
-  /// and why not. `figures` must outlive it.
+  /// and why not. `metrics` must outlive it.
   HttpServer(boost::asio::io_context& main, boost::asio::thread_pool& files,
-             const Settings& settings, const Figures& figures);
+             const Settings& settings, const Metrics& metrics);
 
   boost::asio::ip::tcp::endpoint endpoint() const { return acceptor_.local_endpoint(); }
 
@@ -34,15 +35,17 @@ class HttpServer final : private HttpOwner {
   void stop();
 
  private:
-  void requested(const HttpRequest& request, Answer answer) override;
-  void closed(const std::shared_ptr<HttpConnection>& connection) override;
+  static constexpr std::chrono::milliseconds kRetry{200};
+
+  void on_request(const HttpRequest& request, Answer answer) override;
+  void on_closed(const std::shared_ptr<HttpConnection>& connection) override;
 
   void accept();
   void accept_later();
 
   boost::asio::thread_pool& files_;
   const std::unique_ptr<TlsContext> tls_;  // null: plain TCP
-  Site site_;
+  Router router_;
   boost::asio::ip::tcp::acceptor acceptor_;
   boost::asio::steady_timer retry_;
   std::set<std::shared_ptr<HttpConnection>> connections_;

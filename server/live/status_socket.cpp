@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/live/status_socket.hpp"
 
+#include <spdlog/fmt/fmt.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/read.hpp>
 #include <chrono>
@@ -11,9 +14,6 @@
 #include <stdexcept>
 #include <utility>
 #include <vector>
-
-#include "server/live/status_table.hpp"
-#include "server/settings.hpp"
 
 namespace orbbuf {
 namespace {
@@ -23,7 +23,6 @@ namespace fs = std::filesystem;
 using Protocol = asio::local::stream_protocol;
 using boost::system::error_code;
 
-constexpr std::chrono::milliseconds kStatusRetry{200};
 constexpr std::chrono::seconds kPatience{5};
 /// systemd's, of the unit that the package installs.
 constexpr const char* kServiceSocket = "/run/orbbuf-server/status";
@@ -77,7 +76,60 @@ Result<std::string> ask(const fs::path& path) {
   return table;
 }
 
+constexpr std::size_t kColumns = 13;
+constexpr std::size_t kWords = 3;  // at the left of their columns; numbers are at the right
+using Row = std::array<std::string, kColumns>;
+
+std::string to_text(std::optional<std::chrono::nanoseconds> age) {
+  if (!age) return "-";
+  return to_seconds(*age) < 1 ? fmt::format("{:.0f} ms", std::max(0.0, 1e3 * to_seconds(*age)))
+                              : fmt::format("{:.1f} s", to_seconds(*age));
+}
+
+Row row_of(const RobotMetrics& robot, RobotMetrics::Time now) {
+  const bool is_connected = robot.is_connected();
+  Row row{robot.info().robot_id, robot.info().session_id, robot.state(),
+          fmt::format("{:.1f}", robot.frame_rate(now)),
+          robot.is_ended() ? "-" : to_text(robot.timeline().age(now))};
+  std::fill(row.begin() + 5, row.end(), std::string(1, '-'));
+  if (!robot.report()) return row;
+  const wire::Report& report = *robot.report();
+  const wire::Stats& account = report.account;
+  row[5] = fmt::format("{}/{}", account.waiting, report.capacity);
+  if (is_connected)
+    row[6] = fmt::format("{:.2f} MB/s", static_cast<double>(report.link_rate) / 1e6);
+  if (is_connected && report.round_trip_us > 0) {
+    row[7] = fmt::format("{:.1f} ms", report.round_trip_us / 1e3);
+  }
+  row[8] = std::to_string(account.captured);
+  row[9] = std::to_string(account.acknowledged);
+  row[10] = std::to_string(account.dropped);
+  row[11] = std::to_string(account.skipped);
+  row[12] = std::to_string(account.failed);
+  return row;
+}
+
 }  // namespace
+
+std::string to_table(const Metrics& metrics, RobotMetrics::Time now) {
+  std::vector<Row> rows{{"ROBOT", "SESSION", "STATE", "FRAMES/S", "AGE", "BUFFER", "LINK",
+                         "ROUND TRIP", "CAPTURED", "DELIVERED", "DROPPED", "SKIPPED", "FAILED"}};
+  for (const auto& [id, robot] : metrics.robots()) rows.push_back(row_of(*robot, now));
+  std::array<std::size_t, kColumns> widths{};
+  for (const Row& row : rows) {
+    for (std::size_t i = 0; i < kColumns; ++i) widths[i] = std::max(widths[i], row[i].size());
+  }
+  std::string table;
+  for (const Row& row : rows) {
+    for (std::size_t i = 0; i < kColumns; ++i) {
+      if (i > 0) table += "  ";
+      table += i < kWords ? fmt::format("{:<{}}", row[i], widths[i])
+                          : fmt::format("{:>{}}", row[i], widths[i]);
+    }
+    table += '\n';
+  }
+  return table;
+}
 
 fs::path status_socket_path(const std::string& setting) {
   if (setting != kAutomaticSocket) return setting;
@@ -85,8 +137,8 @@ fs::path status_socket_path(const std::string& setting) {
   return service.empty() ? own_socket() : service;
 }
 
-StatusSocket::StatusSocket(asio::io_context& main, fs::path path, const Figures& figures)
-    : path_(std::move(path)), figures_(figures), acceptor_(listen_on(main, path_)), retry_(main) {}
+StatusSocket::StatusSocket(asio::io_context& main, fs::path path, const Metrics& metrics)
+    : path_(std::move(path)), metrics_(metrics), acceptor_(listen_on(main, path_)), retry_(main) {}
 
 StatusSocket::~StatusSocket() { ::unlink(path_.c_str()); }
 
@@ -100,7 +152,7 @@ void StatusSocket::accept() {
   acceptor_.async_accept([this](const error_code& failed, Protocol::socket socket) {
     if (!acceptor_.is_open() || failed == asio::error::operation_aborted) return;
     if (failed) return accept_later();  // no descriptors, of which the robots' listener tells
-    const std::string table = to_table(figures_, RobotFigures::Clock::now());
+    const std::string table = to_table(metrics_, RobotMetrics::Clock::now());
     error_code ignored;  // whoever asked has gone
     socket.non_blocking(true, ignored);
     socket.write_some(asio::buffer(table), ignored);
@@ -109,7 +161,7 @@ void StatusSocket::accept() {
 }
 
 void StatusSocket::accept_later() {
-  retry_.expires_after(kStatusRetry);
+  retry_.expires_after(kRetry);
   retry_.async_wait([this](const error_code& aborted) {
     if (!aborted && acceptor_.is_open()) accept();
   });

@@ -18,7 +18,7 @@ constexpr std::int64_t kLatest = std::numeric_limits<std::int64_t>::max() / 3;
 
 }  // namespace
 
-void Timeline::heard(Time now, bool is_new) {
+void Timeline::on_heard(Time now, bool is_new) {
   if (heard_ != Time{} && now - heard_ >= kSilence) {
     silent_since_ = heard_;
     is_silence_over_ = true;
@@ -27,7 +27,7 @@ void Timeline::heard(Time now, bool is_new) {
   heard_ = now;
 }
 
-void Timeline::delivered(std::int64_t capture_time_ns, Time now) {
+void Timeline::on_delivered(std::int64_t capture_time_ns, Time now) {
   const nanoseconds capture(std::clamp(capture_time_ns, -kLatest, kLatest));
   const nanoseconds delay = note_offset(now.time_since_epoch() - capture, now);
   if (is_silence_over_ && (is_after_connect_ || delay >= kLate)) {
@@ -45,7 +45,7 @@ void Timeline::delivered(std::int64_t capture_time_ns, Time now) {
   second.changed = now;
 }
 
-void Timeline::dropped(const DropRecord& record, Time now) {
+void Timeline::on_dropped(const DropRecord& record, Time now) {
   TimelineSecond* const second =
       second_of(std::clamp(record.capture_time_ns, -kLatest, kLatest), false);
   if (second == nullptr) return;

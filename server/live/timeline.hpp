@@ -42,10 +42,10 @@ class Timeline {
   static constexpr std::size_t kOutages = 32;
 
   /// Anything came; `is_new` on a new connection.
-  void heard(Time now, bool is_new);
-  /// Frames in the order in which they came; after heard().
-  void delivered(std::int64_t capture_time_ns, Time now);
-  void dropped(const DropRecord& record, Time now);
+  void on_heard(Time now, bool is_new);
+  /// Frames in the order in which they came; after on_heard().
+  void on_delivered(std::int64_t capture_time_ns, Time now);
+  void on_dropped(const DropRecord& record, Time now);
 
   /// Oldest first; seconds of which nothing is known are missing.
   const std::deque<TimelineSecond>& seconds() const { return seconds_; }

@@ -11,7 +11,7 @@
 #include <utility>
 
 #include "server/retention/remove_folder.hpp"
-#include "server/run_in_pool.hpp"
+#include "server/runtime/run_in_pool.hpp"
 
 namespace orbbuf {
 namespace {
@@ -60,12 +60,12 @@ void Retention::survey(bool is_new) {
         return survey_.go_on(steady_clock::now() + kStep);
       },
       [this, self = shared_from_this()](bool is_over) {
-        if (is_over) return surveyed();
+        if (is_over) return on_surveyed();
         pause_then(kPause, [this] { survey(false); });
       });
 }
 
-void Retention::surveyed() {
+void Retention::on_surveyed() {
   std::map<std::string, std::vector<KeptSession>> robots;
   for (KeptSession& session : survey_.sessions()) {
     robots[session.robot_id].push_back(std::move(session));

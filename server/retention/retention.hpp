@@ -42,7 +42,7 @@ class Retention : public std::enable_shared_from_this<Retention> {
     std::chrono::nanoseconds interval = std::chrono::minutes(1);
   };
 
-  /// `main` and `pool` as in FileSink.
+  /// `main` and `pool` as in RecordSink.
   Retention(boost::asio::io_context& main, boost::asio::thread_pool& pool, Options options,
             IsOpen is_open);
 
@@ -52,7 +52,7 @@ class Retention : public std::enable_shared_from_this<Retention> {
 
  private:
   void survey(bool is_new);
-  void surveyed();
+  void on_surveyed();
   bool is_finished(const KeptSession& session, bool is_newest) const;
   void remove_next();
   void set_aside(const KeptSession& session);

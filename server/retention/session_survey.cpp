@@ -6,14 +6,14 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <optional>
 #include <string_view>
 #include <system_error>
 
 #include "common/unique_fd.hpp"
 #include "common/wire.hpp"
-#include "server/sink/session_names.hpp"
+#include "server/recording/session_lines.hpp"
+#include "server/recording/session_names.hpp"
 
 namespace orbbuf {
 namespace {
@@ -50,12 +50,11 @@ bool is_session(const fs::path& folder) {
 
 /// Both images of the frame that a line of times.txt names; those that are not there count nothing.
 std::uint64_t bytes_of_images(const fs::path& folder, std::string_view line) {
-  Sequence sequence = 0;
-  const auto [rest, failed] = std::from_chars(line.data(), line.data() + line.size(), sequence);
-  if (failed != std::errc{}) return 0;
+  const auto times = session_lines::parse_times(line);
+  if (!times) return 0;
   std::uint64_t bytes = 0;
   for (const auto& image :
-       {session_names::left_image(sequence), session_names::right_image(sequence)}) {
+       {session_names::left_image(times->sequence), session_names::right_image(times->sequence)}) {
     if (const auto status = status_of(folder / image)) bytes += bytes_on_disk(*status);
   }
   return bytes;
@@ -116,7 +115,7 @@ bool SessionSurvey::measure(const fs::path& folder, Measured& measured,
     std::string_view lines = text.substr(0, end + 1);
     measured.times_read += static_cast<off_t>(lines.size());
     for (; !lines.empty(); lines.remove_prefix(lines.find('\n') + 1)) {
-      measured.image_bytes += bytes_of_images(folder, lines);
+      measured.image_bytes += bytes_of_images(folder, lines.substr(0, lines.find('\n')));
     }
     if (steady_clock::now() >= deadline) return false;
   }

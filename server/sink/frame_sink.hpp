@@ -3,7 +3,6 @@
 
 #include <functional>
 #include <optional>
-#include <string>
 #include <vector>
 
 #include "common/drop_record.hpp"
@@ -13,20 +12,14 @@
 
 namespace orbbuf {
 
-/// Whose frames a sink gets. Both ids are safe as file names (wire::is_valid_id).
-struct SessionInfo {
-  std::string robot_id;
-  std::string session_id;
-  std::string calibration;  ///< camera.txt in DSO's form; may be empty
-};
-
 /// Where the frames of one session go. Thread-bound to `main`; blocking work is the sink's own to
 /// hand to another thread. One call is outstanding at a time. A slow sink is back-pressure: nothing
 /// more of the robot's stream is read before the handler has run.
 class FrameSink {
  public:
-  /// No error: taken, and as safe as this sink makes things. Error: not taken, nothing half done;
-  /// the caller tries the same again later. Runs on `main`, never from within the call itself.
+  /// No error: taken, and as safe as this sink makes things. Error: not taken, and nothing half
+  /// done unless is_partly_taken(); the caller tries the same again later. Runs on `main`, never
+  /// from within the call itself.
   using Done = std::function<void(std::optional<Error>)>;
 
   virtual ~FrameSink() = default;
@@ -36,6 +29,10 @@ class FrameSink {
 
   virtual void async_write(FramePtr frame, Done done) = 0;
   virtual void async_write_drops(std::vector<DropRecord> records, Done done) = 0;
+
+  /// After an error: some of what was to be written is kept all the same, so the call has to be
+  /// repeated until it is taken, or the session ends.
+  virtual bool is_partly_taken() const { return false; }
 
   /// Stops waiting for somebody to come: a call that has not begun to write ends soon, with an
   /// error. What has begun goes on, at the pace of the disk or of the reader.

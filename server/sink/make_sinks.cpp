@@ -3,16 +3,17 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <optional>
 #include <system_error>
 #include <utility>
 
-#include "server/sink/file_sink.hpp"
-#include "server/sink/mcap_recording.hpp"
-#include "server/sink/session_files.hpp"
-#include "server/sink/session_names.hpp"
+#include "server/recording/mcap/recording.hpp"
+#include "server/recording/session_files.hpp"
+#include "server/recording/session_names.hpp"
+#include "server/sink/record_sink.hpp"
 #ifdef ORBBUF_ROS
-#include "server/sink/ros_sink.hpp"
+#include "server/sink/ros/ros_sink.hpp"
 #endif
 
 namespace orbbuf {
@@ -25,32 +26,38 @@ const SlamSettings& SinkSettings::slam_for(const std::string& robot_id) const {
 
 namespace {
 
-/// The recording before the files: McapRecording::recover() relies on it.
-std::optional<Error> add_records(const SinkSettings& settings, const SessionInfo& info,
-                                 asio::io_context& main, asio::thread_pool& pool,
-                                 std::vector<std::shared_ptr<FrameSink>>& sinks,
-                                 std::optional<KeptFrames>& kept) {
+/// The session on disk; null if it is not kept there. The recording is written before the files,
+/// for mcap::Recording::recover() relies on it: what it has beyond them was never acknowledged.
+Result<std::shared_ptr<FrameSink>> make_record_sink(const SinkSettings& settings,
+                                                    const SessionInfo& info, asio::io_context& main,
+                                                    asio::thread_pool& pool,
+                                                    std::optional<KeptFrames>& kept) {
   const auto folder = settings.files_path / info.robot_id / info.session_id;
-  std::shared_ptr<FrameSink> files_sink;
-  std::optional<wire::Position> held;
+  std::unique_ptr<SessionFiles> files;
+  std::optional<wire::Position> of_files;
   if (settings.files_enabled) {
-    auto files = std::make_unique<SessionFiles>(folder, info.calibration);
+    files = std::make_unique<SessionFiles>(folder, info.calibration);
     auto position = files->recover();
     if (!position) return std::move(position).error();
-    held = position.value();
-    kept = KeptFrames{folder, held->next_sequence};
-    files_sink = std::make_shared<FileSink>(main, pool, std::move(files), *held);
+    of_files = position.value();
+    kept = KeptFrames{folder, of_files->next_sequence};
   }
+  RecordSink::Records records;
+  wire::Position held = of_files.value_or(wire::Position{});
   if (settings.mcap_enabled) {
     auto recording =
-        std::make_unique<McapRecording>(folder / session_names::recording(info.session_id), info);
-    auto position = recording->recover(held);
+        std::make_unique<mcap::Recording>(folder / session_names::recording(info.session_id), info);
+    auto position = recording->recover(of_files);
     if (!position) return std::move(position).error();
+    held.next_sequence = std::max(held.next_sequence, position.value().next_sequence);
+    held.next_drop = std::max(held.next_drop, position.value().next_drop);
     if (!kept) kept = KeptFrames{};
-    sinks.push_back(std::make_shared<FileSink>(main, pool, std::move(recording), position.value()));
+    records.push_back(std::move(recording));
   }
-  if (files_sink) sinks.push_back(std::move(files_sink));
-  return std::nullopt;
+  if (files) records.push_back(std::move(files));
+  if (records.empty()) return std::shared_ptr<FrameSink>();
+  return std::shared_ptr<FrameSink>(
+      std::make_shared<RecordSink>(main, pool, std::move(records), held));
 }
 
 }  // namespace
@@ -70,7 +77,9 @@ Result<std::vector<std::shared_ptr<FrameSink>>> make_sinks(const SinkSettings& s
                                                            asio::thread_pool& pool) {
   std::vector<std::shared_ptr<FrameSink>> sinks;
   std::optional<KeptFrames> kept;
-  if (auto error = add_records(settings, info, main, pool, sinks, kept)) return std::move(*error);
+  auto record = make_record_sink(settings, info, main, pool, kept);
+  if (!record) return std::move(record).error();
+  if (record.value()) sinks.push_back(std::move(record).value());
   const SlamSettings& slam = settings.slam_for(info.robot_id);
   if (slam.is_on()) sinks.push_back(make_slam_sink(slam, info, kept, main, pool));
 #ifdef ORBBUF_ROS

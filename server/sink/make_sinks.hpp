@@ -10,8 +10,9 @@
 #include <vector>
 
 #include "common/error.hpp"
+#include "server/recording/session_info.hpp"
 #include "server/sink/frame_sink.hpp"
-#include "server/sink/slam.hpp"
+#include "server/sink/pipe/slam.hpp"
 
 namespace orbbuf {
 
@@ -34,7 +35,7 @@ void check_sinks(const SinkSettings& settings);
 
 /// The sinks of a new or resumed session, those that keep frames before the one that shows them.
 /// Reads what these hold (see SessionFiles::recover(), mcap::scan()), so it may block for as long
-/// as that takes. An error if it cannot be read. `main` and `pool` as in FileSink.
+/// as that takes. An error if it cannot be read. `main` and `pool` as in RecordSink.
 Result<std::vector<std::shared_ptr<FrameSink>>> make_sinks(const SinkSettings& settings,
                                                            const SessionInfo& info,
                                                            boost::asio::io_context& main,

@@ -4,9 +4,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "daemon/buffer/simple_policies.hpp"
@@ -14,6 +18,7 @@
 namespace orbbuf::sim {
 namespace {
 
+using namespace std::chrono_literals;
 using testing::ElementsAre;
 
 constexpr std::int64_t kMs = 1'000'000;
@@ -32,7 +37,7 @@ std::vector<FramePtr> frames(std::size_t count) {
 }
 
 Delivery drop_oldest(std::size_t count, const LinkModel& link) {
-  return simulate(frames(count), link, 3, std::make_unique<DropOldestPolicy>());
+  return simulate(frames(count), link, {{.frames = 3}, std::make_unique<DropOldestPolicy>()});
 }
 
 TEST(LinkModel, StandsStillDuringTheOutageOnly) {
@@ -57,6 +62,79 @@ TEST(Simulation, AnOutageCostsWhatTheBufferCannotHold) {
   EXPECT_THAT(delivery.received, ElementsAre(0, 1, 5, 6, 7, 8, 9));
   EXPECT_THAT(delivery.drops_before, ElementsAre(0, 0, 3, 3, 3, 3, 3));
   EXPECT_THAT(delivery.drops_after, ElementsAre(0, 0, 0, 0, 0, 1, 2, 3, 3, 3));
+}
+
+TEST(Simulation, RecordsWhenEachSendBeganAndEnded) {
+  const Delivery delivery = drop_oldest(10, {100'000, 105 * kMs, 750 * kMs});
+  EXPECT_THAT(delivery.begin_ns,
+              ElementsAre(0, 100 * kMs, 755 * kMs, 765 * kMs, 775 * kMs, 800 * kMs, 900 * kMs));
+  EXPECT_THAT(delivery.end_ns, ElementsAre(10 * kMs, 755 * kMs, 765 * kMs, 775 * kMs, 785 * kMs,
+                                           810 * kMs, 910 * kMs));
+}
+
+/// A planner that has the whole of a bad link's time to catch up in, and no bound on its step.
+SimulatedBuffer planner(std::chrono::nanoseconds live_again) {
+  SimulatedBuffer buffer{{}, std::make_unique<DropOldestPolicy>()};
+  buffer.planner =
+      std::make_unique<SendPlanner>(PlanSettings{live_again, std::chrono::seconds(100)});
+  return buffer;
+}
+
+/// From the outage's end until a send begins with the newest frame.
+double live_again_s(const Delivery& delivery, std::int64_t outage_end_ns) {
+  for (std::size_t k = 0; k < delivery.received.size(); ++k) {
+    const auto next_ns = static_cast<std::int64_t>(delivery.received[k] + 1) * 100 * kMs;
+    if (delivery.begin_ns[k] < outage_end_ns || next_ns < delivery.begin_ns[k]) continue;
+    return 1e-9 * static_cast<double>(delivery.begin_ns[k] - outage_end_ns);
+  }
+  return std::numeric_limits<double>::infinity();
+}
+
+TEST(Simulation, ThePlannerKnowsTheRateAndTheTimeOfEachSend) {
+  const LinkModel link{20'000, 1020 * kMs, 3000 * kMs};  // 50 ms a frame
+  const double soon_s = live_again_s(simulate(frames(100), link, planner(500ms)), 3000 * kMs);
+  const double later_s = live_again_s(simulate(frames(100), link, planner(1000ms)), 3000 * kMs);
+  EXPECT_LE(soon_s, 0.6);
+  EXPECT_GT(later_s, soon_s);
+  EXPECT_LE(later_s, 1.1);
+}
+
+TEST(Simulation, WhatThePlannerBelievesOfTheRateCountsNotTheTruth) {
+  const LinkModel link{20'000, 1020 * kMs, 3000 * kMs};
+  SimulatedBuffer hopeful = planner(500ms);
+  hopeful.believed_rate = 4;
+  EXPECT_GT(live_again_s(simulate(frames(100), link, std::move(hopeful)), 3000 * kMs),
+            live_again_s(simulate(frames(100), link, planner(500ms)), 3000 * kMs));
+}
+
+TEST(Simulation, StandInsArePushedInPlaceOfTheFrames) {
+  // On their clock the first half of the outage goes ten times as far as the second.
+  const std::vector<FramePtr> all = frames(40);
+  std::vector<FramePtr> stand_ins;
+  std::int64_t time_ns = 0;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    EncodedFrame frame = *all[i];
+    frame.capture_time_ns = time_ns;
+    time_ns += (i < 20 ? 190 : 10) * kMs;
+    stand_ins.push_back(std::make_shared<const EncodedFrame>(std::move(frame)));
+  }
+  SimulatedBuffer buffer = planner(500ms);
+  buffer.stand_ins = &stand_ins;
+  const Delivery delivery =
+      simulate(all, LinkModel{20'000, 1020 * kMs, 3000 * kMs}, std::move(buffer));
+  const auto sent_of = [&](std::size_t first, std::size_t last) {
+    return std::ranges::count_if(delivery.received,
+                                 [&](std::size_t i) { return i >= first && i < last; });
+  };
+  EXPECT_GT(sent_of(10, 20), sent_of(20, 30));
+}
+
+TEST(Simulation, AFrameThatIsNotAdmittedIsDropped) {
+  SimulatedBuffer buffer{{.frames = 3}, std::make_unique<DropOldestPolicy>()};
+  buffer.admits = [](std::size_t waiting) { return waiting < 1; };
+  const Delivery delivery = simulate(frames(5), LinkModel{4000, 0, 0}, std::move(buffer));
+  EXPECT_THAT(delivery.received, ElementsAre(0, 1, 3));  // 250 ms a frame
+  EXPECT_THAT(delivery.drops_after, ElementsAre(0, 0, 1, 1, 2));
 }
 
 TEST(Simulation, WhatWaitsAtTheEndIsStillDelivered) {

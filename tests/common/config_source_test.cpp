@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "common/config_source.hpp"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -123,6 +125,31 @@ TEST_F(ConfigSource, QuotedKeyWithADotIsNotThePath) {
 TEST_F(ConfigSource, ValueWhereATableIsNeededIsRefused) {
   EXPECT_EQ(unknown("link = 5\n"), "FILE:1: link: expected a table, got integer 5");
   EXPECT_EQ(unknown("[[buffer]]\n"), "FILE:1: buffer: expected a table, got an array");
+}
+
+const std::set<std::string> kWords = {"buffer.capacity", "buffer.policy", "link.server",
+                                      "log.level"};
+
+TEST(NearestWord, SlipFindsItsWord) {
+  EXPECT_EQ(nearest_word("buffer.capcity", kWords), "buffer.capacity");  // one missing
+  EXPECT_EQ(nearest_word("bufffer.policy", kWords), "buffer.policy");    // one too many
+  EXPECT_EQ(nearest_word("link.sevrer", kWords), "link.server");         // two swapped
+  EXPECT_EQ(nearest_word("lag.level", kWords), "log.level");             // one replaced
+  EXPECT_EQ(nearest_word("log.level", kWords), "log.level");
+}
+
+TEST(NearestWord, FarWordFindsNothing) {
+  EXPECT_EQ(nearest_word("camera.exposure", kWords), std::nullopt);
+  EXPECT_EQ(nearest_word("", kWords), std::nullopt);
+  EXPECT_EQ(nearest_word("log.level", {}), std::nullopt);
+}
+
+TEST(NearestWord, TwoLettersOfAShortWordAndAQuarterOfALongOneMayDiffer) {
+  const std::set<std::string> words = {"abcd", "abcdefghijkl"};
+  EXPECT_EQ(nearest_word("abxx", words), "abcd");
+  EXPECT_EQ(nearest_word("axxx", words), std::nullopt);
+  EXPECT_EQ(nearest_word("abcdefghixxx", words), "abcdefghijkl");
+  EXPECT_EQ(nearest_word("abcdefghxxxx", words), std::nullopt);
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 // The whole path over loopback, on real input, with the two real programs.
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <csignal>
 #include <fstream>
 
@@ -34,10 +35,13 @@ std::size_t lines_in_times(const fs::path& robot) {
   return 0;
 }
 
-/// Waits until the server has really written that many of them; false if the robot ends first.
+/// Waits until the server has really written that many of them; false if the robot ends first, or
+/// after two minutes.
 bool wait_for_frames(Process& robot, const fs::path& folder, std::size_t wanted) {
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::minutes(2);
   while (lines_in_times(folder) < wanted) {
     if (robot.wait(std::chrono::seconds(0)) >= 0) return false;
+    if (std::chrono::steady_clock::now() > deadline) return false;
     std::this_thread::yield();
   }
   return true;

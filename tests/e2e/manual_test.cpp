@@ -81,7 +81,7 @@ TEST_P(ManualTest, TellsOfEveryKeyWithItsDefaultAndOfNoOther) {
 TEST_P(ManualTest, AndTheCompletionTellOfEveryOptionAndOfNoOther) {
   const std::string name = GetParam().name;
   const std::string page = read_file(kSource + "docs/man/" + name + ".8");
-  const std::string completion = read_file(ORBBUF_BINARY_DIR "/debian/" + name + "/completion");
+  const std::string completion = read_file(ORBBUF_BINARY_DIR "/docs/man/" + name + ".completion");
   const std::set<std::string> options = options_of(GetParam().path);
   for (const std::string& option : options) {
     EXPECT_TRUE(std::regex_search(page, std::regex("\n\\.It .*Fl -" + option + "( |\n)")))

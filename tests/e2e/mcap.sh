@@ -62,6 +62,9 @@ until_frames() { # ID COUNT
     sleep 0.01
   done
 }
+more_frames() { # ROBOT COUNT
+  until_frames "$1" $(($(frames_of "$1") + $2))
+}
 check() { node "$here/mcap.mjs" "$1" "$(session_of "$2")" "$3" || fail "$2 is not what was sent"; }
 
 start_server
@@ -82,18 +85,19 @@ check whole stereo yes
 # Killed at any moment, and continued: nothing twice, nothing lost but what is named.
 start_server
 start_robot killed "${small[@]}" --set "$camera" --set source.fps=200 \
-  --set source.frames=100000 --set buffer.capacity=10
-for frames in 50 120 190 260 330; do
-  until_frames killed "$frames"
+  --set source.frames=100000 --set buffer.policy=uniform --set buffer.capacity=10
+# Each time more frames must come first: only then has the server taken back what a kill left over.
+for _ in 1 2 3 4 5; do
+  more_frames killed 60
   stop_server KILL
   check killed killed yes
   start_server
 done
-until_frames killed 400
+more_frames killed 60
 stop_server TERM
 check whole killed yes # the robot waits, the session does not know whether it will go on
 start_server
-until_frames killed 450
+more_frames killed 60
 kill -TERM "$robot"
 robot_ends
 stop_server TERM

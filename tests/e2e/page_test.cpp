@@ -56,7 +56,8 @@ class PageTest : public testing::Test {
 };
 
 TEST_F(PageTest, AtTheEndPageMetricsAndStatusTellWhatTheRobotsLogTells) {
-  Process robot = this->robot({"source.frames=1000000", "source.fps=25", "buffer.capacity=5"});
+  Process robot = this->robot(
+      {"source.frames=1000000", "source.fps=25", "buffer.policy=uniform", "buffer.capacity=5"});
   ASSERT_TRUE(robot.wait_for_line("connected to"));
   server_.process().signal(SIGSTOP);  // an outage, to the robot
   ASSERT_TRUE(wait_for_drops(robot)) << robot.output();

@@ -8,7 +8,7 @@
 #include <span>
 
 #include "server/http/request_reader.hpp"
-#include "server/http/site.hpp"
+#include "server/http/router.hpp"
 
 namespace orbbuf {
 namespace {
@@ -21,17 +21,17 @@ void require(bool holds) {
 class World {
  public:
   World() {
-    const auto robot = figures_.begin({"r", "s", ""});
-    robot->connected();
-    robot->told({{3, 0, 0, 1, 1, 1, 0}, 25, 1000, 1'000'000, 40'000});
-    robot->dropped(std::vector<DropRecord>(1));
+    const auto robot = metrics_.begin({"r", "s", ""});
+    robot->on_connected();
+    robot->on_report({{3, 0, 0, 1, 1, 1, 0}, 25, 1000, 1'000'000, 40'000});
+    robot->on_dropped(std::vector<DropRecord>(1));
     EncodedFrame frame;
     frame.jpeg = {0xFF, 0xD8, 0xFF, 0xD9};
-    robot->delivered(std::make_shared<const EncodedFrame>(frame));
+    robot->on_delivered(std::make_shared<const EncodedFrame>(frame));
   }
 
   void answer(const HttpRequest& request) {
-    site_.answer(request, [](const HttpResponse& response) {
+    router_.answer(request, [](const HttpResponse& response) {
       require(response.status >= 200 && response.status < 500 && !response.file);
       const std::string head = head_of(response, true);
       require(head.ends_with("\r\n\r\n") && head.find("\r\n\r\n") == head.size() - 4);
@@ -43,8 +43,8 @@ class World {
  private:
   boost::asio::io_context main_{1};
   boost::asio::thread_pool files_{1};
-  Figures figures_{4};
-  Site site_{main_, files_, figures_, "/nonexistent", true};
+  Metrics metrics_{4};
+  Router router_{main_, files_, metrics_, "/nonexistent", true};
 };
 
 void run(std::span<const std::uint8_t> input) {

@@ -16,7 +16,7 @@
 
 #include "common/log.hpp"
 #include "common/unique_fd.hpp"
-#include "server/connection.hpp"
+#include "server/link/connection.hpp"
 #include "tests/fuzz/stream_mutator.hpp"
 
 namespace orbbuf {
@@ -89,8 +89,7 @@ class World final : public ConnectionOwner {
   }
 
  private:
-  void introduced(const std::shared_ptr<Connection>& connection,
-                  const wire::Hello& hello) override {
+  void on_hello(const std::shared_ptr<Connection>& connection, const wire::Hello& hello) override {
     auto& session = sessions_[{hello.robot_id, hello.session_id}];
     if (!session) {
       auto sink = std::make_shared<CheckingSink>(main_);
@@ -102,7 +101,7 @@ class World final : public ConnectionOwner {
     if (session->is_closing()) return connection->refuse("closing");
     connection->join(session);
   }
-  void closed(const std::shared_ptr<Connection>& /*connection*/) override {}
+  void on_closed(const std::shared_ptr<Connection>& /*connection*/) override {}
 
   boost::asio::io_context main_{1};  // ends last: timers of all the rest are in it
   ListenSettings settings_{.max_frame_bytes = 1 << 16};

@@ -12,7 +12,7 @@
 #include <thread>
 
 #include "server/http/http_server.hpp"
-#include "server/listener.hpp"
+#include "server/link/listener.hpp"
 #include "server/settings.hpp"
 
 namespace orbbuf::test {
@@ -24,8 +24,8 @@ class RunningServer {
   explicit RunningServer(Settings settings) {
     std::signal(SIGPIPE, SIG_IGN);
     settings.listen.address.port = 0;
-    if (settings.http_address) http_.emplace(main_, files_, settings, figures_);
-    listener_.emplace(main_, files_, settings, http_ ? &figures_ : nullptr);
+    if (settings.http_address) http_.emplace(main_, files_, settings, metrics_);
+    listener_.emplace(main_, files_, settings, http_ ? &metrics_ : nullptr);
     port_ = listener_->endpoint().port();
     listener_->start();
     if (http_) http_->start();
@@ -59,7 +59,7 @@ class RunningServer {
  private:
   boost::asio::io_context main_{1};
   boost::asio::thread_pool files_{1};
-  Figures figures_{256};
+  Metrics metrics_{256};
   std::optional<HttpServer> http_;
   std::optional<Listener> listener_;
   std::uint16_t port_ = 0;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <orbbuf/pipe.h>
+
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
@@ -10,7 +12,6 @@
 
 #include "bench/paper/camera.hpp"
 #include "bench/paper/judge/odometry.hpp"
-#include "server/sink/orbbuf_pipe.h"
 
 namespace orbbuf::paper {
 

@@ -2,9 +2,10 @@
 // orbbuf-paper-link ROBOT SERVER [TRACE BYTES_PER_S OFFSET_S]
 // A mobile link between two network namespaces, each of which gets its end as the interface `wire`:
 // kernel TCP on both sides, in between this process. What the robot sends passes in order, at the
-// rates of TRACE (as trial/mobile_link.hpp reads it) scaled to a mean of BYTES_PER_S (0: unscaled)
-// from OFFSET_S on; without TRACE at once. What more than kQueueBytes wait before is lost, as in a
-// modem. The other direction is free. Says "wire" when it is up. On the standard input:
+// rates of TRACE (as bench/sim/mobile_link.hpp reads it) scaled to a mean of BYTES_PER_S (0:
+// unscaled) from OFFSET_S on; without TRACE at once. What more than kQueueBytes wait before is
+// lost, as in a modem. The other direction is free. Says "wire" when it is up. On the standard
+// input:
 //   delay MS    how late everything is that the robot sends from now on (sec. IV-A's T)
 // Ends with its standard input.
 #include <fcntl.h>
@@ -28,8 +29,8 @@
 #include <string>
 #include <vector>
 
-#include "bench/paper/trial/mobile_link.hpp"
 #include "bench/plain_socket.hpp"
+#include "bench/sim/mobile_link.hpp"
 #include "common/unique_fd.hpp"
 
 namespace {
@@ -71,7 +72,7 @@ void write_packet(const UniqueFd& wire, const Packet& packet) {
 }
 
 struct Rates {
-  orbbuf::paper::RateTrace trace;
+  orbbuf::sim::RateTrace trace;
   double scale = 1;
   double offset_s = 0;
 };
@@ -159,7 +160,7 @@ class Link {
 
 std::optional<Rates> rates_from(const std::vector<std::string>& words) {
   if (words.size() < 5) return std::nullopt;
-  Rates rates{orbbuf::paper::read_trace(words[2]), 1, std::stod(words[4])};
+  Rates rates{orbbuf::sim::read_trace(words[2]), 1, std::stod(words[4])};
   const double mean_bytes_per_s = std::stod(words[3]);
   if (mean_bytes_per_s > 0) rates.scale = mean_bytes_per_s / rates.trace.mean_bytes_per_s();
   return rates;

@@ -75,8 +75,11 @@ Run simulate_run(Scene& scene, std::string_view policy, const Place& place, std:
   const sim::LinkModel link{rate * sequence.mean_jpeg_bytes() * scene.fps(),
                             std::llround(place.begin_s * 1e9),
                             std::llround((place.begin_s + place.outage_s) * 1e9)};
-  const auto delivery = sim::simulate(sequence.frames(), link, capacity,
-                                      contender(policy).make(sequence, place.seed));
+  sim::Setup setup;
+  setup.capacity = capacity;
+  setup.seed = place.seed;
+  setup.similarity = [&](std::size_t i, std::size_t j) { return sequence.similarity(i, j); };
+  const auto delivery = sim::simulate(sequence.frames(), link, contender(policy).make(setup));
   Run run{std::string(policy), place, {}, {}, 0, 0, false};
   run.stretch.begin =
       static_cast<std::size_t>(std::max(0.0, (place.begin_s - kJudgedBeforeS) * scene.fps()));

@@ -14,9 +14,9 @@
 
 #include "bench/paper/random.hpp"
 #include "bench/paper/trial/experiments.hpp"
-#include "bench/paper/trial/mobile_link.hpp"
 #include "bench/paper/trial/report.hpp"
-#include "bench/sim/clairvoyant.hpp"
+#include "bench/sim/fifo_oracle.hpp"
+#include "bench/sim/mobile_link.hpp"
 #include "bench/sim/trial.hpp"
 #include "common/progress.hpp"
 #include "daemon/buffer/make_policy.hpp"
@@ -41,19 +41,19 @@ struct Run {
   double ratio = kLost;  ///< of the ATE to the unbroken sequence's
 };
 
-std::vector<RateTrace> load_traces(const TrialOptions& options) {
-  std::vector<RateTrace> traces;
+std::vector<sim::RateTrace> load_traces(const TrialOptions& options) {
+  std::vector<sim::RateTrace> traces;
   for (const auto& file : options.traces) {
     if (!exists(file)) {
       fmt::print("skipped: no {}\n", file.string());
       continue;
     }
-    traces.push_back(read_trace(file));
+    traces.push_back(sim::read_trace(file));
   }
   return traces;
 }
 
-bool is_scaled(const RateTrace& trace) { return trace.name.starts_with("report_"); }
+bool is_scaled(const sim::RateTrace& trace) { return trace.name.starts_with("report_"); }
 
 /// Falls with the square of the motion, so that the best sequence has even steps.
 int steadiness(double motion_m) {
@@ -63,7 +63,7 @@ int steadiness(double motion_m) {
 
 /// Where in a trace a run begins.
 struct Start {
-  const RateTrace* trace = nullptr;
+  const sim::RateTrace* trace = nullptr;
   double need = 0;
   std::size_t repeat = 0;
   double offset_s = 0;
@@ -74,10 +74,11 @@ struct Start {
   }
 };
 
-std::vector<Start> draw_starts(const std::vector<RateTrace>& traces, const TrialOptions& options) {
+std::vector<Start> draw_starts(const std::vector<sim::RateTrace>& traces,
+                               const TrialOptions& options) {
   std::mt19937_64 random(options.seed);
   std::vector<Start> starts;
-  for (const RateTrace& trace : traces) {
+  for (const sim::RateTrace& trace : traces) {
     for (const double need : is_scaled(trace) ? options.needs : std::vector<double>{0}) {
       for (std::size_t i = 0; i < options.repeats; ++i) {
         const double offset_s = uniform(random, 0, trace.duration_s());
@@ -91,7 +92,7 @@ std::vector<Start> draw_starts(const std::vector<RateTrace>& traces, const Trial
 sim::FinishTime link_from(const Start& start, double stream_bytes_per_s) {
   return [&trace = *start.trace, scale = start.scale(stream_bytes_per_s), at_s = start.offset_s](
              std::int64_t start_ns, std::size_t bytes) {
-    return finish(trace, scale, at_s, start_ns, bytes);
+    return sim::finish(trace, scale, at_s, start_ns, bytes);
   };
 }
 
@@ -114,16 +115,19 @@ void simulate_start(Scene& scene, const Start& start, const TrialOptions& option
     run.received = std::move(received);
     runs.push_back(run);
   };
+  sim::Setup setup;
+  setup.capacity = capacity;
+  setup.seed = start.seed;
+  setup.similarity = [&](std::size_t i, std::size_t j) { return sequence.similarity(i, j); };
   for (const sim::Contender& contender : sim::contenders()) {
     if (std::ranges::count(options.policies, contender.name) == 0) continue;
-    const auto delivery =
-        sim::simulate(sequence.frames(), link, capacity, contender.make(sequence, start.seed));
+    const auto delivery = sim::simulate(sequence.frames(), link, contender.make(setup));
     add(contender.name, delivery.received);
     if (contender.name != "orbbuf" || capacity != options.buffers.front()) continue;
-    add(kClairvoyant, sim::clairvoyant(delivery, [&](std::size_t i, std::size_t j) {
+    add(kClairvoyant, sim::fifo_oracle(delivery, [&](std::size_t i, std::size_t j) {
           return sequence.similarity(i, j);
         }));
-    add(kByMotion, sim::clairvoyant(delivery, [&](std::size_t i, std::size_t j) {
+    add(kByMotion, sim::fifo_oracle(delivery, [&](std::size_t i, std::size_t j) {
           return steadiness(scene.motion_m(i, j));
         }));
   }
@@ -207,13 +211,13 @@ void write_csv(const std::vector<Run>& runs, const TrialOptions& options) {
   write_text(options.out / "traces.csv", csv);
 }
 
-std::string report(const std::vector<Run>& runs, const std::vector<RateTrace>& traces,
+std::string report(const std::vector<Run>& runs, const std::vector<sim::RateTrace>& traces,
                    const TrialOptions& options) {
   std::string markdown = "| policy |";
   std::string line = "\n|---|";
   std::string better = "| drop-oldest / orbbuf |";
   std::string results;
-  for (const RateTrace& trace : traces) {
+  for (const sim::RateTrace& trace : traces) {
     markdown += fmt::format(" {} |", trace.name);
     line += "---|";
     const double ratio = times_better(runs, trace.name);
@@ -227,7 +231,7 @@ std::string report(const std::vector<Run>& runs, const std::vector<RateTrace>& t
   policies.insert(policies.end(), {kClairvoyant, kByMotion});
   for (const std::string& policy : policies) {
     markdown += fmt::format("| {} |", policy);
-    for (const RateTrace& trace : traces) {
+    for (const sim::RateTrace& trace : traces) {
       const double ratio = median(ratios(runs, trace.name, policy));
       markdown += fmt::format(" {} |", ratio_text(ratio));
       results += fmt::format("RESULT paper.4g.{}.{}.ate_ratio {:.3f}\n", trace.name, policy, ratio);
@@ -251,7 +255,7 @@ std::string report(const std::vector<Run>& runs, const std::vector<RateTrace>& t
 }  // namespace
 
 std::string try_traces(Scene& scene, const TrialOptions& options) {
-  const std::vector<RateTrace> traces = load_traces(options);
+  const std::vector<sim::RateTrace> traces = load_traces(options);
   if (traces.empty()) return "";
   std::vector<Run> runs;
   {
@@ -272,14 +276,14 @@ std::string try_traces(Scene& scene, const TrialOptions& options) {
 }
 
 std::string time_enqueue(Scene& scene, const TrialOptions& options) {
-  const std::vector<RateTrace> traces = load_traces(options);
+  const std::vector<sim::RateTrace> traces = load_traces(options);
   if (traces.empty()) return "";
   const sim::RecordedSequence& sequence = scene.sequence();
   std::vector<double> times_ms(scene.size(), 0);
   sim::simulate(
       sequence.frames(),
       link_from(draw_starts(traces, options).front(), sequence.mean_jpeg_bytes() * scene.fps()),
-      options.buffers.front(), std::make_unique<TimedPolicy>(times_ms));
+      {{.frames = options.buffers.front()}, std::make_unique<TimedPolicy>(times_ms)});
   std::string csv = "frame,ms\n";
   for (std::size_t i = 0; i < times_ms.size(); ++i)
     csv += fmt::format("{},{:.4f}\n", i, times_ms[i]);

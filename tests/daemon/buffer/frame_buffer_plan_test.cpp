@@ -73,11 +73,11 @@ TEST_F(FrameBufferPlanTest, TheStepsFromTheLastFrameSentToTheNewestAreEven) {
   take(0);
   push(1, 36);
   std::vector<Sequence> taken = {take(360)};
-  for (Sequence newest = 37; taken.back() + 1 < newest; ++newest) {
+  for (Sequence newest = 37; newest < 80; ++newest) {
     push(newest, newest);
-    taken.push_back(take(5));
-    taken.push_back(take(5));
+    for (int send = 0; send < 2 && buffer_.stats().waiting > 0; ++send) taken.push_back(take(5));
   }
+  EXPECT_EQ(taken.back(), 79U);
   EXPECT_LE(taken.front(), 4U);
   for (std::size_t k = 1; k < taken.size(); ++k) EXPECT_LE(taken[k] - taken[k - 1], 4U) << k;
 }

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "server/sink/session_files.hpp"
+#include "server/recording/session_files.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
 

@@ -4,13 +4,14 @@
 #include <gmock/gmock.h>
 #include <poll.h>
 
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 
 #include "testing/captured_log.hpp"
 #include "tests/server/frames.hpp"
 #include "tests/server/http/http_client.hpp"
-#include "tests/server/listener_fixture.hpp"
+#include "tests/server/link/listener_fixture.hpp"
 
 namespace orbbuf::test {
 namespace {
@@ -229,7 +230,11 @@ TEST_F(HttpServerTest, NoMoreConnectionsThanItsLimitAndTheyComeToAnEnd) {
   EXPECT_EQ(get("/healthz").status, 0) << "refused";
   const RobotClient robot = stream();
   idle.pop_back();
-  while (get("/healthz").status != 200) std::this_thread::yield();
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+  while (get("/healthz").status != 200) {
+    ASSERT_LT(std::chrono::steady_clock::now(), deadline) << "no place has become free";
+    std::this_thread::yield();
+  }
 }
 
 TEST_F(HttpServerTest, AnAddressInUseIsNamed) {

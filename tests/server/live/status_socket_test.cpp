@@ -9,7 +9,6 @@
 #include <memory>
 #include <thread>
 
-#include "server/live/status_table.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
 
@@ -25,7 +24,7 @@ class StatusSocketTest : public testing::Test {
   ~StatusSocketTest() override { stop(); }
 
   void start() {
-    socket_ = std::make_unique<StatusSocket>(main_, path_, figures_);
+    socket_ = std::make_unique<StatusSocket>(main_, path_, metrics_);
     socket_->start();
     thread_ = std::thread([this] { main_.run(); });
   }
@@ -39,16 +38,16 @@ class StatusSocketTest : public testing::Test {
   TemporaryFolder folder_;
   const std::string path_ = folder_ / "status";
   boost::asio::io_context main_{1};
-  Figures figures_{8};
+  Metrics metrics_{8};
   std::unique_ptr<StatusSocket> socket_;
   std::thread thread_;
 };
 
 TEST_F(StatusSocketTest, GivesTheTableToWhoeverAsks) {
-  const auto robot = figures_.begin({"tb3", "s1", ""});
-  robot->connected();
-  robot->told({{120, 1, 2, 10, 100, 7, 0}, 25, 1000, 1'500'000, 40'000});
-  figures_.begin({"silent", "s2", ""})->ended();
+  const auto robot = metrics_.begin({"tb3", "s1", ""});
+  robot->on_connected();
+  robot->on_report({{120, 1, 2, 10, 100, 7, 0}, 25, 1000, 1'500'000, 40'000});
+  metrics_.begin({"silent", "s2", ""})->on_ended();
   start();
   for (int i = 0; i < 2; ++i) {
     const std::string table = ask_status(path_).value();
@@ -78,7 +77,7 @@ TEST_F(StatusSocketTest, WhatAServerLeftBehindIsReplaced) {
 TEST_F(StatusSocketTest, AnothersSocketIsLeftAlone) {
   start();
   try {
-    StatusSocket second(main_, path_, figures_);
+    StatusSocket second(main_, path_, metrics_);
     FAIL() << "took it";
   } catch (const std::runtime_error& error) {
     EXPECT_EQ(error.what(), "status.socket: another server is on " + path_);
@@ -88,7 +87,7 @@ TEST_F(StatusSocketTest, AnothersSocketIsLeftAlone) {
 
 TEST_F(StatusSocketTest, AFileThatIsNoSocketIsLeftAlone) {
   write_file(path_, "data");
-  EXPECT_THROW(StatusSocket(main_, path_, figures_), std::runtime_error);
+  EXPECT_THROW(StatusSocket(main_, path_, metrics_), std::runtime_error);
   EXPECT_EQ(read_file(path_), "data");
 }
 
@@ -107,7 +106,7 @@ TEST_F(StatusSocketTest, ATableThatWasCutShortIsNone) {
 }
 
 TEST(StatusTable, HasItsHeadingWithoutRobots) {
-  EXPECT_THAT(to_table(Figures(1), RobotFigures::Time()), MatchesRegex("ROBOT .*FAILED\n"));
+  EXPECT_THAT(to_table(Metrics(1), RobotMetrics::Time()), MatchesRegex("ROBOT .*FAILED\n"));
 }
 
 }  // namespace

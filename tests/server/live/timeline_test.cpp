@@ -19,11 +19,11 @@ class TimelineTest : public testing::Test {
   static Timeline::Time at(nanoseconds time) { return Timeline::Time(1h + time); }
   static std::int64_t robot_ns(nanoseconds time) { return kAhead + time.count(); }
   void deliver(nanoseconds captured, nanoseconds arrived) {
-    timeline_.heard(at(arrived), false);
-    timeline_.delivered(robot_ns(captured), at(arrived));
+    timeline_.on_heard(at(arrived), false);
+    timeline_.on_delivered(robot_ns(captured), at(arrived));
   }
   void drop(nanoseconds captured, std::uint16_t similarity = kUnknownSimilarity) {
-    timeline_.dropped({0, robot_ns(captured), DropReason::kPolicy, similarity}, at(0s));
+    timeline_.on_dropped({0, robot_ns(captured), DropReason::kPolicy, similarity}, at(0s));
   }
 
   Timeline timeline_;
@@ -80,7 +80,7 @@ TEST_F(TimelineTest, ARobotThatHadNothingToSayIsNoOutage) {
 
 TEST_F(TimelineTest, ASilenceThatANewConnectionEndsIsAnOutage) {
   deliver(0ms, 10ms);
-  timeline_.heard(at(4s), true);
+  timeline_.on_heard(at(4s), true);
   deliver(4s, 4010ms);
   ASSERT_EQ(timeline_.outages().size(), 1U);
   EXPECT_EQ(timeline_.outages()[0].end - timeline_.outages()[0].begin, 4s);
@@ -113,9 +113,9 @@ TEST_F(TimelineTest, NoTimeIsTooStrange) {
   constexpr auto kMin = std::numeric_limits<std::int64_t>::min();
   auto now = at(0s);
   for (const std::int64_t time : {kMin, kMax, std::int64_t{0}, kMax, kMin, std::int64_t{-1}}) {
-    timeline_.heard(now += 1s, false);
-    timeline_.dropped({0, time, DropReason::kBusy}, now);
-    timeline_.delivered(time, now);
+    timeline_.on_heard(now += 1s, false);
+    timeline_.on_dropped({0, time, DropReason::kBusy}, now);
+    timeline_.on_delivered(time, now);
     EXPECT_TRUE(timeline_.age(now));
     EXPECT_LE(timeline_.seconds().size(), static_cast<std::size_t>(Timeline::kSeconds));
   }

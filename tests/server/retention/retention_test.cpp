@@ -9,8 +9,8 @@
 #include <set>
 
 #include "testing/captured_log.hpp"
+#include "tests/server/event_loop.hpp"
 #include "tests/server/retention/sessions_on_disk.hpp"
-#include "tests/server/sink/event_loop.hpp"
 
 namespace orbbuf {
 namespace {

@@ -8,7 +8,7 @@
 #include <filesystem>
 #include <string>
 
-#include "server/sink/session_files.hpp"
+#include "server/recording/session_files.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
 

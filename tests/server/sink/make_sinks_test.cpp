@@ -6,8 +6,8 @@
 #include <stdexcept>
 
 #include "testing/temporary_folder.hpp"
+#include "tests/server/event_loop.hpp"
 #include "tests/server/frames.hpp"
-#include "tests/server/sink/event_loop.hpp"
 
 namespace orbbuf {
 namespace {
@@ -42,12 +42,16 @@ TEST_F(MakeSinksTest, FilesGoToAFolderForTheRobotAndTheSession) {
 
 TEST_F(MakeSinksTest, ARecordingIsInTheSessionsFolderAndWrittenBeforeTheFiles) {
   settings_.mcap_enabled = true;
-  ASSERT_EQ(make(), 2U);
-  EXPECT_FALSE(write(*sinks_[0], test::plain_frame_ptr(2)));
+  ASSERT_EQ(make(), 1U);
+  std::filesystem::create_directories(folder_ / "data/r1/s1");
+  test::write_file(folder_ / "data/r1/s1/images", "a file where the folder should be");
+  EXPECT_TRUE(write(*sinks_[0], test::plain_frame_ptr(2)));
   EXPECT_TRUE(std::filesystem::exists(folder_ / "data/r1/s1/s1.mcap"));
   EXPECT_FALSE(std::filesystem::exists(folder_ / "data/r1/s1/times.txt"));
-  ASSERT_EQ(make(), 2U);
+  std::filesystem::remove(folder_ / "data/r1/s1/images");
+  ASSERT_EQ(make(), 1U);
   EXPECT_EQ(sinks_[0]->position(), wire::Position{});  // the files have not got it
+  EXPECT_FALSE(write(*sinks_[0], test::plain_frame_ptr(2)));
   settings_.files_enabled = false;
   ASSERT_EQ(make(), 1U);
   EXPECT_EQ(sinks_[0]->position(), (wire::Position{3, 0}));

@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/calibration/calibration.hpp"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <optional>
+#include <span>
+
+namespace orbbuf {
+namespace {
+
+constexpr std::size_t kIntrinsics = 4;
+constexpr std::string_view kBlank = " \t\r";
+
+struct Model {
+  std::string_view name;
+  LensModel model;
+  std::size_t numbers;  // fx fy cx cy, and the lens's
+};
+
+constexpr std::array<Model, 5> kModels = {{{"Pinhole", LensModel::kPinhole, 5},
+                                           {"RadTan", LensModel::kRadTan, 8},
+                                           {"FOV", LensModel::kFov, 5},
+                                           {"EquiDistant", LensModel::kEquidistant, 8},
+                                           {"KannalaBrandt", LensModel::kEquidistant, 8}}};
+constexpr const Model& kPinhole = kModels[0];
+constexpr const Model& kRadTan = kModels[1];
+constexpr const Model& kFov = kModels[2];
+
+using Words = std::vector<std::string_view>;
+
+Words words_of(std::string_view line) {
+  Words words;
+  for (auto begin = line.find_first_not_of(kBlank); begin != std::string_view::npos;
+       begin = line.find_first_not_of(kBlank, begin)) {
+    const auto end = std::min(line.find_first_of(kBlank, begin), line.size());
+    words.push_back(line.substr(begin, end - begin));
+    begin = end;
+  }
+  return words;
+}
+
+std::vector<Words> lines_of(std::string_view text) {
+  std::vector<Words> lines;
+  while (!text.empty()) {
+    const auto end = std::min(text.find('\n'), text.size());
+    lines.push_back(words_of(text.substr(0, end)));
+    text.remove_prefix(std::min(end + 1, text.size()));
+  }
+  return lines;
+}
+
+/// All of `words`, if each is a number.
+template <class Number>
+std::optional<std::vector<Number>> numbers_of(std::span<const std::string_view> words) {
+  std::vector<Number> numbers(words.size());
+  for (std::size_t i = 0; i < words.size(); ++i) {
+    const char* const end = words[i].data() + words[i].size();
+    const auto [stop, failed] = std::from_chars(words[i].data(), end, numbers[i]);
+    if (failed != std::errc{} || stop != end || !std::isfinite(numbers[i])) return std::nullopt;
+  }
+  return numbers;
+}
+
+/// Without a name the count of the numbers tells, and for five of them the fifth.
+const Model* model_without_name(std::span<const double> numbers) {
+  if (numbers.size() == kRadTan.numbers) return &kRadTan;
+  if (numbers.size() != kFov.numbers) return nullptr;
+  return numbers.back() == 0 ? &kPinhole : &kFov;
+}
+
+std::optional<Calibration> parse_model(const Words& words) {
+  std::span<const std::string_view> rest(words);
+  const Model* model = nullptr;
+  for (const Model& known : kModels) {
+    if (!words.empty() && words[0] == known.name) model = &known;
+  }
+  if (model) rest = rest.subspan(1);
+  const auto numbers = numbers_of<double>(rest);
+  if (!numbers) return std::nullopt;
+  if (!model) model = model_without_name(*numbers);
+  if (!model || numbers->size() != model->numbers) return std::nullopt;
+  const auto& n = *numbers;
+  if (n[0] <= 0 || n[1] <= 0) return std::nullopt;
+  Calibration camera{model->model, std::string(model->name), n[0], n[1], n[2], n[3], {}};
+  if (model->model != LensModel::kPinhole) {
+    camera.distortion.assign(n.begin() + kIntrinsics, n.end());
+  }
+  return camera;
+}
+
+/// DSO's rule, and its half a pixel: relative numbers count from the image's edge.
+void make_absolute(Calibration& camera) {
+  if (camera.cx_px >= 1 || camera.cy_px >= 1) return;
+  constexpr double kHalfPixel = 0.5;
+  camera.fx_px *= camera.width_px;
+  camera.fy_px *= camera.height_px;
+  camera.cx_px = camera.cx_px * camera.width_px - kHalfPixel;
+  camera.cy_px = camera.cy_px * camera.height_px - kHalfPixel;
+}
+
+std::optional<std::vector<int>> parse_size(const Words& words) {
+  auto size = numbers_of<int>(words);
+  if (!size || size->size() != 2 || size->at(0) <= 0 || size->at(1) <= 0) return std::nullopt;
+  return size;
+}
+
+bool is_rectification(const Words& words) {
+  constexpr std::size_t kNumbers = 5;
+  if (words.size() == kNumbers) return numbers_of<double>(words).has_value();
+  return words.size() == 1 && (words[0] == "crop" || words[0] == "full" || words[0] == "none");
+}
+
+}  // namespace
+
+Result<Calibration> parse_calibration(std::string_view camera_txt) {
+  constexpr std::size_t kLines = 4;
+  auto lines = lines_of(camera_txt);
+  if (lines.size() < kLines) {
+    return Error{fmt::format("{} lines; expected DSO's four", lines.size())};
+  }
+  auto camera = parse_model(lines[0]);
+  if (!camera) {
+    return Error{
+        "line 1: expected Pinhole or FOV and 5 numbers, or RadTan, EquiDistant or "
+        "KannalaBrandt and 8"};
+  }
+  const auto size = parse_size(lines[1]);
+  if (!size) return Error{"line 2: expected WIDTH HEIGHT"};
+  camera->width_px = size->at(0);
+  camera->height_px = size->at(1);
+  make_absolute(*camera);
+  if (!is_rectification(lines[2])) {
+    return Error{"line 3: expected crop, full, none or five numbers"};
+  }
+  if (!parse_size(lines[3])) return Error{"line 4: expected WIDTH HEIGHT"};
+  if (lines.size() > kLines && lines[4].size() == 1) {
+    const auto baseline = numbers_of<double>(lines[4]);
+    if (!baseline || baseline->front() <= 0) {
+      return Error{"line 5: expected the baseline in metres"};
+    }
+    camera->baseline_m = baseline->front();
+  }
+  return std::move(*camera);
+}
+
+}  // namespace orbbuf

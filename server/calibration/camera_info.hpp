@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+// Compiles as C++17, too, for ROS 1.
+namespace orbbuf {
+
+/// A camera as sensor_msgs/CameraInfo and foxglove.CameraCalibration describe it.
+struct CameraInfo {
+  std::uint32_t width_px = 0;
+  std::uint32_t height_px = 0;
+  std::string distortion_model;    ///< as ROS calls it: plumb_bob or equidistant
+  std::vector<double> distortion;  ///< D: five numbers, or four
+  std::array<double, 9> k{};       ///< row by row, in pixels
+  std::array<double, 12> p{};      ///< row by row; of the right camera, with its place
+};
+
+/// What can be told of a session's cameras.
+struct CalibratedCameras {
+  std::optional<CameraInfo> left;  ///< or the only one
+  std::optional<CameraInfo> right;
+  std::string problem;  ///< why there is nothing, though there is a camera.txt
+};
+
+/// Both cameras have the same lens, and the right one is the left one moved along x by the
+/// baseline. Nothing of DSO's FOV, which has no name there, nor of a right camera of which nobody
+/// knows where it is. camera_txt: as parse_calibration() reads it; empty if there is none.
+CalibratedCameras calibrated_cameras(std::string_view camera_txt);
+
+/// The same; a problem is logged as `ATTEMPT without calibration: PROBLEM`.
+CalibratedCameras calibrated_cameras(std::string_view camera_txt, std::string_view attempt);
+
+}  // namespace orbbuf

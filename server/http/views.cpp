@@ -1,0 +1,307 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/http/views.hpp"
+
+#include <openssl/evp.h>
+#include <prometheus/text_serializer.h>
+#include <spdlog/fmt/fmt.h>
+
+#include <algorithm>
+#include <array>
+#include <iterator>
+#include <optional>
+#include <set>
+#include <string>
+#include <string_view>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "common/wire.hpp"
+#include "server/http/page_parts.hpp"  // made of page/ by CMake
+#include "server/recording/session_names.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace fs = std::filesystem;
+std::uint64_t to_ms(RobotMetrics::Time time) {
+  using std::chrono::milliseconds;
+  return static_cast<std::uint64_t>(
+      std::chrono::duration_cast<milliseconds>(time.time_since_epoch()).count());
+}
+
+/// A text in the making. All that goes in is ids, numbers and truth values: nothing needs escaping.
+class Json {
+ public:
+  template <class... Values>
+  void add(fmt::format_string<Values...> format, Values&&... values) {
+    fmt::format_to(std::back_inserter(text_), format, std::forward<Values>(values)...);
+  }
+  /// Before each element of a list but the first.
+  void separate() {
+    if (text_.back() != '[') text_ += ',';
+  }
+  std::string take() && { return std::move(text_); }
+
+ private:
+  std::string text_;
+};
+
+void add_report(Json& json, const wire::Report& report, double age_s) {
+  const wire::Stats& account = report.account;
+  json.add(R"("report":{{"age_s":{:.3f},"captured":{},"skipped":{},"failed":{},"dropped":{},)"
+           R"("acknowledged":{},"waiting":{},"in_flight":{},"capacity":{},"waiting_bytes":{},)"
+           R"("link_rate":{},"round_trip_us":{}}},)",
+           age_s, account.captured, account.skipped, account.failed, account.dropped,
+           account.acknowledged, account.waiting, account.in_flight, report.capacity,
+           report.waiting_bytes, report.link_rate, report.round_trip_us);
+}
+
+/// Nothing has come for longer than the robot is ever silent.
+bool is_silent(const RobotMetrics& robot, RobotMetrics::Time now) {
+  constexpr std::chrono::seconds kLongestPause{5};
+  return !robot.is_ended() &&
+         (!robot.is_connected() || now - robot.timeline().last_heard() > kLongestPause);
+}
+
+void add_timeline(Json& json, const RobotMetrics& robot, std::uint64_t since_ms,
+                  RobotMetrics::Time now) {
+  const Timeline& timeline = robot.timeline();
+  json.add(R"("now":{:.3f},"outages":[)",
+           to_seconds(timeline.robot_time(robot.ended_at().value_or(now))));
+  for (const Outage& outage : timeline.outages()) {
+    json.separate();
+    json.add("[{:.3f},{:.3f}]", to_seconds(outage.begin), to_seconds(outage.end));
+  }
+  if (is_silent(robot, now)) {
+    json.separate();
+    json.add("[{:.3f},null]", to_seconds(timeline.robot_time(timeline.last_heard())));
+  }
+  json.add(R"(],"seconds":[)");
+  for (const TimelineSecond& second : timeline.seconds()) {
+    if (to_ms(second.changed) < since_ms) continue;
+    json.separate();
+    json.add("[{},{},{},{},{}]", second.second, second.delivered, second.dropped,
+             second.similarity == kUnknownSimilarity ? -1 : second.similarity, second.delay_ms);
+  }
+  json.add("]");
+}
+
+void add_robot(Json& json, const RobotMetrics& robot, std::uint64_t since_ms,
+               RobotMetrics::Time now) {
+  json.add(R"({{"robot":"{}","session":"{}","state":"{}","connections":{},)"
+           R"("frames":{},"bytes":{},"drops":{},"frame_rate":{:.2f},)",
+           robot.info().robot_id, robot.info().session_id, robot.state(), robot.connections(),
+           robot.frames(), robot.bytes(), robot.drops(), robot.frame_rate(now));
+  if (const auto age = robot.timeline().age(now)) json.add(R"("age_s":{:.3f},)", to_seconds(*age));
+  if (const FramePtr& frame = robot.newest()) {
+    json.add(R"("image":{{"sequence":{},"width":{},"height":{},"is_stereo":{}}},)", frame->sequence,
+             frame->width_px, frame->height_px, frame->is_stereo());
+  }
+  if (robot.report()) add_report(json, *robot.report(), to_seconds(now - robot.report_time()));
+  add_timeline(json, robot, since_ms, now);
+  json.add("}}");
+}
+
+constexpr std::size_t kMostNames = 1000;
+
+using prometheus::ClientMetric;
+using prometheus::MetricFamily;
+using prometheus::MetricType;
+
+/// What is asked of one robot; nothing where it is not known.
+using Ask = std::optional<double> (*)(const RobotMetrics&, RobotMetrics::Time);
+
+struct Metric {
+  const char* name;
+  const char* help;
+  MetricType type;
+  Ask ask;
+};
+
+template <class Number>
+std::optional<double> as_value(Number number) {
+  return static_cast<double>(number);
+}
+
+template <auto Member>
+std::optional<double> reported(const RobotMetrics& robot, RobotMetrics::Time /*now*/) {
+  if (!robot.report()) return std::nullopt;
+  return as_value((*robot.report()).*Member);
+}
+
+template <auto Member>
+std::optional<double> counted(const RobotMetrics& robot, RobotMetrics::Time /*now*/) {
+  if (!robot.report()) return std::nullopt;
+  return as_value(robot.report()->account.*Member);
+}
+
+std::optional<double> round_trip(const RobotMetrics& robot, RobotMetrics::Time /*now*/) {
+  constexpr double kUsPerSecond = 1e6;
+  if (!robot.report() || robot.report()->round_trip_us == 0) return std::nullopt;
+  return robot.report()->round_trip_us / kUsPerSecond;
+}
+
+std::optional<double> age(const RobotMetrics& robot, RobotMetrics::Time now) {
+  const auto age = robot.timeline().age(now);
+  return age ? std::optional(to_seconds(*age)) : std::nullopt;
+}
+
+std::optional<double> report_age(const RobotMetrics& robot, RobotMetrics::Time now) {
+  if (!robot.report()) return std::nullopt;
+  return to_seconds(now - robot.report_time());
+}
+
+const auto kMetrics = std::to_array<Metric>({
+    {"orbbuf_robot_connected", "1 while the robot has a connection, else 0", MetricType::Gauge,
+     [](const auto& robot, auto) { return as_value(robot.is_connected()); }},
+    {"orbbuf_connections_total", "Connections of the robot in this session", MetricType::Counter,
+     [](const auto& robot, auto) { return as_value(robot.connections()); }},
+    {"orbbuf_frames_total", "Frames taken from the robot in this session", MetricType::Counter,
+     [](const auto& robot, auto) { return as_value(robot.frames()); }},
+    {"orbbuf_frame_bytes_total", "Bytes of their images", MetricType::Counter,
+     [](const auto& robot, auto) { return as_value(robot.bytes()); }},
+    {"orbbuf_drop_records_total", "Frames that the robot named as not coming", MetricType::Counter,
+     [](const auto& robot, auto) { return as_value(robot.drops()); }},
+    {"orbbuf_frames_per_second", "Frames taken, of the last second or two", MetricType::Gauge,
+     [](const auto& robot, auto now) { return as_value(robot.frame_rate(now)); }},
+    {"orbbuf_newest_frame_age_seconds", "Since the newest frame was captured", MetricType::Gauge,
+     age},
+    {"orbbuf_robot_captured_total", "Frames captured, by the robot's account", MetricType::Counter,
+     counted<&wire::Stats::captured>},
+    {"orbbuf_robot_skipped_total", "Of these, not encoded: a newer one came", MetricType::Counter,
+     counted<&wire::Stats::skipped>},
+    {"orbbuf_robot_failed_total", "Of these, could not be encoded", MetricType::Counter,
+     counted<&wire::Stats::failed>},
+    {"orbbuf_robot_dropped_total", "Of these, given up by the policy or at the end",
+     MetricType::Counter, counted<&wire::Stats::dropped>},
+    {"orbbuf_robot_acknowledged_total", "Of these, acknowledged by this server",
+     MetricType::Counter, counted<&wire::Stats::acknowledged>},
+    {"orbbuf_robot_waiting_frames", "Of these, in the buffer", MetricType::Gauge,
+     counted<&wire::Stats::waiting>},
+    {"orbbuf_robot_in_flight_frames", "Of these, written and not yet acknowledged",
+     MetricType::Gauge, counted<&wire::Stats::in_flight>},
+    {"orbbuf_robot_buffer_capacity_frames", "Frames that the buffer holds", MetricType::Gauge,
+     reported<&wire::Report::capacity>},
+    {"orbbuf_robot_waiting_bytes", "Bytes of the images in the buffer", MetricType::Gauge,
+     reported<&wire::Report::waiting_bytes>},
+    {"orbbuf_robot_link_bytes_per_second", "What the link carried lately", MetricType::Gauge,
+     reported<&wire::Report::link_rate>},
+    {"orbbuf_robot_round_trip_seconds", "TCP's round trip, smoothed", MetricType::Gauge,
+     round_trip},
+    {"orbbuf_robot_report_age_seconds", "Since the robot's account came", MetricType::Gauge,
+     report_age},
+});
+
+ClientMetric of_robot(const RobotMetrics& robot, MetricType type, double value) {
+  ClientMetric metric;
+  metric.label = {{"robot", robot.info().robot_id}};
+  (type == MetricType::Counter ? metric.counter.value : metric.gauge.value) = value;
+  return metric;
+}
+
+MetricFamily family_of(const Metric& metric, const Metrics& metrics, RobotMetrics::Time now) {
+  MetricFamily family{metric.name, metric.help, metric.type, {}};
+  for (const auto& [id, robot] : metrics.robots()) {
+    if (const auto value = metric.ask(*robot, now)) {
+      family.metric.push_back(of_robot(*robot, metric.type, *value));
+    }
+  }
+  return family;
+}
+
+MetricFamily sessions_of(const Metrics& metrics) {
+  MetricFamily family{
+      "orbbuf_session_info", "1: the robot's latest session", MetricType::Gauge, {}};
+  for (const auto& [id, robot] : metrics.robots()) {
+    family.metric.push_back(of_robot(*robot, MetricType::Gauge, 1));
+    family.metric.back().label.push_back({"session", robot->info().session_id});
+  }
+  return family;
+}
+
+/// `'sha256-...'`, as a policy of contents names what may be run.
+std::string hash_of(std::string_view text) {
+  std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
+  unsigned size = 0;
+  ::EVP_Digest(text.data(), text.size(), digest.data(), &size, ::EVP_sha256(), nullptr);
+  std::array<unsigned char, std::size_t{2} * EVP_MAX_MD_SIZE> base64{};
+  ::EVP_EncodeBlock(base64.data(), digest.data(), static_cast<int>(size));
+  return fmt::format("'sha256-{}'", reinterpret_cast<const char*>(base64.data()));
+}
+
+std::string with(std::string text, std::string_view placeholder, std::string_view part) {
+  return text.replace(text.find(placeholder), placeholder.size(), part);
+}
+
+HttpResponse make_page() {
+  auto response =
+      text_response(with(with(kPageHtml, "/* page.css */", kPageCss), "/* page.js */", kPageJs),
+                    "text/html; charset=utf-8");
+  response.policy = fmt::format(
+      "default-src 'none'; script-src {}; style-src {}; img-src 'self' data:; connect-src 'self'; "
+      "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+      hash_of(kPageJs), hash_of(kPageCss));
+  return response;
+}
+
+}  // namespace
+
+std::string to_json(const Metrics& metrics, std::uint64_t since_ms, RobotMetrics::Time now) {
+  Json json;
+  json.add(R"({{"version":"{}","clock_ms":{},"robots":[)", ORBBUF_VERSION, to_ms(now));
+  for (const auto& [id, robot] : metrics.robots()) {
+    json.separate();
+    add_robot(json, *robot, since_ms, now);
+  }
+  json.add("]}}\n");
+  return std::move(json).take();
+}
+
+std::optional<std::string> folders_json(const fs::path& folder) {
+  std::error_code failed;
+  std::set<std::string, std::greater<>> names;
+  fs::directory_iterator entry(folder, failed);
+  for (; !failed && entry != fs::directory_iterator(); entry.increment(failed)) {
+    std::string name = entry->path().filename().string();
+    std::error_code gone;
+    if (!wire::is_valid_id(name) || !entry->is_directory(gone)) continue;
+    names.insert(std::move(name));
+    if (names.size() > kMostNames) names.erase(std::prev(names.end()));
+  }
+  if (failed) return std::nullopt;
+  std::string json = R"({"names":[)";
+  for (const std::string& name : names) {
+    json += fmt::format("{}\"{}\"", json.back() == '[' ? "" : ",", name);
+  }
+  return json + "]}\n";
+}
+
+std::optional<std::string> session_json(const fs::path& folder) {
+  std::error_code failed;
+  if (!fs::is_directory(folder, failed)) return std::nullopt;
+  const auto size_of = [&](std::string_view name) {
+    std::error_code absent;
+    const auto bytes = fs::file_size(folder / name, absent);
+    return absent ? std::string("null") : std::to_string(bytes);
+  };
+  return fmt::format(R"({{"times":{},"drops":{},"calibration":{}}})"
+                     "\n",
+                     size_of(session_names::kTimes), size_of(session_names::kDrops),
+                     size_of(session_names::kCamera));
+}
+
+std::string to_prometheus(const Metrics& metrics, RobotMetrics::Time now) {
+  std::vector<MetricFamily> families;
+  families.push_back(sessions_of(metrics));
+  for (const Metric& metric : kMetrics) families.push_back(family_of(metric, metrics, now));
+  std::erase_if(families, [](const MetricFamily& family) { return family.metric.empty(); });
+  return prometheus::TextSerializer().Serialize(families);
+}
+
+HttpResponse page() {
+  static const HttpResponse once = make_page();
+  return once;
+}
+
+}  // namespace orbbuf

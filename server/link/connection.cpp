@@ -1,0 +1,294 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/link/connection.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <boost/asio/buffer.hpp>
+#include <boost/asio/write.hpp>
+#include <utility>
+
+#include "common/keep_alive.hpp"
+#include "server/runtime/listen_on.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace asio = boost::asio;
+using asio::ip::tcp;
+using boost::system::error_code;
+using wire::ErrorCode;
+
+constexpr std::chrono::seconds kPartingTime{1};
+
+tcp::endpoint peer_of(const tcp::socket& socket) {
+  error_code gone;  // then it is nobody's address, and reading will tell
+  return socket.remote_endpoint(gone);
+}
+
+}  // namespace
+
+Connection::Connection(tcp::socket socket, TlsContext* tls, const ListenSettings& settings,
+                       ConnectionOwner& owner)
+    : peer_(peer_of(socket)),
+      stream_(std::move(socket), tls),
+      settings_(settings),
+      owner_(owner),
+      timer_(stream_.get_executor()),
+      reader_(settings.max_frame_bytes) {}
+
+void Connection::start() {
+  error_code ignored;  // acks are then merely later
+  stream_.socket().set_option(tcp::no_delay(true), ignored);
+  // For the time in which a sink is busy and the idle timer does not run; else that is sooner.
+  keep_alive(stream_.socket().native_handle());
+  start_timer(settings_.hello_timeout);
+  if (stream_.is_tls()) return shake_hands();
+  read();
+}
+
+void Connection::shake_hands() {
+  state_ = State::kHandshake;
+  stream_.async_handshake_as_server([self = shared_from_this()](const error_code& failed) {
+    if (self->state_ != State::kHandshake) return;
+    if (failed) return self->fail({ErrorCode::kRefused, self->stream_.explain(failed)});
+    self->state_ = State::kHello;
+    self->read();
+  });
+}
+
+void Connection::join(std::shared_ptr<Session> session) {
+  session_ = std::move(session);
+  state_ = State::kJoining;
+  session_->attach(shared_from_this());
+}
+
+void Connection::refuse(std::string_view why, spdlog::level::level_enum level) {
+  fail({ErrorCode::kRefused, std::string(why)}, level);
+}
+
+void Connection::on_attached(wire::Position position) {
+  state_ = State::kServing;
+  spdlog::info("{}: session {} at frame {}, {}", name(), session_->info().session_id,
+               position.next_sequence, software_);
+  send(encode(wire::Welcome{wire::kProtocolVersion, position}));
+  read();
+}
+
+void Connection::on_replaced() {
+  spdlog::info("{}: replaced, the robot connected again", name());
+  part(encode(wire::ErrorMessage{ErrorCode::kReplaced, "the robot connected again"}));
+}
+
+void Connection::on_ended(wire::Position position) { part(encode(wire::Bye{position})); }
+
+void Connection::read() {
+  if (state_ == State::kServing) start_timer(settings_.idle_timeout);
+  const auto space =
+      state_ == State::kParting ? std::span<std::uint8_t>(discarded_) : reader_.space();
+  is_reading_ = true;
+  stream_.async_read_some(asio::buffer(space.data(), space.size()),
+                          [self = shared_from_this()](const error_code& failed, std::size_t bytes) {
+                            self->is_reading_ = false;
+                            self->on_bytes(failed, bytes);
+                          });
+}
+
+/// The one place where the stream advances: each call either reads on, or hands over to handle(),
+/// which does so when it is done, or ends the connection.
+void Connection::on_bytes(const error_code& failed, std::size_t bytes) {
+  if (state_ == State::kClosed) return;
+  if (failed) return on_read_failed(failed);
+  if (state_ == State::kParting) return read();
+  const auto is_complete = reader_.commit(bytes);
+  if (!is_complete) return fail(is_complete.error());
+  if (!is_complete.value()) return read();
+  handle(reader_.take());
+}
+
+void Connection::on_read_failed(const error_code& failed) {
+  has_peer_closed_ = true;
+  if (state_ == State::kParting) {
+    if (!is_writing_) close();
+    return;
+  }
+  const bool is_between = reader_.is_between_messages();
+  const char* const when = is_introduced() ? "" : " before hello";
+  spdlog::log(is_between ? spdlog::level::info : spdlog::level::warn, "{}: connection lost{}: {}",
+              name(), is_between ? when : " within a message", stream_.explain(failed));
+  close();
+}
+
+void Connection::handle(Message message) {
+  const wire::Type type = message.header.type;
+  if (state_ == State::kHello) {
+    if (type == wire::Type::kHello) return handle_hello(message);
+    return fail({ErrorCode::kUnexpected, fmt::format("{} before hello", to_string(type))});
+  }
+  stop_timer();  // from here on it is the sinks that take their time
+  switch (type) {
+    case wire::Type::kFrame:
+      return handle_frame(std::move(message));
+    case wire::Type::kDropped:
+      return handle_dropped(message);
+    case wire::Type::kStats: {
+      const auto report = wire::parse_stats(message.header, message.body);
+      if (!report) return fail(report.error());
+      session_->on_report(report.value());
+      return read();
+    }
+    case wire::Type::kBye: {
+      const auto bye = wire::parse_bye(message.header, message.body);
+      return bye ? session_->close(SessionEnd::kBye) : fail(bye.error());
+    }
+    case wire::Type::kError: {
+      const auto error = wire::parse_error(message.header, message.body);
+      if (!error) return fail(error.error());
+      spdlog::warn("{}: the robot reports: {}", name(), error.value().text);
+      return close();
+    }
+    default:
+      return fail({ErrorCode::kUnexpected, fmt::format("unexpected {}", to_string(type))});
+  }
+}
+
+void Connection::handle_hello(const Message& message) {
+  const auto hello = wire::parse_hello(message.header, message.body);
+  if (!hello) return fail(hello.error());
+  robot_id_ = hello.value().robot_id;
+  software_ = hello.value().software;
+  const auto& [min, max] = std::pair(hello.value().min_version, hello.value().max_version);
+  if (min > wire::kProtocolVersion || max < wire::kProtocolVersion) {
+    return fail({ErrorCode::kVersion, fmt::format("the robot speaks protocol {} to {}, we speak {}",
+                                                  min, max, wire::kProtocolVersion)});
+  }
+  const std::string certified = stream_.is_tls() ? stream_.peer_name() : robot_id_;
+  if (certified != robot_id_) {
+    return refuse(fmt::format("the certificate is for \"{}\", not for this robot",
+                              wire::is_valid_id(certified) ? certified : ""));
+  }
+  stop_timer();
+  owner_.on_hello(shared_from_this(), hello.value());
+}
+
+void Connection::handle_frame(Message message) {
+  auto frame = wire::parse_frame(message.header, message.meta, std::move(message.body));
+  if (!frame) return fail(frame.error());
+  session_->write(std::make_shared<const EncodedFrame>(std::move(frame).value()),
+                  [weak = weak_from_this()] {
+                    if (const auto self = weak.lock()) self->on_taken();
+                  });
+}
+
+void Connection::handle_dropped(const Message& message) {
+  auto dropped = wire::parse_dropped(message.header, message.body);
+  if (!dropped) return fail(dropped.error());
+  session_->write_drops(std::move(dropped).value(), [weak = weak_from_this()] {
+    if (const auto self = weak.lock()) self->on_taken();
+  });
+}
+
+void Connection::on_taken() {
+  if (state_ != State::kServing) return;
+  is_ack_due_ = true;
+  send_next();
+  read();
+}
+
+void Connection::fail(const wire::Fault& fault, spdlog::level::level_enum level) {
+  spdlog::log(level, "{}: {}", name(), fault.text);
+  part(encode(wire::ErrorMessage{fault.code, fault.text}));
+}
+
+/// Leaves the session to others at once; what remains is the robot's farewell.
+void Connection::part(std::vector<std::uint8_t> last_words) {
+  if (state_ == State::kParting || state_ == State::kClosed) return;
+  if (state_ == State::kHandshake) {  // there is no talking to it, but OpenSSL may have told it why
+    last_words.clear();
+    stream_.read_bare();
+  }
+  state_ = State::kParting;
+  if (const auto session = std::exchange(session_, nullptr)) session->detach(*this);
+  is_ack_due_ = false;
+  start_timer(kPartingTime);
+  send(std::move(last_words));
+  if (!is_reading_) read();
+}
+
+void Connection::send(std::vector<std::uint8_t> message) {
+  waiting_.insert(waiting_.end(), message.begin(), message.end());
+  send_next();
+}
+
+/// Whatever is to be written, in this order: the waiting message, an ack of all there is by now,
+/// and our side's end once the last words are out.
+void Connection::send_next() {
+  if (is_writing_) return;
+  if (!waiting_.empty()) {
+    out_ = std::exchange(waiting_, {});
+  } else if (is_ack_due_) {
+    out_ = encode(wire::Ack{session_->position()});
+    is_ack_due_ = false;
+  } else if (state_ == State::kParting) {
+    if (has_peer_closed_) return close();
+    error_code ignored;  // if that fails the connection is gone, which reading shows
+    stream_.socket().shutdown(tcp::socket::shutdown_send, ignored);
+    return;
+  } else {
+    return;
+  }
+  is_writing_ = true;
+  asio::async_write(stream_, asio::buffer(out_),
+                    [self = shared_from_this()](const error_code& failed, std::size_t) {
+                      self->is_writing_ = false;
+                      // What broke the connection is told by reading it, sooner or later.
+                      if (!failed && self->state_ != State::kClosed) self->send_next();
+                    });
+}
+
+void Connection::close() {
+  if (state_ == State::kClosed) return;
+  state_ = State::kClosed;
+  const auto self = shared_from_this();  // the owner lets go of it
+  if (const auto session = std::exchange(session_, nullptr)) session->detach(*this);
+  timer_.cancel();
+  error_code ignored;  // there is nothing to do about it
+  stream_.socket().close(ignored);
+  owner_.on_closed(self);
+}
+
+/// Each message moves the deadline, which costs nothing: the timer that runs finds out when it
+/// ends.
+void Connection::start_timer(std::chrono::nanoseconds time) {
+  deadline_ = std::chrono::steady_clock::now() + time;
+  if (!is_timer_running_ || deadline_ < timer_.expiry()) await_deadline();
+}
+
+void Connection::stop_timer() { deadline_ = std::chrono::steady_clock::time_point::max(); }
+
+/// Replaces the timer that runs, even one whose handler is already on its way.
+void Connection::await_deadline() {
+  is_timer_running_ = true;
+  timer_.expires_at(deadline_);
+  timer_.async_wait([self = shared_from_this()](const error_code& failed) {
+    const auto now = std::chrono::steady_clock::now();
+    if (failed || self->timer_.expiry() > now) return;
+    self->is_timer_running_ = false;
+    if (self->deadline_ <= now) return self->on_deadline();
+    if (self->deadline_ < std::chrono::steady_clock::time_point::max()) self->await_deadline();
+  });
+}
+
+void Connection::on_deadline() {
+  if (state_ == State::kParting) return close();
+  const bool is_serving = state_ == State::kServing;
+  if (is_introduced() && !is_serving) return;
+  const std::chrono::duration<double> limit =
+      is_serving ? settings_.idle_timeout : settings_.hello_timeout;
+  fail(
+      {ErrorCode::kTimeout,
+       fmt::format("{} {} s", is_serving ? "nothing came for" : "no hello within", limit.count())});
+}
+
+std::string Connection::name() const { return robot_id_ + " " + to_text(peer_); }
+
+}  // namespace orbbuf

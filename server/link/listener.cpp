@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/link/listener.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <chrono>
+#include <utility>
+#include <vector>
+
+#include "server/runtime/listen_on.hpp"
+#include "server/sink/make_sinks.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace asio = boost::asio;
+using asio::ip::tcp;
+using boost::system::error_code;
+
+constexpr std::size_t kSupersededKept = 1000;
+
+/// Best effort, at once: there is no room to be polite to more than we can serve.
+void turn_away(tcp::socket& socket, const std::string& why) {
+  const auto message = encode(wire::ErrorMessage{wire::ErrorCode::kRefused, why});
+  error_code ignored;
+  socket.non_blocking(true, ignored);
+  socket.write_some(asio::buffer(message), ignored);
+  socket.shutdown(tcp::socket::shutdown_send, ignored);
+}
+
+}  // namespace
+
+Listener::Listener(asio::io_context& main, asio::thread_pool& pool, Settings settings,
+                   Metrics* metrics)
+    : main_(main),
+      pool_(pool),
+      settings_(std::move(settings)),
+      metrics_(metrics),
+      tls_(make_tls_context(settings_.listen.tls)),
+      acceptor_(listen_on(main, "listen on", settings_.listen.address,
+                          settings_.listen.receive_buffer_bytes)),
+      retry_(main) {}
+
+void Listener::start() {
+  spdlog::info("{}listening on {}", tls_ ? "with TLS, " : "", to_text(endpoint()));
+  if (!tls_ && !is_loopback(settings_.listen.address)) {
+    spdlog::warn("listen.insecure: plain TCP on {}; anybody on the network can be any robot",
+                 to_string(settings_.listen.address));
+  }
+  accept();
+}
+
+std::size_t Listener::robots() const {
+  return static_cast<std::size_t>(std::ranges::count_if(
+      connections_, [](const auto& connection) { return connection->is_introduced(); }));
+}
+
+bool Listener::has_session(const std::string& robot_id, const std::string& session_id) const {
+  return sessions_.contains({robot_id, session_id});
+}
+
+void Listener::accept() {
+  acceptor_.async_accept([this](const error_code& failed, tcp::socket socket) {
+    if (!acceptor_.is_open()) return;  // stopped
+    if (failed) return on_accept_failed(failed);
+    on_accepted(std::move(socket));
+    accept();
+  });
+}
+
+/// Out of descriptors or memory, mostly: those who wait in the kernel's queue are not lost.
+void Listener::on_accept_failed(const error_code& failed) {
+  if (!std::exchange(is_accept_failing_, true)) {
+    spdlog::error("accept on {}: {}; trying again", to_text(endpoint()), failed.message());
+  }
+  retry_.expires_after(kRetry);
+  retry_.async_wait([this](const error_code& aborted) {
+    if (!aborted && !stopped_) accept();
+  });
+}
+
+void Listener::on_accepted(tcp::socket socket) {
+  if (std::exchange(is_accept_failing_, false)) spdlog::info("accepting connections again");
+  error_code gone;
+  const auto address = socket.remote_endpoint(gone).address();
+  if (gone) return;
+  if (const std::string why = reason_to_turn_away(address); !why.empty()) {
+    if (!std::exchange(is_full_, true)) spdlog::warn("refusing connections: {}", why);
+    return turn_away(socket, why);
+  }
+  is_full_ = false;
+  auto connection =
+      std::make_shared<Connection>(std::move(socket), tls_.get(), settings_.listen, *this);
+  connections_.insert(connection);
+  connection->start();
+}
+
+/// Empty if there is none.
+std::string Listener::reason_to_turn_away(const asio::ip::address& address) const {
+  const ListenSettings& listen = settings_.listen;
+  if (connections_.size() >= listen.max_connections) {
+    return fmt::format("all {} connections are taken", listen.max_connections);
+  }
+  const auto from_there = std::ranges::count_if(connections_, [&](const auto& connection) {
+    return connection->peer().address() == address;
+  });
+  if (static_cast<std::size_t>(from_there) < listen.max_connections_per_address) return "";
+  return fmt::format("{} has all its {} connections", address.to_string(),
+                     listen.max_connections_per_address);
+}
+
+void Listener::on_hello(const std::shared_ptr<Connection>& connection, const wire::Hello& hello) {
+  if (stopped_) return connection->refuse("the server stops");
+  const SessionKey key(hello.robot_id, hello.session_id);
+  if (const std::string why = reason_to_refuse(key); !why.empty()) {
+    // It will go on trying, several times a second.
+    const bool is_known = std::exchange(last_refusal_, why) == why;
+    return connection->refuse(why, is_known ? spdlog::level::debug : spdlog::level::warn);
+  }
+  close_other_sessions(key);
+  auto session = session_for(key, hello);
+  if (!session) {
+    spdlog::error("{} {}: no session: {}", key.first, key.second, session.error().text);
+    return connection->refuse("the server cannot keep this session: " + session.error().text);
+  }
+  if (session.value()->is_closing()) return connection->refuse("the session is being closed");
+  connection->join(std::move(session).value());
+}
+
+/// Empty if there is none.
+std::string Listener::reason_to_refuse(const SessionKey& key) const {
+  const std::string& robot = key.first;
+  const auto& allowed = settings_.listen.robots;
+  if (!allowed.empty() && std::ranges::find(allowed, robot) == allowed.end()) {
+    return robot + " is not among listen.robots";
+  }
+  if (std::ranges::find(superseded_, key) != superseded_.end()) {
+    return fmt::format("{} has begun another session since {}; are there two of that name?", robot,
+                       key.second);
+  }
+  const auto others = std::ranges::count_if(
+      sessions_, [&](const auto& entry) { return entry.first.first != robot; });
+  if (static_cast<std::size_t>(others) < settings_.listen.max_robots) return "";
+  return fmt::format("all {} robots' places are taken", settings_.listen.max_robots);
+}
+
+/// A robot is in one session at a time: whoever says hello for a new one has left the old.
+void Listener::close_other_sessions(const SessionKey& key) {
+  std::vector<std::shared_ptr<Session>> others;
+  for (auto it = sessions_.lower_bound({key.first, ""});
+       it != sessions_.end() && it->first.first == key.first; ++it) {
+    if (it->first != key) others.push_back(it->second);
+  }
+  for (const auto& other : others) {
+    other->close(SessionEnd::kSuperseded);
+    superseded_.emplace_back(key.first, other->info().session_id);
+    if (superseded_.size() > kSupersededKept) superseded_.pop_front();
+  }
+}
+
+Result<std::shared_ptr<Session>> Listener::session_for(const SessionKey& key,
+                                                       const wire::Hello& hello) {
+  if (const auto known = sessions_.find(key); known != sessions_.end()) return known->second;
+  SessionInfo info{key.first, key.second, hello.calibration};
+  auto sinks = make_sinks(settings_.sinks, info, main_, pool_);
+  if (!sinks) return std::move(sinks).error();
+  const Session::Timeouts timeouts{settings_.session_timeout, settings_.drain_timeout};
+  auto session = std::make_shared<Session>(main_, std::move(info), std::move(sinks).value(),
+                                           timeouts, [this, key] {
+                                             sessions_.erase(key);
+                                             check_stopped();
+                                           });
+  if (metrics_ != nullptr) session->show(metrics_->begin(session->info()));
+  sessions_.emplace(key, session);
+  return session;
+}
+
+void Listener::on_closed(const std::shared_ptr<Connection>& connection) {
+  connections_.erase(connection);
+  check_stopped();
+}
+
+void Listener::stop(std::function<void()> stopped) {
+  stopped_ = std::move(stopped);
+  error_code ignored;  // it is closed either way
+  acceptor_.close(ignored);
+  retry_.cancel();
+  // Copies: whoever ends leaves the originals.
+  const auto connections = connections_;
+  for (const auto& connection : connections) {
+    if (!connection->is_introduced()) connection->refuse("the server stops");
+  }
+  const auto sessions = sessions_;
+  for (const auto& [key, session] : sessions) session->close(SessionEnd::kStopping);
+  check_stopped();
+}
+
+/// Sessions outlive their connections by what their sinks have begun, connections their sessions by
+/// their last words: it is over when both are gone.
+void Listener::check_stopped() {
+  if (stopped_ && connections_.empty() && sessions_.empty()) std::exchange(stopped_, nullptr)();
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <chrono>
+#include <deque>
+#include <functional>
+#include <map>
+#include <memory>
+#include <set>
+#include <string>
+#include <utility>
+
+#include "server/link/connection.hpp"
+#include "server/link/session.hpp"
+#include "server/settings.hpp"
+
+namespace orbbuf {
+
+/// The server: accepts connections and brings each together with its session.
+///
+/// Robots do not wait for each other: everything on `main` is one message at a time, and whatever
+/// blocks is done elsewhere. Sessions are made when a robot asks for them, from what their files
+/// hold; a robot that begins a new one ends its old one, for good: else two robots with one id
+/// would for ever take each other's place.
+///
+/// Memory for one robot, at most: the kernel's receive buffer, twice the largest frame while one
+/// comes, and as much again while a replaced connection's frame is still being written.
+///
+/// Thread-bound to `main`. Must outlive every run of the io_context.
+class Listener final : public ConnectionOwner {
+ public:
+  /// Listens; accepts from start() on. Throws std::runtime_error, saying on what and why not, or
+  /// which key or certificate cannot be used. `metrics`, null if nobody looks, must outlive it.
+  Listener(boost::asio::io_context& main, boost::asio::thread_pool& pool, Settings settings,
+           Metrics* metrics = nullptr);
+
+  boost::asio::ip::tcp::endpoint endpoint() const { return acceptor_.local_endpoint(); }
+
+  /// Connections of robots that have said hello.
+  std::size_t robots() const;
+
+  /// Whether that session is open: a robot is connected to it, or may come back to it.
+  bool has_session(const std::string& robot_id, const std::string& session_id) const;
+
+  void start();
+  /// Accepts no more, lets the sinks finish what they have begun (drain_timeout), says bye to the
+  /// robots, and then runs `stopped`. Once.
+  void stop(std::function<void()> stopped);
+
+ private:
+  using SessionKey = std::pair<std::string, std::string>;  // robot id, session id
+
+  static constexpr std::chrono::milliseconds kRetry{200};
+
+  void on_hello(const std::shared_ptr<Connection>& connection, const wire::Hello& hello) override;
+  void on_closed(const std::shared_ptr<Connection>& connection) override;
+
+  void accept();
+  void on_accepted(boost::asio::ip::tcp::socket socket);
+  std::string reason_to_turn_away(const boost::asio::ip::address& address) const;
+  void on_accept_failed(const boost::system::error_code& failed);
+  std::string reason_to_refuse(const SessionKey& key) const;
+  void close_other_sessions(const SessionKey& key);
+  Result<std::shared_ptr<Session>> session_for(const SessionKey& key, const wire::Hello& hello);
+  void check_stopped();
+
+  boost::asio::io_context& main_;
+  boost::asio::thread_pool& pool_;
+  const Settings settings_;
+  Metrics* const metrics_;
+  const std::unique_ptr<TlsContext> tls_;  // null: plain TCP
+  boost::asio::ip::tcp::acceptor acceptor_;
+  boost::asio::steady_timer retry_;
+  bool is_accept_failing_ = false;
+  bool is_full_ = false;
+  std::set<std::shared_ptr<Connection>> connections_;
+  std::map<SessionKey, std::shared_ptr<Session>> sessions_;
+  std::deque<SessionKey> superseded_;  // the last thousand
+  std::string last_refusal_;           // logged already
+  std::function<void()> stopped_;      // set: stopping
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,251 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/link/session.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <boost/asio/post.hpp>
+#include <cassert>
+#include <string_view>
+#include <utility>
+
+namespace orbbuf {
+namespace {
+
+namespace asio = boost::asio;
+using boost::system::error_code;
+
+std::string_view to_string(SessionEnd end) {
+  switch (end) {
+    case SessionEnd::kBye:
+      return "the robot ended the session";
+    case SessionEnd::kSuperseded:
+      return "session closed, the robot has begun another";
+    case SessionEnd::kAbandoned:
+      return "session closed, the robot did not come back";
+    case SessionEnd::kStopping:
+      return "session closed, the server stops";
+  }
+  return "";
+}
+
+}  // namespace
+
+Session::Session(asio::io_context& main, SessionInfo info,
+                 std::vector<std::shared_ptr<FrameSink>> sinks, const Timeouts& timeouts,
+                 std::function<void()> closed)
+    : main_(main),
+      info_(std::move(info)),
+      name_(info_.robot_id + " " + info_.session_id),
+      sinks_(std::move(sinks)),
+      timeouts_(timeouts),
+      closed_(std::move(closed)),
+      timer_(main),
+      retry_(main) {
+  // Only sinks that outlive the server remember; the others begin where those stand.
+  for (const auto& sink : sinks_) {
+    const wire::Position held = sink->position();
+    position_.next_sequence = std::max(position_.next_sequence, held.next_sequence);
+    position_.next_drop = std::max(position_.next_drop, held.next_drop);
+  }
+}
+
+void Session::attach(const std::shared_ptr<SessionPeer>& peer) {
+  assert(!is_closing());
+  const auto old = peer_.lock();
+  peer_ = peer;
+  is_peer_waiting_ = true;
+  timer_.cancel();
+  if (metrics_) metrics_->on_connected();
+  if (old) old->on_replaced();
+  on_waiter_gone();
+}
+
+void Session::detach(const SessionPeer& peer) {
+  if (peer_.lock().get() != &peer) return;
+  peer_.reset();
+  is_peer_waiting_ = false;
+  if (metrics_) metrics_->on_disconnected();
+  if (is_closing()) return;
+  start_timeout();
+  on_waiter_gone();
+}
+
+void Session::write(FramePtr frame, Taken taken) {
+  if (is_closing()) return;
+  if (frame->sequence < position_.next_sequence) {
+    spdlog::debug("{}: ignored frame {}, a repeat", name_, frame->sequence);
+    asio::post(main_, std::move(taken));
+    return;
+  }
+  wire::Position then = position_;
+  then.next_sequence = frame->sequence + 1;
+  begin({std::move(frame), {}, then, std::move(taken)});
+}
+
+void Session::write_drops(wire::Dropped dropped, Taken taken) {
+  if (is_closing()) return;
+  auto& records = dropped.records;
+  wire::Position then = position_;
+  then.next_drop = std::max(then.next_drop, dropped.first_drop + records.size());
+  if (dropped.first_drop > position_.next_drop) {
+    // Only a sink that forgot its record, a pipe or a removed folder, makes the robot do that.
+    spdlog::warn("{}: drop records {} to {} never came", name_, position_.next_drop,
+                 dropped.first_drop - 1);
+  } else {
+    const auto known =
+        std::min<std::uint64_t>(position_.next_drop - dropped.first_drop, records.size());
+    records.erase(records.begin(), records.begin() + static_cast<std::ptrdiff_t>(known));
+  }
+  if (records.empty()) {
+    asio::post(main_, std::move(taken));
+    return;
+  }
+  begin({nullptr, std::move(records), then, std::move(taken)});
+}
+
+void Session::on_report(const wire::Report& report) {
+  if (metrics_) metrics_->on_report(report);
+  const wire::Stats& stats = report.account;
+  spdlog::debug(
+      "{}: captured {} = skipped {} + failed {} + dropped {} + acknowledged {} + waiting {} + "
+      "in flight {}",
+      name_, stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged,
+      stats.waiting, stats.in_flight);
+}
+
+void Session::begin(Job job) {
+  assert(!job_);
+  job_ = std::move(job);
+  call_sink();
+}
+
+/// To the job's present sink. The session may be gone before that answers.
+void Session::call_sink() {
+  is_sink_busy_ = true;
+  auto done = [weak = weak_from_this()](const std::optional<Error>& error) {
+    if (const auto self = weak.lock()) self->on_sink_done(error);
+  };
+  FrameSink& sink = *sinks_[job_->sink];
+  if (job_->frame) {
+    sink.async_write(job_->frame, std::move(done));
+  } else {
+    sink.async_write_drops(job_->records, std::move(done));
+  }
+}
+
+/// One step of the job: the next sink, another try in a second, or the end of it.
+void Session::on_sink_done(const std::optional<Error>& error) {
+  is_sink_busy_ = false;
+  const bool can_give_up = is_closing() || (!job_->taken && !is_partly_taken());
+  if (error && can_give_up) {
+    job_.reset();
+    return settle();
+  }
+  note_failure(error);
+  if (error) {
+    retry_.expires_after(kRetry);
+    retry_.async_wait([self = shared_from_this()](const error_code& failed) {
+      if (!failed && self->job_ && !self->is_sink_busy_) self->call_sink();
+    });
+    return;
+  }
+  if (++job_->sink < sinks_.size()) return call_sink();
+  position_ = job_->then;
+  show_job();
+  const Taken taken = std::move(job_->taken);
+  job_.reset();
+  if (taken) return taken();
+  settle();
+}
+
+/// One sink has the job, or one has a part of it.
+bool Session::is_partly_taken() const { return job_->sink > 0 || sinks_[0]->is_partly_taken(); }
+
+void Session::show_job() const {
+  if (!metrics_) return;
+  if (job_->frame) {
+    metrics_->on_delivered(job_->frame);
+  } else {
+    metrics_->on_dropped(job_->records);
+  }
+}
+
+void Session::note_failure(const std::optional<Error>& error) {
+  if (is_failing_ == error.has_value()) return;
+  is_failing_ = error.has_value();
+  if (error) {
+    spdlog::error("{}: the robot's stream is held: {}", name_, error->text);
+  } else {
+    spdlog::info("{}: the robot's stream goes on", name_);
+  }
+}
+
+/// Whoever waited for the job is gone: ends it, as far as that can be done.
+void Session::on_waiter_gone() {
+  if (!job_) return settle();
+  job_->taken = nullptr;
+  if (is_sink_busy_) return sinks_[job_->sink]->cancel();
+  if (is_partly_taken() && !is_closing()) return;  // it must go on to those that lack it
+  retry_.cancel();
+  job_.reset();
+  settle();
+}
+
+/// Does what had to wait for the sinks.
+void Session::settle() {
+  if (job_) return;
+  if (is_closing()) return drain();
+  if (!std::exchange(is_peer_waiting_, false)) return;
+  if (const auto peer = peer_.lock()) peer->on_attached(position_);
+}
+
+/// The connection is gone; the robot has this long to come back.
+void Session::start_timeout() {
+  timer_.expires_after(timeouts_.connection);
+  timer_.async_wait([self = shared_from_this()](const error_code& failed) {
+    const bool is_over = !failed && self->timer_.expiry() <= std::chrono::steady_clock::now();
+    if (is_over && self->peer_.expired()) self->close(SessionEnd::kAbandoned);
+  });
+}
+
+void Session::close(SessionEnd end) {
+  if (is_closing()) return;
+  end_ = end;
+  timer_.expires_after(timeouts_.drain);
+  timer_.async_wait([self = shared_from_this()](const error_code& failed) {
+    if (failed) return;
+    for (const auto& sink : self->sinks_) sink->close();
+  });
+  on_waiter_gone();
+}
+
+/// All that was begun has ended: one sink after the other finishes.
+void Session::drain() {
+  if (drained_ == sinks_.size()) return finish_close();
+  sinks_[drained_]->async_drain([self = shared_from_this()] {
+    ++self->drained_;
+    self->drain();
+  });
+}
+
+/// All that was begun has ended: the sinks are closed before anybody hears of it, so that a
+/// reader's end and a robot's bye mean that nothing more follows.
+void Session::finish_close() {
+  const auto self = shared_from_this();  // `closed_` may drop the last reference
+  timer_.cancel();
+  if (metrics_) metrics_->on_ended();
+  for (const auto& sink : std::exchange(sinks_, {})) sink->close();
+  spdlog::info("{}: {}; next frame {}, {} drop records", name_, to_string(*end_),
+               position_.next_sequence, position_.next_drop);
+  if (const auto peer = peer_.lock()) {
+    if (*end_ == SessionEnd::kSuperseded) {
+      peer->on_replaced();
+    } else {
+      peer->on_ended(position_);
+    }
+  }
+  closed_();
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/wire.hpp"
+#include "server/live/metrics.hpp"
+#include "server/recording/session_info.hpp"
+#include "server/sink/frame_sink.hpp"
+
+namespace orbbuf {
+
+/// The connection that serves a session at the moment, as its session sees it.
+class SessionPeer {
+ public:
+  virtual ~SessionPeer() = default;
+  /// The session is yours and stands at `position`: welcome the robot.
+  virtual void on_attached(wire::Position position) = 0;
+  /// The session is another connection's now, or the robot began a new one.
+  virtual void on_replaced() = 0;
+  /// The session is over, its record ends at `position`: say bye.
+  virtual void on_ended(wire::Position position) = 0;
+};
+
+/// Why a session ends.
+enum class SessionEnd : std::uint8_t {
+  kBye,         ///< the robot says so
+  kSuperseded,  ///< the robot has begun another
+  kAbandoned,   ///< no connection for too long
+  kStopping,    ///< the server stops
+};
+
+/// One run of a robot's daemon as the server has it: its sinks, how far they got, and which
+/// connection may add to it. It survives connections.
+///
+/// A frame goes to one sink after the other and counts as taken when all have it. A sink that fails
+/// is tried again every second, which holds the robot's stream, since nothing more is read before;
+/// it is logged once when that begins and once when it is over. A frame that no sink has taken
+/// is given up when its connection goes: it was not acknowledged, so the robot still has it.
+///
+/// Thread-bound to `main`. Lives in a shared_ptr, held by its owner and by its timers; the calls at
+/// sinks hold it weakly. The owner keeps it until `closed` has run.
+class Session : public std::enable_shared_from_this<Session> {
+ public:
+  /// Runs when the sinks have what was written, never from within the call. Not run for a
+  /// connection that was replaced or detached meanwhile, nor by a session that is closing.
+  using Taken = std::function<void()>;
+
+  /// How long a session waits for others.
+  struct Timeouts {
+    std::chrono::nanoseconds connection;  ///< after one connection, for the next
+    std::chrono::nanoseconds drain;       ///< when it closes, for the sinks
+  };
+
+  /// closed: runs once, when the session has ended for whatever reason and all sinks are closed.
+  Session(boost::asio::io_context& main, SessionInfo info,
+          std::vector<std::shared_ptr<FrameSink>> sinks, const Timeouts& timeouts,
+          std::function<void()> closed);
+
+  /// Tells `metrics` what happens from here on. At most once, before all else.
+  void show(std::shared_ptr<RobotMetrics> metrics) { metrics_ = std::move(metrics); }
+
+  /// Makes `peer` the one connection, replacing the present one. peer->on_attached() follows as
+  /// soon as no sink is busy any more, possibly from within the call. Requires !is_closing().
+  void attach(const std::shared_ptr<SessionPeer>& peer);
+  /// The connection has gone. Does nothing if it was replaced before.
+  void detach(const SessionPeer& peer);
+
+  /// Requires that the last call was taken. Repeats are taken without writing them again.
+  void write(FramePtr frame, Taken taken);
+  void write_drops(wire::Dropped dropped, Taken taken);
+  void on_report(const wire::Report& report);
+
+  /// Ends the session when the sinks are done with what they have begun, or when `drain` is over.
+  void close(SessionEnd end);
+
+  bool is_closing() const { return end_.has_value(); }
+  wire::Position position() const { return position_; }
+  const SessionInfo& info() const { return info_; }
+
+ private:
+  /// What the sinks are given at the moment.
+  struct Job {
+    FramePtr frame;  // or, if null, records
+    std::vector<DropRecord> records;
+    wire::Position then;  // the session's position when all sinks have it
+    Taken taken;          // empty: nobody waits for it any more
+    std::size_t sink = 0;
+  };
+
+  static constexpr std::chrono::seconds kRetry{1};
+
+  void begin(Job job);
+  void call_sink();
+  void on_sink_done(const std::optional<Error>& error);
+  bool is_partly_taken() const;
+  void show_job() const;
+  void note_failure(const std::optional<Error>& error);
+  void on_waiter_gone();
+  void settle();
+  void start_timeout();
+  void drain();
+  void finish_close();
+
+  boost::asio::io_context& main_;
+  const SessionInfo info_;
+  const std::string name_;  // for the log
+  std::vector<std::shared_ptr<FrameSink>> sinks_;
+  const Timeouts timeouts_;
+  const std::function<void()> closed_;
+  boost::asio::steady_timer timer_;  // until a connection comes, or the sinks drain
+  boost::asio::steady_timer retry_;
+
+  std::shared_ptr<RobotMetrics> metrics_;  // null: nobody looks
+
+  wire::Position position_;
+  std::weak_ptr<SessionPeer> peer_;
+  bool is_peer_waiting_ = false;  // for on_attached()
+  std::optional<Job> job_;
+  bool is_sink_busy_ = false;  // else a job is waiting for retry_
+  bool is_failing_ = false;
+  std::optional<SessionEnd> end_;
+  std::size_t drained_ = 0;  // sinks
+};
+
+}  // namespace orbbuf

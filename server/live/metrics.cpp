@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/live/metrics.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace orbbuf {
+namespace {
+
+constexpr std::chrono::seconds kCounting{1};
+
+}  // namespace
+
+void RobotMetrics::on_connected(Time now) {
+  is_connected_ = true;
+  ++connections_;
+  timeline_.on_heard(now, connections_ > 1);
+}
+
+void RobotMetrics::on_disconnected() { is_connected_ = false; }
+
+void RobotMetrics::on_report(const wire::Report& report, Time now) {
+  report_ = report;
+  report_time_ = now;
+  timeline_.on_heard(now, false);
+}
+
+void RobotMetrics::on_delivered(FramePtr frame, Time now) {
+  ++frames_;
+  bytes_ += frame->jpeg.size();
+  if (now - counting_since_ >= kCounting) {
+    last_rate_ = frame_rate(now);
+    counting_since_ = now;
+    counted_ = 0;
+  }
+  ++counted_;
+  timeline_.on_heard(now, false);
+  timeline_.on_delivered(frame->capture_time_ns, now);
+  if (keeps_frame_) newest_ = std::move(frame);
+}
+
+void RobotMetrics::on_dropped(std::span<const DropRecord> records, Time now) {
+  drops_ += records.size();
+  timeline_.on_heard(now, false);
+  for (const DropRecord& record : records) timeline_.on_dropped(record, now);
+}
+
+void RobotMetrics::on_ended(Time now) {
+  is_connected_ = false;
+  ended_ = now;
+}
+
+std::string RobotMetrics::state() const {
+  if (is_ended()) return "ended";
+  return is_connected_ ? "connected" : "disconnected";
+}
+
+double RobotMetrics::frame_rate(Time now) const {
+  if (ended_) return 0;
+  const std::chrono::duration<double> time = now - counting_since_;
+  return time < kCounting ? last_rate_ : counted_ / time.count();
+}
+
+std::shared_ptr<RobotMetrics> Metrics::begin(const SessionInfo& info) {
+  auto metrics = std::make_shared<RobotMetrics>(info, keep_frames_);
+  robots_[info.robot_id] = metrics;
+  while (robots_.size() > max_robots_) {
+    const auto gone = std::ranges::min_element(robots_, {}, [](const auto& entry) {
+      return entry.second->ended_at().value_or(RobotMetrics::Time::max());
+    });
+    if (!gone->second->is_ended()) break;
+    robots_.erase(gone);
+  }
+  return metrics;
+}
+
+}  // namespace orbbuf

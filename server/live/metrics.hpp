@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+
+#include "common/frame.hpp"
+#include "common/wire.hpp"
+#include "server/live/timeline.hpp"
+#include "server/recording/session_info.hpp"
+
+namespace orbbuf {
+
+/// What is known of a robot's latest session, for people and their tools: nothing in the server
+/// depends on it. The session tells; the page, /metrics and `status` read. Holds one frame, the
+/// newest, if anybody can see it. Thread-bound to `main`.
+class RobotMetrics {
+ public:
+  using Clock = std::chrono::steady_clock;
+  using Time = Clock::time_point;
+
+  explicit RobotMetrics(SessionInfo info, bool keeps_frame = true)
+      : info_(std::move(info)), keeps_frame_(keeps_frame) {}
+
+  void on_connected(Time now = Clock::now());
+  void on_disconnected();
+  void on_report(const wire::Report& report, Time now = Clock::now());
+  /// The sinks have taken it.
+  void on_delivered(FramePtr frame, Time now = Clock::now());
+  void on_dropped(std::span<const DropRecord> records, Time now = Clock::now());
+  void on_ended(Time now = Clock::now());
+
+  const SessionInfo& info() const { return info_; }
+  bool is_connected() const { return is_connected_; }
+  bool is_ended() const { return ended_.has_value(); }
+  /// One word: `connected`, `disconnected` or `ended`.
+  std::string state() const;
+  std::optional<Time> ended_at() const { return ended_; }
+  std::uint64_t connections() const { return connections_; }
+
+  /// Since this session began on this server.
+  std::uint64_t frames() const { return frames_; }
+  std::uint64_t bytes() const { return bytes_; }
+  std::uint64_t drops() const { return drops_; }
+  /// Frames a second, of the last second or two.
+  double frame_rate(Time now) const;
+
+  /// The robot's own word, and when it came.
+  const std::optional<wire::Report>& report() const { return report_; }
+  Time report_time() const { return report_time_; }
+
+  const FramePtr& newest() const { return newest_; }  ///< null if there is none
+  const Timeline& timeline() const { return timeline_; }
+
+ private:
+  const SessionInfo info_;
+  const bool keeps_frame_;
+  bool is_connected_ = false;
+  std::optional<Time> ended_;
+  std::uint64_t connections_ = 0;
+  std::uint64_t frames_ = 0;
+  std::uint64_t bytes_ = 0;
+  std::uint64_t drops_ = 0;
+  std::optional<wire::Report> report_;
+  Time report_time_{};
+  FramePtr newest_;
+  Timeline timeline_;
+  // Frames are counted over a second, and the result holds for the next.
+  Time counting_since_{};
+  std::uint32_t counted_ = 0;
+  double last_rate_ = 0;
+};
+
+/// All robots that have been here since the server was started; of those that are gone, the last.
+/// Thread-bound to `main`.
+class Metrics {
+ public:
+  using Robots = std::map<std::string, std::shared_ptr<RobotMetrics>>;
+
+  explicit Metrics(std::size_t max_robots, bool keep_frames = true)
+      : max_robots_(max_robots), keep_frames_(keep_frames) {}
+
+  /// A session begins: its metrics take the place of the robot's earlier ones.
+  std::shared_ptr<RobotMetrics> begin(const SessionInfo& info);
+
+  const Robots& robots() const { return robots_; }
+
+ private:
+  const std::size_t max_robots_;
+  const bool keep_frames_;
+  Robots robots_;
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "common/error.hpp"
+#include "common/unique_fd.hpp"
+
+namespace orbbuf {
+
+/// The whole content of a file. Blocking.
+Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path);
+
+/// Writes all of `bytes`, however many write(2) calls and interruptions it takes. Blocking.
+/// `path` is for the error only.
+std::optional<Error> write_all(int fd, std::span<const std::uint8_t> bytes,
+                               const std::filesystem::path& path);
+
+/// Closes `fd`, which is where a network file system reports what it could not write.
+std::optional<Error> close_written(UniqueFd fd, const std::filesystem::path& path);
+
+/// Makes `path` with these bytes, complete or not at all: they are written to `temporary`, which is
+/// on the same file system and gone afterwards, and renamed. No fsync. Blocking.
+std::optional<Error> write_file(const std::filesystem::path& path,
+                                const std::filesystem::path& temporary,
+                                std::span<const std::uint8_t> bytes);
+
+}  // namespace orbbuf

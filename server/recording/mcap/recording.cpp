@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/recording/mcap/recording.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <array>
+#include <set>
+#include <utility>
+
+#include "common/as_bytes.hpp"
+#include "common/decimal.hpp"
+#include "server/recording/mcap/foxglove.hpp"
+
+namespace orbbuf::mcap {
+namespace {
+
+constexpr std::string_view kLibrary = "orbbuf-server";
+
+enum SchemaId : std::uint16_t { kImageSchema = 1, kCalibrationSchema, kDropSchema };
+enum ChannelId : std::uint16_t {
+  kImage = 1,
+  kCalibration,
+  kLeftImage,
+  kLeftCalibration,
+  kRightImage,
+  kRightCalibration,
+  kDrops,
+};
+
+struct ChannelKind {
+  ChannelId id;
+  SchemaId schema;
+  std::string_view frame;  ///< of reference, behind the robot's id
+  std::string_view topic;  ///< behind that
+};
+
+constexpr std::array<ChannelKind, 7> kChannels = {
+    {{kImage, kImageSchema, "", "/image"},
+     {kCalibration, kCalibrationSchema, "", "/calibration"},
+     {kLeftImage, kImageSchema, "/left", "/image"},
+     {kLeftCalibration, kCalibrationSchema, "/left", "/calibration"},
+     {kRightImage, kImageSchema, "/right", "/image"},
+     {kRightCalibration, kCalibrationSchema, "/right", "/calibration"},
+     {kDrops, kDropSchema, "", "/drops"}}};
+
+bool is_ours(std::uint16_t channel) { return channel >= kImage && channel <= kDrops; }
+const ChannelKind& kind_of(std::uint16_t channel) { return kChannels.at(channel - 1U); }
+
+bool is_image(std::uint16_t channel) {
+  return channel == kImage || channel == kLeftImage || channel == kRightImage;
+}
+
+constexpr std::string_view kDropJsonSchema =
+    R"({"title":"orbbuf.Drop","type":"object","properties":{)"
+    R"("timestamp":{"type":"object","title":"time","properties":{)"
+    R"("sec":{"type":"integer"},"nsec":{"type":"integer"}}},)"
+    R"("sequence":{"type":"integer"},)"
+    R"("reason":{"type":"string","enum":["policy","busy","failed","shutdown"]},)"
+    R"("similarity":{"type":"integer"}}})";
+
+std::string drop_json(const DropRecord& record) {
+  const auto [sec, nsec] = split_seconds(record.capture_time_ns);
+  const std::string similarity = record.similarity == kUnknownSimilarity
+                                     ? ""
+                                     : fmt::format(R"(,"similarity":{})", record.similarity);
+  return fmt::format(R"({{"timestamp":{{"sec":{},"nsec":{}}},"sequence":{},"reason":"{}"{}}})", sec,
+                     nsec, record.sequence, to_string(record.reason), similarity);
+}
+
+MessageHead head_of(std::uint16_t channel, std::uint64_t sequence, std::int64_t time_ns) {
+  return {channel, static_cast<std::uint32_t>(sequence),
+          static_cast<std::uint64_t>(std::max<std::int64_t>(time_ns, 0))};
+}
+
+template <class Put>
+void with_schema(std::uint16_t id, Put put) {
+  if (id == kDropSchema) {
+    return put(Schema{id, "orbbuf.Drop", "jsonschema", as_bytes(kDropJsonSchema)});
+  }
+  const auto schema = id == kImageSchema ? foxglove::compressed_image_schema()
+                                         : foxglove::camera_calibration_schema();
+  put(Schema{id, schema.name, "protobuf", schema.descriptors});
+}
+
+template <class Put>
+void with_channel(std::uint16_t id, const std::string& robot_id, Put put) {
+  const ChannelKind& kind = kind_of(id);
+  const std::string topic = fmt::format("/{}{}{}", robot_id, kind.frame, kind.topic);
+  put(Channel{id, kind.schema, topic, kind.schema == kDropSchema ? "json" : "protobuf"});
+}
+
+}  // namespace
+
+Recording::Recording(std::filesystem::path path, const SessionInfo& info)
+    : robot_id_(info.robot_id),
+      cameras_(calibrated_cameras(info.calibration,
+                                  fmt::format("{} {}: recorded", info.robot_id, info.session_id))),
+      file_(std::move(path), fmt::format("{} {}", kLibrary, ORBBUF_VERSION)) {}
+
+Result<wire::Position> Recording::recover(const std::optional<wire::Position>& files) {
+  auto error = file_.recover([&](const MessageHead& head) {
+    if (!files) return false;
+    if (head.channel_id == kDrops) return head.sequence >= files->next_drop;
+    return is_image(head.channel_id) && head.sequence >= files->next_sequence;
+  });
+  if (error) return std::move(*error);
+  wire::Position position;
+  for (const auto& [channel, sequence] : file_.contents().last_sequence) {
+    const std::uint64_t next = std::uint64_t{sequence} + 1;
+    if (channel == kDrops) position.next_drop = next;
+    if (is_image(channel)) position.next_sequence = std::max(position.next_sequence, next);
+  }
+  next_drop_ = std::max(position.next_drop, files ? files->next_drop : 0);
+  return position;
+}
+
+std::optional<Error> Recording::write(const EncodedFrame& frame) {
+  const bool is_stereo = frame.is_stereo();
+  Batch batch;
+  add_image(frame, is_stereo ? kLeftImage : kImage, frame.left(), batch);
+  if (is_stereo) add_image(frame, kRightImage, frame.right(), batch);
+  const auto calibration = is_stereo ? kLeftCalibration : kCalibration;
+  if (cameras_.left) add_calibration(frame, calibration, *cameras_.left, batch);
+  if (is_stereo && cameras_.right) {
+    add_calibration(frame, kRightCalibration, *cameras_.right, batch);
+  }
+  return file_.append(batch);
+}
+
+std::optional<Error> Recording::write_drops(std::span<const DropRecord> records) {
+  Batch batch;
+  describe(kDrops, batch);
+  std::uint64_t number = next_drop_;
+  for (const DropRecord& record : records) {
+    batch.add(head_of(kDrops, number++, record.capture_time_ns), as_bytes(drop_json(record)));
+  }
+  auto error = file_.append(batch);
+  if (!error) next_drop_ = number;
+  return error;
+}
+
+std::optional<Error> Recording::finish() {
+  File::Described described;
+  std::set<std::uint16_t> schemas;
+  for (const auto& [channel, sequence] : file_.contents().last_sequence) {
+    if (!is_ours(channel)) continue;
+    schemas.insert(kind_of(channel).schema);
+    with_channel(channel, robot_id_,
+                 [&](const Channel& record) { put_channel(described.channels, record); });
+  }
+  for (const std::uint16_t id : schemas) {
+    with_schema(id, [&](const Schema& record) { put_schema(described.schemas, record); });
+  }
+  described.schema_count = static_cast<std::uint16_t>(schemas.size());
+  return file_.finish(described);
+}
+
+/// Where the channel has its first message.
+void Recording::describe(std::uint16_t channel, Batch& batch) const {
+  if (file_.contents().last_sequence.contains(channel)) return;
+  with_schema(kind_of(channel).schema, [&](const Schema& record) { batch.add(record); });
+  with_channel(channel, robot_id_, [&](const Channel& record) { batch.add(record); });
+}
+
+void Recording::add_image(const EncodedFrame& frame, std::uint16_t channel,
+                          std::span<const std::uint8_t> jpeg, Batch& batch) const {
+  describe(channel, batch);
+  const std::string frame_id = fmt::format("{}{}", robot_id_, kind_of(channel).frame);
+  batch.add(head_of(channel, frame.sequence, frame.capture_time_ns),
+            foxglove::compressed_image(frame.capture_time_ns, frame_id, jpeg));
+}
+
+void Recording::add_calibration(const EncodedFrame& frame, std::uint16_t channel,
+                                const CameraInfo& camera, Batch& batch) const {
+  describe(channel, batch);
+  const std::string frame_id = fmt::format("{}{}", robot_id_, kind_of(channel).frame);
+  batch.add(head_of(channel, frame.sequence, frame.capture_time_ns),
+            foxglove::camera_calibration(frame.capture_time_ns, frame_id, camera));
+}
+
+}  // namespace orbbuf::mcap

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+
+#include "common/drop_record.hpp"
+#include "common/error.hpp"
+#include "common/frame.hpp"
+#include "common/wire.hpp"
+#include "server/calibration/camera_info.hpp"
+#include "server/recording/mcap/file.hpp"
+#include "server/recording/session_info.hpp"
+#include "server/recording/session_record.hpp"
+
+namespace orbbuf::mcap {
+
+/// One session as an MCAP file (https://mcap.dev), which Foxglove and mcap's own tools open:
+///
+///   /ROBOT/image              foxglove.CompressedImage, the frames byte for byte
+///   /ROBOT/calibration        foxglove.CameraCalibration, one with each frame, if the robot sent a
+///                             camera.txt that it can express
+///   /ROBOT/{left,right}/...   the same of stereo frames; the right calibration needs the baseline
+///   /ROBOT/drops              orbbuf.Drop, JSON: the frames that will not come
+///
+/// The log time of each is the time of capture, so that a player shows what the camera saw when; a
+/// time before 1970 becomes 0 there. A frame's messages have its sequence, those of the drops count
+/// them (both modulo 2^32). File says what survives a kill.
+class Recording final : public SessionRecord {
+ public:
+  /// Touches nothing: the file is made by the first write.
+  Recording(std::filesystem::path path, const SessionInfo& info);
+
+  /// How far the recording reaches. files: the position of the session's files, if it keeps them;
+  /// they are written after this, so what is here and not there was never acknowledged, and goes.
+  Result<wire::Position> recover(const std::optional<wire::Position>& files);
+
+  std::optional<Error> write(const EncodedFrame& frame) override;
+  std::optional<Error> write_drops(std::span<const DropRecord> records) override;
+  std::optional<Error> finish() override;
+
+ private:
+  void describe(std::uint16_t channel, Batch& batch) const;
+  void add_image(const EncodedFrame& frame, std::uint16_t channel,
+                 std::span<const std::uint8_t> jpeg, Batch& batch) const;
+  void add_calibration(const EncodedFrame& frame, std::uint16_t channel, const CameraInfo& camera,
+                       Batch& batch) const;
+
+  std::string robot_id_;
+  CalibratedCameras cameras_;
+  std::uint64_t next_drop_ = 0;
+  File file_;
+};
+
+}  // namespace orbbuf::mcap

@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/recording/session_files.hpp"
+
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <charconv>
+#include <cstdint>
+#include <string_view>
+#include <system_error>
+#include <utility>
+
+#include "common/as_bytes.hpp"
+#include "server/recording/file_io.hpp"
+#include "server/recording/session_lines.hpp"
+#include "server/recording/session_names.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// The number `text` begins with, if `end` follows it.
+/// Of an image of ours.
+std::optional<Sequence> sequence_of(std::string_view image) {
+  Sequence sequence = 0;
+  const auto [rest, failed] = std::from_chars(image.data(), image.data() + image.size(), sequence);
+  if (failed != std::errc{}) return std::nullopt;
+  const auto suffix = image.substr(static_cast<std::size_t>(rest - image.data()));
+  if (!suffix.starts_with(".jpg")) return std::nullopt;
+  return sequence;
+}
+
+std::string times_line(const EncodedFrame& frame) {
+  constexpr std::uint32_t kNsPerMs = 1'000'000;
+  const std::string exposure_ms =
+      fmt::format("{}.{:06}", frame.exposure_ns / kNsPerMs, frame.exposure_ns % kNsPerMs);
+  return session_lines::to_text({frame.sequence, frame.capture_time_ns, exposure_ms}) + '\n';
+}
+
+std::string checksum_lines(const EncodedFrame& frame) {
+  const auto line = [](const std::string& image, std::uint32_t crc) {
+    return session_lines::checksum(image, crc) + '\n';
+  };
+  const std::string left = session_names::left_image(frame.sequence);
+  if (!frame.is_stereo()) return line(left, frame.jpeg_crc);
+  return line(left, wire::crc32(frame.left())) +
+         line(session_names::right_image(frame.sequence), wire::crc32(frame.right()));
+}
+
+/// Only what is named as a frame of ours; anything else in the folder is somebody's.
+std::optional<Error> remove_images_from(const fs::path& folder, Sequence first) {
+  std::error_code failed;
+  std::size_t removed = 0;
+  fs::directory_iterator entry(folder, failed);
+  for (; !failed && entry != fs::directory_iterator(); entry.increment(failed)) {
+    const auto sequence = sequence_of(entry->path().filename().string());
+    if (!sequence || *sequence < first) continue;
+    if (::unlink(entry->path().c_str()) != 0) {
+      return system_error("remove " + entry->path().string(), errno);
+    }
+    ++removed;
+  }
+  if (removed > 0) {
+    spdlog::warn("{}: removed {} without a line in times.txt", folder.string(), removed);
+  }
+  if (!failed || failed == std::errc::no_such_file_or_directory) return std::nullopt;
+  return system_error("read " + folder.string(), failed.value());
+}
+
+}  // namespace
+
+SessionFiles::SessionFiles(fs::path folder, std::string calibration)
+    : folder_(std::move(folder)),
+      images_(folder_ / session_names::kImages),
+      images_right_(folder_ / session_names::kRightImages),
+      temporary_(folder_ / session_names::kIncoming),
+      calibration_(std::move(calibration)),
+      times_(folder_ / session_names::kTimes),
+      drops_(folder_ / session_names::kDrops, std::string(kDropCsvHeader)),
+      checksums_(folder_ / session_names::kChecksums) {}
+
+Result<wire::Position> SessionFiles::recover() {
+  auto times = times_.recover();
+  if (!times) return std::move(times).error();
+  auto drops = drops_.recover();
+  if (!drops) return std::move(drops).error();
+
+  auto checksums = checksums_.recover();
+  if (!checksums) return std::move(checksums).error();
+
+  wire::Position position;
+  if (times.value().lines > 0) {
+    const auto last = session_lines::parse_times(times.value().last);
+    if (!last) {
+      // Taking this for an empty record would remove images that are somebody's data.
+      return Error{"resume from " + times_.path().string() + ": the last line, \"" +
+                   times.value().last + "\", is not SEQUENCE SECONDS EXPOSURE"};
+    }
+    position.next_sequence = last->sequence + 1;
+  }
+  if (drops.value().lines > 0) position.next_drop = drops.value().lines - 1;
+  ::unlink(temporary_.c_str());
+  for (const fs::path& images : {images_, images_right_}) {
+    if (auto error = remove_images_from(images, position.next_sequence)) return std::move(*error);
+  }
+  return position;
+}
+
+std::optional<Error> SessionFiles::write(const EncodedFrame& frame) {
+  if (auto error = prepare()) return error;
+  const std::string name = session_names::image(frame.sequence);
+  auto error = write_file(images_ / name, temporary_, frame.left());
+  if (!error && frame.is_stereo()) error = write_right(frame);
+  if (!error) error = append_lines(frame);
+  if (error) {
+    ::unlink((images_ / name).c_str());
+    ::unlink((images_right_ / name).c_str());
+    is_prepared_ = false;
+  }
+  return error;
+}
+
+std::optional<Error> SessionFiles::append_lines(const EncodedFrame& frame) {
+  if (auto error = checksums_.append(checksum_lines(frame))) return error;
+  return times_.append(times_line(frame));
+}
+
+/// The folder is made anew if need be, since it is not known beforehand that frames are stereo.
+std::optional<Error> SessionFiles::write_right(const EncodedFrame& frame) {
+  std::error_code failed;
+  fs::create_directory(images_right_, failed);
+  if (failed) return system_error("create " + images_right_.string(), failed.value());
+  return write_file(images_right_ / session_names::image(frame.sequence), temporary_,
+                    frame.right());
+}
+
+std::optional<Error> SessionFiles::write_drops(std::span<const DropRecord> records) {
+  if (auto error = prepare()) return error;
+  std::string lines;
+  for (const DropRecord& record : records) lines += to_csv(record) + '\n';
+  auto error = drops_.append(lines);
+  if (error) is_prepared_ = false;
+  return error;
+}
+
+/// Folders and calibration, again after each failure, in case somebody has removed them.
+std::optional<Error> SessionFiles::prepare() {
+  if (is_prepared_) return std::nullopt;
+  std::error_code failed;
+  fs::create_directories(images_, failed);
+  if (failed) return system_error("create " + images_.string(), failed.value());
+  if (!calibration_.empty()) {
+    const fs::path camera = folder_ / session_names::kCamera;
+    if (auto error = write_file(camera, temporary_, as_bytes(calibration_))) return error;
+  }
+  is_prepared_ = true;
+  return std::nullopt;
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+
+#include "common/drop_record.hpp"
+#include "common/error.hpp"
+#include "common/frame.hpp"
+#include "common/wire.hpp"
+#include "server/recording/line_file.hpp"
+#include "server/recording/session_record.hpp"
+
+namespace orbbuf {
+
+/// One session as a folder that DSO's dso_dataset opens as it is:
+///
+///   images/000123.jpg   the frames, byte for byte, named by sequence
+///   images_right/000123.jpg   of stereo frames the right image; `images` has the left one
+///   times.txt           `123 1.633012000 0.000000`: sequence, seconds, exposure in ms (0: unknown)
+///   camera.txt          the robot's calibration, if it sent one
+///   drops.csv           the frames that will not come, kDropCsvHeader first
+///   checksums.sfv       `images/000123.jpg 8C4F21D3`: each image's CRC-32, as cksfv and rhash read
+///   it
+///
+/// The line in times.txt is what makes a frame accepted: whatever is found without one was in the
+/// middle of being written. Its checksums are written before, so that each accepted frame has them;
+/// those of a frame that was not accepted after all are no matter, and of two for one image the
+/// last counts. Each file appears by rename and each line by one append, without fsync:
+/// an accepted frame survives the death of this process, not of the machine.
+/// Blocking; reentrant. Called by one thread at a time; recover() is the first call.
+class SessionFiles final : public SessionRecord {
+ public:
+  /// Touches nothing: the folder is made by the first write.
+  SessionFiles(std::filesystem::path folder, std::string calibration);
+
+  /// How far the record in the folder reaches. Removes what lies beyond: a torn last line, images
+  /// of either side at or past the position, a temporary file. No folder is an empty record. Reads
+  /// all three lists.
+  Result<wire::Position> recover();
+
+  std::optional<Error> write(const EncodedFrame& frame) override;
+  std::optional<Error> write_drops(std::span<const DropRecord> records) override;
+
+ private:
+  std::optional<Error> prepare();
+  std::optional<Error> write_right(const EncodedFrame& frame);
+  std::optional<Error> append_lines(const EncodedFrame& frame);
+
+  std::filesystem::path folder_;
+  std::filesystem::path images_;
+  std::filesystem::path images_right_;
+  std::filesystem::path temporary_;  // not in images_, of which dso_dataset opens every file
+  std::string calibration_;
+  LineFile times_;
+  LineFile drops_;
+  LineFile checksums_;
+  bool is_prepared_ = false;
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sink/pipe/child_process.hpp"
+
+#include <fcntl.h>
+#include <spdlog/spdlog.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <boost/asio/posix/stream_descriptor.hpp>
+#include <cerrno>
+#include <csignal>
+#include <cstring>
+#include <utility>
+
+#include "common/quantity.hpp"
+#include "server/sink/pipe/spawn.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace asio = boost::asio;
+using Clock = std::chrono::steady_clock;
+
+/// How a waitpid() status reads in a log line.
+std::string exit_text(int status) {
+  if (WIFEXITED(status)) return fmt::format("exited with status {}", WEXITSTATUS(status));
+  const int signal = WTERMSIG(status);
+  return fmt::format("was killed by signal {} ({})", signal, ::strsignal(signal));
+}
+
+struct Pipe {
+  UniqueFd reading;
+  UniqueFd writing;
+};
+
+Result<Pipe> make_pipe(const std::string& whose) {
+  int ends[2];
+  if (::pipe2(ends, O_CLOEXEC) != 0) return system_error("make a pipe for " + whose, errno);
+  return Pipe{UniqueFd(ends[0]), UniqueFd(ends[1])};
+}
+
+}  // namespace
+
+Backoff::Duration Backoff::after(Duration run) {
+  constexpr Duration kFirst = std::chrono::seconds(2);
+  if (run >= kLongRun) next_ = Duration(0);
+  const Duration wait = next_;
+  next_ = std::clamp(2 * wait, kFirst, kLongest);
+  return wait;
+}
+
+/// What one child leaves to the next.
+struct ChildProcess::History {
+  History(std::string whose, Restart policy)
+      : label(std::move(whose)),
+        restart(policy),
+        output(std::make_shared<OutputLog>(label + ": slam")) {}
+
+  bool allows_start() const { return !is_over && Clock::now() >= next_start; }
+
+  /// A child that ran since `started` has ended.
+  void note_end(const std::string& name, pid_t pid, int status, Clock::time_point started) {
+    const auto now = Clock::now();
+    const auto wait = backoff.after(now - started);
+    next_start = now + wait;
+    is_over = restart == Restart::kNever || (restart == Restart::kOnFailure && status == 0);
+    const std::string text = exit_text(status);
+    const bool is_news = std::exchange(last_exit, text) != text;  // a crash loop is one warning
+    const auto level = status == 0 ? spdlog::level::info : spdlog::level::warn;
+    std::string next;
+    if (is_over) next = "; not started again";
+    if (!is_over && wait > wait.zero()) next = "; next start in " + format_duration(wait);
+    spdlog::log(is_news ? level : spdlog::level::debug, "{}: {}: process {} {}{}", label, name, pid,
+                text, next);
+  }
+
+  const std::string label;
+  const Restart restart;
+  const std::shared_ptr<OutputLog> output;
+  Backoff backoff;
+  Clock::time_point next_start = Clock::time_point::min();
+  bool is_over = false;
+  std::string last_exit;
+};
+
+/// A running child; the wait for its end keeps it alive.
+struct ChildProcess::Child : std::enable_shared_from_this<Child> {
+  Child(asio::io_context& main, std::string child_name, pid_t child_pid, int pidfd)
+      : name(std::move(child_name)), pid(child_pid), end(main, pidfd) {}
+
+  void wait() {
+    end.async_wait(asio::posix::stream_descriptor::wait_read,
+                   [self = shared_from_this()](const boost::system::error_code& failed) {
+                     if (!failed) self->reap();
+                   });
+  }
+
+  void reap() {
+    int status = 0;
+    if (::waitpid(pid, &status, WNOHANG) != pid) return wait();
+    is_running = false;
+    output->finish();
+    history->note_end(name, pid, status, started);
+    std::exchange(gone, nullptr)();
+  }
+
+  const std::string name;
+  const pid_t pid;
+  asio::posix::stream_descriptor end;
+  const Clock::time_point started = Clock::now();
+  std::shared_ptr<ChildOutput> output;
+  std::shared_ptr<History> history;
+  std::function<void()> gone;
+  bool is_running = true;
+};
+
+ChildProcess::ChildProcess(asio::io_context& main, std::string label, std::string command,
+                           std::vector<std::string> environment, Restart restart)
+    : main_(main),
+      command_(std::move(command)),
+      environment_(std::move(environment)),
+      history_(std::make_shared<History>(std::move(label), restart)) {}
+
+Result<UniqueFd> ChildProcess::connect(std::function<void()> gone) {
+  if ((child_ && child_->is_running) || !history_->allows_start()) return UniqueFd();
+  auto input = make_pipe(name());
+  if (!input) return std::move(input).error();
+  auto output = make_pipe(name());
+  if (!output) return std::move(output).error();
+  pid_t pid = 0;
+  if (int failed = spawn(command_, environment_, input.value().reading.get(),
+                         output.value().writing.get(), &pid)) {
+    return system_error("start " + name(), failed);
+  }
+  // Debian 12's <sys/pidfd.h> declares pidfd_open() for C only.
+  UniqueFd pidfd(static_cast<int>(::syscall(SYS_pidfd_open, pid, 0)));
+  if (!pidfd) {
+    auto error = system_error("watch " + name(), errno);
+    ::kill(pid, SIGKILL);  // unwatched it would stay a zombie; after this the wait is short
+    ::waitpid(pid, nullptr, 0);
+    return error;
+  }
+  child_ = std::make_shared<Child>(main_, name(), pid, pidfd.release());
+  child_->history = history_;
+  child_->gone = std::move(gone);
+  child_->output =
+      std::make_shared<ChildOutput>(main_, std::move(output.value().reading), history_->output);
+  child_->output->start();
+  child_->wait();
+  return std::move(input.value().writing);
+}
+
+std::string ChildProcess::name() const { return "command \"" + command_ + "\""; }
+
+}  // namespace orbbuf

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "server/sink/pipe/child_output.hpp"
+#include "server/sink/pipe/pipe_reader.hpp"
+
+namespace orbbuf {
+
+/// What follows the end of a session's command.
+enum class Restart : std::uint8_t {
+  kAlways,     ///< another start
+  kOnFailure,  ///< another start, unless it exited with status 0
+  kNever,      ///< nothing more in this session
+};
+
+/// When a command is started again: at once if it ran for kLongRun, later and later if not, up to
+/// kLongest. Reentrant.
+class Backoff {
+ public:
+  using Duration = std::chrono::nanoseconds;
+  static constexpr Duration kLongRun = std::chrono::seconds(10);
+  static constexpr Duration kLongest = std::chrono::seconds(30);
+
+  /// How long to wait after a run of that length.
+  Duration after(Duration run);
+
+ private:
+  Duration next_{0};
+};
+
+/// A shell command that reads a session's pipe as its standard input, started anew by connect()
+/// after it has ended, as `restart` has it.
+///
+/// The child has no descriptor of the server but that input and its output, which goes to the log
+/// (ChildOutput); its own process group, so that Ctrl-C at the server reaches it as the end of its
+/// input; and SIGPIPE as usual. It is never killed: it is told by the end of its input. When it
+/// exits it is reaped on `main`, its status is logged, also after this object is gone, and its pipe
+/// has lost its reader, whatever other processes it left behind with a copy of either end.
+class ChildProcess final : public PipeReader {
+ public:
+  /// label: whose it is, for the log. environment: `NAME=value`, laid over the server's own. `main`
+  /// must outlive the object.
+  ChildProcess(boost::asio::io_context& main, std::string label, std::string command,
+               std::vector<std::string> environment, Restart restart);
+
+  /// Starts the command, and is an error if that fails. Empty while the last child still runs, or
+  /// it is too early or too late for another one. gone: the child has ended.
+  Result<UniqueFd> connect(std::function<void()> gone) override;
+  std::string name() const override;
+
+ private:
+  struct Child;
+  struct History;
+
+  boost::asio::io_context& main_;
+  const std::string command_;
+  const std::vector<std::string> environment_;
+  const std::shared_ptr<History> history_;  // shared with the child
+  std::shared_ptr<Child> child_;
+};
+
+}  // namespace orbbuf

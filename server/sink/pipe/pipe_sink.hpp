@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <spdlog/common.h>
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/posix/stream_descriptor.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <chrono>
+#include <cstdint>
+#include <deque>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/jpeg.hpp"
+#include "server/recording/backlog.hpp"
+#include "server/recording/session_info.hpp"
+#include "server/sink/frame_sink.hpp"
+#include "server/sink/pipe/pipe_format.hpp"
+#include "server/sink/pipe/pipe_reader.hpp"
+
+namespace orbbuf {
+
+/// What becomes of frames while nobody reads the pipe.
+enum class WithoutReader : std::uint8_t {
+  kHold,     ///< they wait, and with them the robot's stream
+  kPass,     ///< they pass the pipe by, being safe elsewhere: the next reader begins live
+  kCatchUp,  ///< they pass; the next reader gets them from the session's files, before the live
+             ///< ones
+};
+
+/// The frames of a session that are kept, whatever becomes of its pipe.
+struct KeptFrames {
+  std::filesystem::path folder;  ///< SessionFiles'; empty: they are not in files
+  Sequence next_sequence = 0;    ///< of the session, when the sink is made
+};
+
+/// Feeds the frames of one session to a program that reads them live.
+///
+/// Every reader begins at the beginning of a frame: if one leaves in the middle of a frame, the
+/// pipe is closed, a reader is looked for every second, and the next one gets that frame from its
+/// start (kHold), or begins with the first one that the last did not take whole out of the pipe
+/// (kCatchUp). A reader that is slow but there is waited for, which holds the robot's
+/// stream, so that its policy decides what a slow program misses. Not so while a reader catches up
+/// (kCatchUp): frames then pass, to be read from the files in their turn, until the reader has all
+/// there is; the recording does not suffer from what SLAM once missed. A program that is slower
+/// than the camera never gets there. Memory: a frame from the files and a live one.
+///
+/// Drop records are not part of the stream. A frame that does not decode (mjpeg: is no JPEG) is
+/// skipped with a warning, both images of it.
+///
+/// Lives in a shared_ptr, which its outstanding operations hold; close() ends them. Decoding and
+/// reading files run on the `files` thread, all else on `main`. The process must ignore SIGPIPE.
+class PipeSink final : public FrameSink, public std::enable_shared_from_this<PipeSink> {
+ public:
+  /// kept: what a sink before this one keeps of the session; for kCatchUp only. Of a session that
+  /// was there before this server was started, a FIFO's reader may have all or have lost the end of
+  /// the last frame to the server's death: it is given that one again. `main` and `pool` outlive
+  /// the sink; the pool is stopped before `main` is destroyed.
+  PipeSink(boost::asio::io_context& main, boost::asio::thread_pool& pool, const SessionInfo& info,
+           std::unique_ptr<PipeReader> reader, PipeFormat format, WithoutReader without_reader,
+           const KeptFrames& kept);
+
+  /// Begins to look for a reader. Once, before anything else.
+  void start();
+
+  void async_write(FramePtr frame, Done done) override;
+  void async_write_drops(std::vector<DropRecord> records, Done done) override;
+  void cancel() override;
+  /// Waits until the reader has caught up, or has left.
+  void async_drain(std::function<void()> drained) override;
+  void close() override;
+
+ private:
+  using Block = std::vector<std::uint8_t>;
+
+  enum class ReaderState : std::uint8_t {
+    kAwaited,  ///< asked for every second
+    kPresent,  ///< pipe_ is open
+    kClosed,   ///< nothing more is written: close() has been called
+  };
+  enum class Place : std::uint8_t {
+    kLive,    ///< the reader has all before the call's frame
+    kBehind,  ///< frames from next_ on may be in the files
+    kMissed,  ///< likewise, and one has passed since the files were last asked
+  };
+  enum class Work : std::uint8_t {
+    kNone,
+    kLive,     ///< the call's frame is decoded or written
+    kCatchUp,  ///< an older one is read from the files, decoded or written
+  };
+  struct Call {
+    FramePtr frame;
+    Done done;
+    bool is_cancelled = false;
+  };
+
+  static constexpr std::chrono::seconds kRetry{1};
+
+  void look_for_reader();
+  void look_again_later();
+  void watch_reader();
+  void on_reader_left();
+  void rewind();
+
+  void go_on();
+  void serve_call();
+  void catch_up();
+  void on_backlog(Result<FramePtr> frame);
+  void send(const FramePtr& frame);
+  void on_encoded(const FramePtr& frame, Result<Block> block);
+  void write_block(const FramePtr& frame);
+  void note_sent(Sequence sequence);
+  void on_sent(const FramePtr& frame);
+  void finish(std::optional<Error> error);
+  void log_state(spdlog::level::level_enum level, std::string state);
+
+  boost::asio::io_context& main_;
+  boost::asio::thread_pool& pool_;
+  const std::string label_;
+  const std::string session_id_;
+  const std::unique_ptr<PipeReader> reader_;
+  const PipeFormat format_;
+  const WithoutReader without_reader_;
+  JpegCodec codec_;  // `files` only
+  Backlog backlog_;  // `files` only
+  boost::asio::posix::stream_descriptor pipe_;
+  boost::asio::steady_timer retry_;
+
+  // go_on() decides by these what is next.
+  std::optional<Call> call_;  // in progress
+  ReaderState reader_state_ = ReaderState::kAwaited;
+  Place place_ = Place::kLive;
+  Work work_ = Work::kNone;
+  Sequence next_ = 0;  // no reader needs any frame below
+  Block block_;        // what is being written
+
+  // Of the present reader, and of the last one until unread_ has been looked at.
+  struct Sent {
+    Sequence sequence;
+    std::uint64_t end;  // in bytes of the stream
+  };
+  std::deque<Sent> sent_;  // frames of which some may still be in the pipe
+  std::uint64_t written_bytes_ = 0;
+  std::optional<std::uint64_t> unread_bytes_;  // it has left, and this in the pipe
+
+  std::function<void()> drained_;
+  std::uint64_t frames_read_ = 0;  // by the present reader
+  std::string last_state_;         // as logged, so that each change is logged once
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sink/record_sink.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <boost/asio/post.hpp>
+#include <utility>
+
+#include "server/runtime/run_in_pool.hpp"
+
+namespace orbbuf {
+namespace asio = boost::asio;
+
+struct RecordSink::Job {
+  Records records;        // in the pool only
+  std::size_t next = 0;   // the first record that lacks what is written; in the pool only
+  bool is_begun = false;  // `next` is not the first; on `main` only
+};
+
+RecordSink::RecordSink(asio::io_context& main, asio::thread_pool& pool, Records records,
+                       wire::Position position)
+    : main_(main),
+      pool_(pool),
+      job_(std::make_shared<Job>(Job{std::move(records)})),
+      position_(position) {}
+
+RecordSink::~RecordSink() = default;
+
+void RecordSink::async_write(FramePtr frame, Done done) {
+  write_each([frame = std::move(frame)](SessionRecord& record) { return record.write(*frame); },
+             std::move(done));
+}
+
+void RecordSink::async_write_drops(std::vector<DropRecord> records, Done done) {
+  write_each(
+      [records = std::move(records)](SessionRecord& record) { return record.write_drops(records); },
+      std::move(done));
+}
+
+void RecordSink::write_each(Write write, Done done) {
+  struct Outcome {
+    std::optional<Error> error;
+    bool is_begun = false;
+  };
+  run_in_pool(
+      main_, pool_,
+      [job = job_, write = std::move(write)]() -> Outcome {
+        for (; job->next < job->records.size(); ++job->next) {
+          if (auto error = write(*job->records[job->next]))
+            return {std::move(error), job->next > 0};
+        }
+        job->next = 0;
+        return {};
+      },
+      [job = job_, done = std::move(done)](const Outcome& outcome) {
+        job->is_begun = outcome.is_begun;
+        done(outcome.error);
+      });
+}
+
+bool RecordSink::is_partly_taken() const { return job_->is_begun; }
+
+void RecordSink::close() {
+  if (std::exchange(is_closed_, true)) return;
+  asio::post(pool_, [job = job_] {
+    for (const auto& record : job->records) {
+      if (const auto error = record->finish()) spdlog::warn("not finished: {}", error->text);
+    }
+  });
+}
+
+}  // namespace orbbuf

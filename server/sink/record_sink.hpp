@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "server/recording/session_record.hpp"
+#include "server/sink/frame_sink.hpp"
+
+namespace orbbuf {
+
+/// Keeps a session on disk, in one form or several. One job on the `files` thread writes each
+/// record in turn; the last one's position is what the session has, so a record before it may only
+/// hold more. A record that fails ends the job, and the next try goes on with that record.
+///
+/// A job that has begun cannot be cancelled: it ends when the disk does. The sink may be destroyed
+/// before that. close() has the records finished there, behind what was begun; nobody waits for it
+/// but who joins `pool`.
+class RecordSink final : public FrameSink {
+ public:
+  using Records = std::vector<std::unique_ptr<SessionRecord>>;
+
+  /// `records` have been recovered, to `position`. `main` and `pool` must outlive the sink; the
+  /// pool is stopped before `main` is destroyed.
+  RecordSink(boost::asio::io_context& main, boost::asio::thread_pool& pool, Records records,
+             wire::Position position);
+  ~RecordSink() override;
+
+  wire::Position position() const override { return position_; }
+  void async_write(FramePtr frame, Done done) override;
+  void async_write_drops(std::vector<DropRecord> records, Done done) override;
+  bool is_partly_taken() const override;
+  void close() override;
+
+ private:
+  struct Job;
+  using Write = std::function<std::optional<Error>(SessionRecord&)>;
+
+  void write_each(Write write, Done done);
+
+  boost::asio::io_context& main_;
+  boost::asio::thread_pool& pool_;
+  const std::shared_ptr<Job> job_;  // shared with what runs in the pool only
+  const wire::Position position_;
+  bool is_closed_ = false;
+};
+
+}  // namespace orbbuf

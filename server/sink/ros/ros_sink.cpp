@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sink/ros/ros_sink.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <atomic>
+#include <boost/asio/post.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <cctype>
+#include <chrono>
+#include <cstddef>
+#include <future>
+#include <optional>
+#include <utility>
+
+#include "common/log.hpp"
+#include "server/calibration/camera_info.hpp"
+#include "server/sink/ros/ros_node.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace asio = boost::asio;
+
+constexpr std::size_t kMostWaitingBytes = std::size_t{64} << 20U;
+constexpr std::chrono::seconds kFarewell{1};
+
+/// A robot's id as the first part of a topic's name.
+std::string topic_of(const std::string& robot_id) {
+  const bool is_letter_first = std::isalpha(static_cast<unsigned char>(robot_id.front())) != 0;
+  std::string name = is_letter_first ? robot_id : "ros_" + robot_id;
+  std::ranges::replace_if(
+      name, [](unsigned char c) { return std::isalnum(c) == 0; }, '_');
+  return "/" + name;
+}
+
+/// The node and the thread it lives on.
+struct Ros {
+  Ros() {
+    asio::post(thread, [] { name_this_thread("ros"); });
+  }
+
+  RosNode node;                               // used on `ros` only
+  std::atomic<std::size_t> waiting_bytes{0};  // of the frames that `ros` has not come to
+  asio::thread_pool thread{1};
+};
+
+/// Never destroyed: roscpp's own statics are younger, so they would be gone by then.
+Ros& the_ros() {
+  static Ros& ros = *std::make_unique<Ros>().release();
+  return ros;
+}
+
+class RosSink final : public FrameSink {
+ public:
+  RosSink(asio::io_context& main, const SessionInfo& info)
+      : main_(main), source_(std::make_shared<Source>(info)) {}
+
+  void async_write(FramePtr frame, Done done) override {
+    Ros& ros = the_ros();
+    const std::size_t bytes = frame->jpeg.size();
+    if (ros.waiting_bytes + bytes <= kMostWaitingBytes) {
+      ros.waiting_bytes += bytes;
+      asio::post(ros.thread, [&ros, bytes, source = source_, frame = std::move(frame)] {
+        publish(ros.node, *source, *frame);
+        ros.waiting_bytes -= bytes;
+      });
+    }
+    asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
+  }
+
+  void async_write_drops(std::vector<DropRecord> /*records*/, Done done) override {
+    asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
+  }
+
+ private:
+  struct Source {
+    explicit Source(const SessionInfo& info)
+        : topic(topic_of(info.robot_id)),
+          cameras(calibrated_cameras(
+              info.calibration, fmt::format("{} {}: published", info.robot_id, info.session_id))) {}
+
+    const std::string topic;
+    const CalibratedCameras cameras;
+  };
+
+  static void publish(RosNode& node, const Source& source, const EncodedFrame& frame) {
+    const auto image = [&](const std::string& base, std::span<const std::uint8_t> jpeg,
+                           const std::optional<CameraInfo>& camera) {
+      node.publish(base, frame.capture_time_ns, jpeg.data(), jpeg.size(),
+                   camera ? &*camera : nullptr);
+    };
+    const auto& cameras = source.cameras;
+    image(frame.is_stereo() ? source.topic + "/left" : source.topic, frame.left(), cameras.left);
+    if (frame.is_stereo()) image(source.topic + "/right", frame.right(), cameras.right);
+  }
+
+  asio::io_context& main_;
+  const std::shared_ptr<const Source> source_;  // shared with what waits on `ros`
+};
+
+}  // namespace
+
+std::shared_ptr<FrameSink> make_ros_sink(asio::io_context& main, const SessionInfo& info) {
+  return std::make_shared<RosSink>(main, info);
+}
+
+bool end_ros() {
+  const auto ended = std::make_shared<std::promise<void>>();
+  asio::post(the_ros().thread, [ended] {
+    the_ros().node.close();
+    ended->set_value();
+  });
+  return ended->get_future().wait_for(kFarewell) == std::future_status::ready;
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,98 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Refuses an include between two folders of common/, daemon/ and server/ that the list below does not allow.
+# A folder is listed before all that may include it, so no two can include each other, however far around.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+# FOLDER: the folders that its sources may include, besides itself. A file that stands above or below the rest of
+# its folder has a line of its own, by its name without the ending.
+allowed() {
+  cat <<'ALLOWED'
+common:
+common/net: common
+daemon/mailbox: common
+daemon/buffer: common
+daemon/capture: common
+daemon/capture/libcamera: common daemon/capture
+daemon/capture/replay: common daemon/capture
+daemon/capture/stereo: common daemon/capture
+daemon/capture/v4l2: common daemon/capture
+daemon/capture/list_cameras: daemon/capture/libcamera daemon/capture/v4l2
+daemon/capture/make_source: daemon/capture daemon/capture/libcamera daemon/capture/replay daemon/capture/stereo daemon/capture/v4l2
+daemon/image: common daemon/buffer daemon/capture
+daemon/net: common common/net daemon/buffer
+daemon/settings: common daemon/buffer daemon/capture daemon/image daemon/net
+daemon: common daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/net daemon/settings daemon/capture/list_cameras daemon/capture/make_source
+server/runtime: common
+server/calibration: common
+server/recording: common
+server/recording/mcap: common server/calibration server/recording
+server/dataset: common server/calibration server/recording
+server/retention: common server/runtime server/recording
+server/live: common server/recording
+server/sink: common server/runtime server/recording
+server/sink/pipe: common server/runtime server/recording server/sink
+server/sink/ros: common server/calibration server/recording server/sink
+server/sink/make_sinks: common server/recording server/recording/mcap server/sink server/sink/pipe server/sink/ros
+server/settings: common common/net server/live server/retention server/sink/make_sinks
+server/http: common common/net server/runtime server/recording server/live server/settings
+server/link: common common/net server/runtime server/recording server/live server/sink server/sink/make_sinks server/settings
+server: common server/runtime server/dataset server/retention server/live server/sink/make_sinks server/settings server/http server/link
+ALLOWED
+}
+
+# Each include of one of our files: FILE INCLUDED.
+includes() {
+  grep -rhoE --include='*.[ch]pp' --include='*.h' '^#include "[^"]+"' common daemon server --with-filename |
+    sed -E 's/:#include "(.*)"/ \1/'
+}
+
+# What is generated (http/page_parts.hpp) is in no folder but the one that includes it.
+awk '
+  function room(file, name) {
+    name = file
+    sub(/[.][^.\/]*$/, "", name)
+    if (name in rank) return name
+    sub(/\/[^\/]*$/, "", name)
+    return name
+  }
+  FILENAME == "-" || NR == FNR {
+    from = $1
+    sub(/:$/, "", from)
+    rank[from] = NR
+    for (i = 2; i <= NF; ++i) {
+      if (!($i in rank)) {
+        print "includes: " $i " is not listed above " from ", which may include it"
+        bad = 1
+      }
+      may[from, $i] = 1
+    }
+    next
+  }
+  {
+    from = room($1)
+    to = room($2)
+    if (!(from in rank)) {
+      print "includes: no line for " from " (" $1 ")"
+      bad = 1
+    } else if (from != to && !((from, to) in may)) {
+      print "includes: " $1 " includes " $2 ": " from " may not include " to
+      bad = 1
+    }
+    used[from, to] = 1
+    ++count
+  }
+  END {
+    for (pair in may) if (!(pair in used)) {
+      split(pair, ends, SUBSEP)
+      print "includes: " ends[1] " no longer includes " ends[2] ": strike it from the list"
+      bad = 1
+    }
+    if (count < 300) {
+      print "includes: found only " count + 0 " includes"
+      bad = 1
+    }
+    exit bad
+  }
+' <(allowed) <(includes) >&2

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/calibration/calibration.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <string>
+
+namespace orbbuf {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+const std::string kRest = "\n640 480\ncrop\n640 480\n";
+
+Calibration parsed(const std::string& text) {
+  auto camera = parse_calibration(text);
+  EXPECT_TRUE(camera) << text << (camera ? "" : camera.error().text);
+  return camera ? std::move(camera).value() : Calibration{};
+}
+
+TEST(Calibration, EveryModelOfDsoIsRead) {
+  EXPECT_EQ(parsed("Pinhole 500 501 320 240 0" + kRest).model, LensModel::kPinhole);
+  EXPECT_EQ(parsed("RadTan 500 501 320 240 1 2 3 4" + kRest).model, LensModel::kRadTan);
+  EXPECT_EQ(parsed("FOV 500 501 320 240 0.9" + kRest).model, LensModel::kFov);
+  EXPECT_EQ(parsed("EquiDistant 500 501 320 240 1 2 3 4" + kRest).model, LensModel::kEquidistant);
+  const auto camera = parsed("KannalaBrandt 500 501 320 240 1 2 3 -4e-2" + kRest);
+  EXPECT_EQ(camera.model, LensModel::kEquidistant);
+  EXPECT_EQ(camera.name, "KannalaBrandt");
+  EXPECT_EQ(camera.fx_px, 500);
+  EXPECT_EQ(camera.fy_px, 501);
+  EXPECT_EQ(camera.cx_px, 320);
+  EXPECT_EQ(camera.cy_px, 240);
+  EXPECT_THAT(camera.distortion, ElementsAre(1, 2, 3, -0.04));
+  EXPECT_EQ(camera.width_px, 640);
+  EXPECT_EQ(camera.height_px, 480);
+  EXPECT_EQ(camera.baseline_m, 0);
+}
+
+TEST(Calibration, WithoutANameTheNumbersTell) {
+  EXPECT_EQ(parsed("500 501 320 240 1 2 3 4" + kRest).name, "RadTan");
+  EXPECT_EQ(parsed("500 501 320 240 0.9" + kRest).name, "FOV");
+  const auto pinhole = parsed("500 501 320 240 0" + kRest);
+  EXPECT_EQ(pinhole.name, "Pinhole");
+  EXPECT_THAT(pinhole.distortion, IsEmpty());
+}
+
+TEST(Calibration, RelativeNumbersBecomePixels) {
+  const auto camera = parsed("FOV 0.5 0.75 0.25 0.5 0.9" + kRest);
+  EXPECT_EQ(camera.fx_px, 320);
+  EXPECT_EQ(camera.fy_px, 360);
+  EXPECT_EQ(camera.cx_px, 159.5);
+  EXPECT_EQ(camera.cy_px, 239.5);
+}
+
+TEST(Calibration, AFifthLineIsTheBaseline) {
+  EXPECT_EQ(parsed("Pinhole 500 501 320 240 0" + kRest + "0.12\n").baseline_m, 0.12);
+}
+
+TEST(Calibration, BlanksAndLineEndsOfOtherSystemsAreNoMatter) {
+  EXPECT_EQ(parsed(" FOV  1 1\t9 9 0.9 \r\n640 480\r\n0.5 0.5 0.5 0.5 0\r\n320 240").width_px, 640);
+}
+
+struct Bad {
+  const char* text;
+  const char* why;
+};
+
+class BadCalibration : public testing::TestWithParam<Bad> {};
+
+TEST_P(BadCalibration, IsRefusedWithItsLine) {
+  const auto camera = parse_calibration(GetParam().text);
+  ASSERT_FALSE(camera);
+  EXPECT_THAT(camera.error().text, HasSubstr(GetParam().why));
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Each, BadCalibration,
+    testing::Values(Bad{"", "0 lines"}, Bad{"Pinhole 1 1 9 9 0\n640 480\ncrop\n", "3 lines"},
+                    Bad{"\n640 480\ncrop\n640 480\n", "line 1"},
+                    Bad{"Pinhole 1 1 9 9\n640 480\ncrop\n640 480\n", "line 1"},
+                    Bad{"Fisheye 1 1 9 9 0\n640 480\ncrop\n640 480\n", "line 1"},
+                    Bad{"FOV 1 1 9 nan 0.9\n640 480\ncrop\n640 480\n", "line 1"},
+                    Bad{"FOV 0 1 9 9 0.9\n640 480\ncrop\n640 480\n", "line 1"},
+                    Bad{"RadTan 1 1 9 9 0\n640 480\ncrop\n640 480\n", "line 1"},
+                    Bad{"FOV 1 1 9 9 0.9\n640\ncrop\n640 480\n", "line 2"},
+                    Bad{"FOV 1 1 9 9 0.9\n640 0\ncrop\n640 480\n", "line 2"},
+                    Bad{"FOV 1 1 9 9 0.9\n640 480\ncropped\n640 480\n", "line 3"},
+                    Bad{"FOV 1 1 9 9 0.9\n640 480\n1 2 3 4\n640 480\n", "line 3"},
+                    Bad{"FOV 1 1 9 9 0.9\n640 480\nnone\n640 480 3\n", "line 4"},
+                    Bad{"FOV 1 1 9 9 0.9\n640 480\nnone\n640 480\n-1\n", "line 5"}));
+
+}  // namespace
+}  // namespace orbbuf

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+// Who may connect, and how many: the part of server/listener.cpp that says no.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <atomic>
+#include <thread>
+#include <vector>
+
+#include "tests/server/frames.hpp"
+#include "tests/server/link/listener_fixture.hpp"
+
+namespace orbbuf {
+namespace {
+
+using test::ListenerTest;
+using test::plain_frame;
+using wire::ErrorCode;
+
+TEST_F(ListenerTest, ConnectionsBeyondTheLimitAreRefused) {
+  settings_.listen.max_connections = 1;
+  auto first = connect();
+  ASSERT_TRUE(first.hello("r", "s"));
+  const auto second = connect();
+  const auto error = second.error();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->code, ErrorCode::kRefused);
+  EXPECT_EQ(error->text, "all 1 connections are taken");
+  first.send(wire::encode(wire::Bye{}));
+  EXPECT_TRUE(first.bye());
+  EXPECT_TRUE(first.is_closed());
+  first.close();
+  while (!connect().hello("r", "s")) {  // until the server has seen the end, too
+  }
+}
+
+TEST_F(ListenerTest, OneAddressDoesNotTakeAllConnections) {
+  settings_.listen.max_connections_per_address = 2;
+  const auto first = connect();
+  ASSERT_TRUE(first.hello("r1", "s"));
+  const auto second = connect();
+  ASSERT_TRUE(second.hello("r2", "s"));
+  const auto error = connect().error();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->text, "127.0.0.1 has all its 2 connections");
+}
+
+TEST_F(ListenerTest, RobotsBeyondTheLimitAreRefused) {
+  settings_.listen.max_robots = 1;
+  const auto first = connect();
+  ASSERT_TRUE(first.hello("r1", "s"));
+  const auto second = connect();
+  EXPECT_FALSE(second.hello("r2", "s"));
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "data/r2"));
+  const auto first_again = connect();
+  EXPECT_TRUE(first_again.hello("r1", "s2")) << "its old session must not count";
+  server_->stop();
+  EXPECT_EQ(log_.lines("all 1 robots' places are taken").size(), 1U);
+}
+
+TEST_F(ListenerTest, OnlyRobotsOnTheListAreServed) {
+  settings_.listen.robots = {"r1"};
+  EXPECT_TRUE(connect().hello("r1", "s"));
+  EXPECT_FALSE(connect().hello("r2", "s"));
+  EXPECT_FALSE(connect().hello("r2", "s"));
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "data/r2"));
+  server_->stop();
+  EXPECT_EQ(log_.lines("r2 is not among listen.robots").size(), 1U)
+      << "once, however often it asks";
+}
+
+TEST_F(ListenerTest, TwoRobotsOfOneNameDoNotReplaceEachOtherForEver) {
+  const auto first = connect();
+  ASSERT_TRUE(first.hello("r", "a"));
+  const auto second = connect();
+  ASSERT_TRUE(second.hello("r", "b"));
+  EXPECT_FALSE(connect().hello("r", "a"));
+  second.send_frame(plain_frame(0));
+  EXPECT_TRUE(second.acked(1));
+  server_->stop();
+  EXPECT_EQ(log_.lines("r has begun another session since a; are there two").size(), 1U);
+}
+
+/// A robot at line rate, an hour's frames in its hands; and one with a frame now and then.
+TEST_F(ListenerTest, ARobotAtLineRateDoesNotStarveAnother) {
+  const auto greedy = connect();
+  ASSERT_TRUE(greedy.hello("greedy", "s"));
+  const auto modest = connect();
+  ASSERT_TRUE(modest.hello("modest", "s"));
+  std::jthread acks([&] {
+    while (greedy.ack()) {
+    }
+  });
+  std::atomic<Sequence> sent = 0;
+  std::jthread flood([&](const std::stop_token& stop) {
+    while (!stop.stop_requested()) greedy.send_frame(plain_frame(sent++, 40'000));
+  });
+  constexpr Sequence kModest = 50;
+  std::vector<Sequence> meanwhile;
+  for (Sequence i = 0; i < kModest || frames_kept("greedy/s") <= kModest; ++i) {
+    const Sequence before = sent;
+    modest.send_frame(plain_frame(i, 40'000));
+    ASSERT_TRUE(modest.acked(i + 1));
+    meanwhile.push_back(sent - before);
+  }
+  flood.request_stop();
+  flood.join();
+  server_->stop();
+  EXPECT_GT(frames_kept("greedy/s"), kModest) << "there was no flood";
+  // What the kernel's two buffers take in at once is no turn of the server's.
+  std::ranges::sort(meanwhile);
+  EXPECT_LT(meanwhile[meanwhile.size() / 2], 60U) << "of the other's frames for one of ours";
+}
+
+}  // namespace
+}  // namespace orbbuf

@@ -1,0 +1,237 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/link/connection.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <poll.h>
+
+#include <memory>
+#include <utility>
+
+#include "testing/captured_log.hpp"
+#include "testing/temporary_folder.hpp"
+#include "tests/server/frames.hpp"
+#include "tests/server/robot_client.hpp"
+#include "tests/server/running_server.hpp"
+
+namespace orbbuf {
+namespace {
+
+using test::plain_frame;
+using test::RobotClient;
+using testing::HasSubstr;
+using testing::StartsWith;
+using wire::ErrorCode;
+
+class ConnectionTest : public testing::Test {
+ protected:
+  /// The test may be held up for longer than a server waits.
+  ConnectionTest() {
+    settings_.sinks.files_path = folder_.path();
+    settings_.listen.hello_timeout = settings_.listen.idle_timeout = std::chrono::minutes(10);
+  }
+
+  RobotClient connect() {
+    if (!server_) server_ = std::make_unique<test::RunningServer>(settings_);
+    return RobotClient(server_->port());
+  }
+  std::filesystem::path image(int sequence) const {
+    return folder_ / fmt::format("r1/s1/images/{:06}.jpg", sequence);
+  }
+  /// The one warning that a bad peer is worth.
+  std::string warning() {
+    server_->stop();
+    const auto lines = log_.lines("warning");
+    EXPECT_EQ(lines.size(), 1U);
+    return lines.empty() ? "" : lines[0];
+  }
+  /// The connection ended with this error and nothing else happened.
+  void expect_end(const RobotClient& robot, ErrorCode code, const std::string& text) {
+    const auto error = robot.error();
+    ASSERT_TRUE(error);
+    EXPECT_EQ(error->code, code);
+    EXPECT_THAT(error->text, HasSubstr(text));
+    EXPECT_TRUE(robot.is_closed());
+  }
+
+  test::TemporaryFolder folder_;
+  test::CapturedLog log_;
+  Settings settings_;
+  std::unique_ptr<test::RunningServer> server_;
+};
+
+TEST_F(ConnectionTest, FramesAreAckedWhenTheyAreOnDisk) {
+  const auto robot = connect();
+  EXPECT_EQ(robot.hello("r1", "s1"), wire::Position{});
+  for (Sequence i = 0; i < 20; ++i) robot.send_frame(plain_frame(i, 70'000));
+  ASSERT_TRUE(robot.acked(20));
+  EXPECT_EQ(test::read_file(image(19)), test::as_text(plain_frame(19, 70'000).jpeg));
+  EXPECT_EQ(test::read_lines(folder_ / "r1/s1/times.txt").size(), 20U);
+}
+
+TEST_F(ConnectionTest, ARepeatIsAckedAndNotWrittenTwice) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  robot.send_frame(plain_frame(0));
+  EXPECT_EQ(robot.ack(), (wire::Position{1, 0}));
+  robot.send_frame(plain_frame(0));
+  EXPECT_EQ(robot.ack(), (wire::Position{1, 0}));
+  EXPECT_EQ(test::read_lines(folder_ / "r1/s1/times.txt").size(), 1U);
+}
+
+TEST_F(ConnectionTest, DropRecordsAreAckedAndStatsAreNot) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  robot.send(wire::encode(wire::Report{{5, 1, 1, 1, 1, 1, 0}}));
+  robot.send(
+      wire::encode(wire::Dropped{0, {{3, 0, DropReason::kPolicy}, {4, 0, DropReason::kBusy}}}));
+  EXPECT_EQ(robot.ack(), (wire::Position{0, 2}));
+  EXPECT_EQ(test::read_lines(folder_ / "r1/s1/drops.csv").size(), 3U);
+}
+
+TEST_F(ConnectionTest, AByeIsAnsweredWithTheRecordAndTheEnd) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  robot.send_frame(plain_frame(8));
+  ASSERT_TRUE(robot.acked(9));
+  robot.send(wire::encode(wire::Bye{{9, 0}}));
+  EXPECT_EQ(robot.bye(), (wire::Position{9, 0}));
+  EXPECT_TRUE(robot.is_closed());
+}
+
+TEST_F(ConnectionTest, AStrangerSpeakingHttpIsToldSo) {
+  const auto stranger = connect();
+  stranger.send_text("GET / HTTP/1.1\r\nHost: example.org\r\nUser-Agent: curl/7.88.1\r\n\r\n");
+  expect_end(stranger, ErrorCode::kMalformed, "not an ORBBuf peer");
+  const std::string line = warning();
+  EXPECT_THAT(line, StartsWith("warning - 127.0.0.1:"));
+  EXPECT_THAT(line, HasSubstr("\"GET \""));
+}
+
+TEST_F(ConnectionTest, AHeaderThatClaimsFourGigabytesIsRefusedAtOnce) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  auto head = wire::encode_frame_head(plain_frame(0));
+  for (std::size_t i = 8; i < 12; ++i) head[i] = 0xFF;  // the length of the body
+  const std::uint32_t crc = wire::crc32(std::span(head).first(16));
+  for (std::size_t i = 0; i < 4; ++i) head[16 + i] = static_cast<std::uint8_t>(crc >> (24 - 8 * i));
+  robot.send(head);
+  expect_end(robot, ErrorCode::kTooLarge, "4294967295");
+  EXPECT_THAT(warning(), StartsWith("warning r1 127.0.0.1:"));
+}
+
+TEST_F(ConnectionTest, ARobotThatSaysHelloAndThenNothingIsDisconnected) {
+  settings_.listen.idle_timeout = std::chrono::milliseconds(50);
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  expect_end(robot, ErrorCode::kTimeout, "nothing came for 0.05 s");
+  EXPECT_THAT(warning(), HasSubstr("nothing came"));
+}
+
+TEST_F(ConnectionTest, EveryMessageGivesTheRobotTheIdleTimeAnew) {
+  using Clock = std::chrono::steady_clock;
+  const auto limit = settings_.listen.idle_timeout = std::chrono::milliseconds(500);
+  // Sends for twice as long. False if the test itself was held up, which is no finding.
+  const auto holds_out = [&](const RobotClient& robot) {
+    auto sent = Clock::now();
+    for (const auto begin = sent; Clock::now() - begin < 2 * limit;) {
+      const auto before = std::exchange(sent, Clock::now());
+      robot.send_frame(plain_frame(0));
+      if (robot.acked(1)) continue;
+      EXPECT_GE(Clock::now() - before, limit);
+      return false;
+    }
+    expect_end(robot, ErrorCode::kTimeout, "nothing came for 0.5 s");
+    return true;
+  };
+  for (bool is_over = false; !is_over && !HasFailure();) {
+    const auto robot = connect();
+    ASSERT_TRUE(robot.hello("r1", "s1"));
+    is_over = holds_out(robot);
+  }
+}
+
+TEST_F(ConnectionTest, WhoeverSaysNothingAtAllIsDisconnected) {
+  settings_.listen.hello_timeout = std::chrono::milliseconds(50);
+  expect_end(connect(), ErrorCode::kTimeout, "no hello within 0.05 s");
+}
+
+TEST_F(ConnectionTest, AHelloByteByByteDoesNotStretchItsTime) {
+  settings_.listen.hello_timeout = std::chrono::milliseconds(100);
+  const auto robot = connect();
+  const auto hello = wire::encode(wire::Hello{1, 1, "r1", "s1", "", ""});
+  const auto has_answer = [&] {
+    pollfd events{robot.fd(), POLLIN, 0};
+    return ::poll(&events, 1, 50) > 0;
+  };
+  std::size_t sent = 0;
+  do {
+    robot.send(std::span(hello).subspan(sent++, 1));
+  } while (!has_answer() && sent < hello.size());
+  EXPECT_LT(sent, hello.size());
+  expect_end(robot, ErrorCode::kTimeout, "no hello");
+}
+
+TEST_F(ConnectionTest, AFrameCutShortCostsTheConnectionOnly) {
+  {
+    auto robot = connect();
+    ASSERT_TRUE(robot.hello("r1", "s1"));
+    robot.send_frame(plain_frame(0));
+    ASSERT_TRUE(robot.acked(1));
+    robot.send(wire::encode_frame_head(plain_frame(1)));
+    robot.close();
+  }
+  const auto again = connect();
+  EXPECT_EQ(again.hello("r1", "s1"), (wire::Position{1, 0}));
+  EXPECT_FALSE(std::filesystem::exists(image(1)));
+}
+
+TEST_F(ConnectionTest, AFrameWithAWrongChecksumIsNotTaken) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  auto frame = plain_frame(0);
+  frame.jpeg_crc ^= 1;
+  robot.send_frame(frame);
+  expect_end(robot, ErrorCode::kMalformed, "checksum");
+  EXPECT_FALSE(std::filesystem::exists(image(0)));
+}
+
+TEST_F(ConnectionTest, AProtocolWeDoNotSpeakIsRefused) {
+  const auto robot = connect();
+  robot.send(wire::encode(wire::Hello{2, 3, "r1", "s1", "from the future", ""}));
+  expect_end(robot, ErrorCode::kVersion, "the robot speaks protocol 2 to 3, we speak 1");
+}
+
+TEST_F(ConnectionTest, AFrameBeforeHelloIsUnexpected) {
+  const auto robot = connect();
+  robot.send_frame(plain_frame(0));
+  expect_end(robot, ErrorCode::kUnexpected, "frame before hello");
+}
+
+TEST_F(ConnectionTest, AMessageForRobotsIsUnexpected) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  robot.send(wire::encode(wire::Ack{}));
+  expect_end(robot, ErrorCode::kUnexpected, "unexpected ack");
+}
+
+TEST_F(ConnectionTest, ARobotsErrorIsLoggedAndEndsTheConnection) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  robot.send(wire::encode(wire::ErrorMessage{ErrorCode::kMalformed, "what was that?"}));
+  EXPECT_TRUE(robot.is_closed());
+  EXPECT_THAT(warning(), HasSubstr("the robot reports: what was that?"));
+}
+
+TEST_F(ConnectionTest, TheLastWordsArriveThoughTheRobotWentOnSending) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  auto bad = plain_frame(0);
+  bad.jpeg_crc ^= 1;
+  robot.send_frame(bad);
+  for (Sequence i = 1; i < 5; ++i) robot.send_frame(plain_frame(i, 200'000));
+  expect_end(robot, ErrorCode::kMalformed, "checksum");
+}
+
+}  // namespace
+}  // namespace orbbuf

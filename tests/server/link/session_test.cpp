@@ -1,0 +1,294 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/link/session.hpp"
+
+#include "testing/captured_log.hpp"
+#include "tests/server/event_loop.hpp"
+#include "tests/server/frames.hpp"
+
+namespace orbbuf {
+namespace {
+
+using test::plain_frame_ptr;
+
+/// A sink that answers when the test says so.
+class FakeSink : public FrameSink {
+ public:
+  explicit FakeSink(wire::Position position = {}) : position_(position) {}
+  wire::Position position() const override { return position_; }
+  void async_write(FramePtr frame, Done done) override {
+    frames.push_back(frame->sequence);
+    done_ = std::move(done);
+  }
+  void async_write_drops(std::vector<DropRecord> records, Done done) override {
+    for (const auto& record : records) drops.push_back(record.sequence);
+    done_ = std::move(done);
+  }
+  void cancel() override { is_cancelled = true; }
+  void async_drain(std::function<void()> drained) override {
+    if (!is_draining) return drained();
+    drained_ = std::move(drained);
+  }
+  void close() override {
+    is_closed = true;
+    drain();
+  }
+
+  void drain() {
+    if (drained_) std::exchange(drained_, nullptr)();
+  }
+  bool is_busy() const { return static_cast<bool>(done_); }
+  void answer(std::optional<Error> error = std::nullopt) {
+    std::exchange(done_, nullptr)(std::move(error));
+  }
+
+  std::vector<Sequence> frames;
+  std::vector<Sequence> drops;
+  bool is_cancelled = false;
+  bool is_closed = false;
+  bool is_draining = false;
+
+ private:
+  wire::Position position_;
+  Done done_;
+  std::function<void()> drained_;
+};
+
+struct FakePeer : SessionPeer {
+  void on_attached(wire::Position position) override { welcome = position; }
+  void on_replaced() override { is_replaced = true; }
+  void on_ended(wire::Position position) override { bye = position; }
+
+  std::optional<wire::Position> welcome;
+  std::optional<wire::Position> bye;
+  bool is_replaced = false;
+};
+
+class SessionTest : public test::EventLoop {
+ protected:
+  using Sequences = std::vector<Sequence>;
+
+  void make(std::vector<std::shared_ptr<FrameSink>> sinks,
+            std::chrono::nanoseconds timeout = std::chrono::hours(1)) {
+    session_ = std::make_shared<Session>(
+        main_, SessionInfo{"robot", "session", ""}, std::move(sinks),
+        Session::Timeouts{timeout, std::chrono::seconds(2)}, [this] { ++closed_; });
+    session_->attach(peer_);
+  }
+  void write(Sequence sequence) {
+    session_->write(plain_frame_ptr(sequence), [this] { ++taken_; });
+  }
+  bool run_until_busy(const FakeSink& sink) {
+    return run_until([&] { return sink.is_busy(); });
+  }
+
+  std::shared_ptr<FakeSink> sink_ = std::make_shared<FakeSink>();
+  std::shared_ptr<FakePeer> peer_ = std::make_shared<FakePeer>();
+  std::shared_ptr<Session> session_;
+  int taken_ = 0;
+  int closed_ = 0;
+};
+
+TEST_F(SessionTest, BeginsWhereTheSinkThatRemembersStands) {
+  make({std::make_shared<FakeSink>(wire::Position{12, 3}), sink_});
+  EXPECT_EQ(peer_->welcome, (wire::Position{12, 3}));
+}
+
+TEST_F(SessionTest, AFrameIsTakenWhenAllSinksHaveIt) {
+  const auto second = std::make_shared<FakeSink>();
+  make({sink_, second});
+  write(4);
+  sink_->answer();
+  EXPECT_EQ(taken_, 0);
+  EXPECT_EQ(session_->position().next_sequence, 0U);
+  second->answer();
+  EXPECT_EQ(taken_, 1);
+  EXPECT_EQ(session_->position(), (wire::Position{5, 0}));
+}
+
+TEST_F(SessionTest, ARepeatIsTakenButNotWrittenAgain) {
+  make({sink_});
+  write(4);
+  sink_->answer();
+  write(4);
+  write(2);
+  EXPECT_EQ(taken_, 1);  // never from within the call
+  run_ready();
+  EXPECT_EQ(taken_, 3);
+  EXPECT_EQ(sink_->frames, Sequences{4});
+}
+
+TEST_F(SessionTest, DropRecordsThatAreKnownAreNotWrittenAgain) {
+  make({std::make_shared<FakeSink>(wire::Position{0, 2}), sink_});
+  auto records = std::vector<DropRecord>(4);
+  for (std::size_t i = 0; i < 4; ++i) records[i].sequence = 10 * i;
+  make({sink_ = std::make_shared<FakeSink>(wire::Position{0, 2})});
+  session_->write_drops({0, records}, [this] { ++taken_; });
+  sink_->answer();
+  session_->write_drops({1, records}, [this] { ++taken_; });
+  sink_->answer();
+  EXPECT_EQ(sink_->drops, (Sequences{20, 30, 30}));
+  session_->write_drops({0, records}, [this] { ++taken_; });
+  run_ready();
+  EXPECT_EQ(taken_, 3);
+  EXPECT_EQ(session_->position(), (wire::Position{0, 5}));
+}
+
+TEST_F(SessionTest, AGapInTheDropRecordsIsAWarning) {
+  const test::CapturedLog log;
+  make({sink_});
+  session_->write_drops({7, std::vector<DropRecord>(1)}, [this] { ++taken_; });
+  sink_->answer();
+  EXPECT_EQ(session_->position(), (wire::Position{0, 8}));
+  EXPECT_EQ(log.lines("warning robot session: drop records 0 to 6 never came").size(), 1U);
+}
+
+TEST_F(SessionTest, AFailingSinkHoldsTheStreamAndIsLoggedOnceEachWay) {
+  const test::CapturedLog log;
+  make({sink_});
+  write(0);
+  sink_->answer(Error{"no space"});
+  ASSERT_TRUE(run_until_busy(*sink_));
+  sink_->answer(Error{"no space"});
+  ASSERT_TRUE(run_until_busy(*sink_));
+  EXPECT_EQ(taken_, 0);
+  sink_->answer();
+  EXPECT_EQ(taken_, 1);
+  EXPECT_EQ(sink_->frames, (Sequences{0, 0, 0}));
+  EXPECT_EQ(log.lines("error robot session: the robot's stream is held: no space").size(), 1U);
+  EXPECT_EQ(log.lines("info robot session: the robot's stream goes on").size(), 1U);
+}
+
+TEST_F(SessionTest, ASinkThatHasTheFrameIsNotGivenItAgain) {
+  const auto second = std::make_shared<FakeSink>();
+  make({sink_, second});
+  write(0);
+  sink_->answer();
+  second->answer(Error{"broken"});
+  ASSERT_TRUE(run_until_busy(*second));
+  second->answer();
+  EXPECT_EQ(taken_, 1);
+  EXPECT_EQ(sink_->frames, Sequences{0});
+  EXPECT_EQ(second->frames, (Sequences{0, 0}));
+}
+
+TEST_F(SessionTest, ANewConnectionIsWelcomedWhenTheSinkIsDone) {
+  make({sink_});
+  write(0);
+  const auto second = std::make_shared<FakePeer>();
+  session_->attach(second);
+  EXPECT_TRUE(peer_->is_replaced);
+  EXPECT_TRUE(sink_->is_cancelled);
+  EXPECT_FALSE(second->welcome);
+  sink_->answer();
+  EXPECT_EQ(second->welcome, (wire::Position{1, 0}));
+  EXPECT_EQ(taken_, 0);  // the one that waited has gone
+}
+
+TEST_F(SessionTest, AFrameThatNoSinkTookIsTheRobotsAgainAfterAHandover) {
+  make({sink_});
+  write(0);
+  const auto second = std::make_shared<FakePeer>();
+  session_->attach(second);
+  sink_->answer(Error{"nobody reads"});
+  EXPECT_EQ(second->welcome, wire::Position{});
+  write(3);
+  sink_->answer();
+  EXPECT_EQ(session_->position().next_sequence, 4U);
+}
+
+TEST_F(SessionTest, AFrameWaitingForItsNextTryIsGivenUpAtOnce) {
+  make({sink_});
+  write(0);
+  sink_->answer(Error{"no space"});
+  const auto second = std::make_shared<FakePeer>();
+  session_->attach(second);
+  EXPECT_EQ(second->welcome, wire::Position{});
+}
+
+TEST_F(SessionTest, AFrameThatOneSinkTookGoesToTheOthersBeforeTheHandover) {
+  const auto second_sink = std::make_shared<FakeSink>();
+  make({sink_, second_sink});
+  write(0);
+  sink_->answer();
+  second_sink->answer(Error{"broken"});
+  const auto second = std::make_shared<FakePeer>();
+  session_->attach(second);
+  EXPECT_FALSE(second->welcome);
+  ASSERT_TRUE(run_until_busy(*second_sink));
+  second_sink->answer();
+  EXPECT_EQ(second->welcome, (wire::Position{1, 0}));
+}
+
+TEST_F(SessionTest, AReplacedConnectionThatGoesLaterDoesNoHarm) {
+  make({sink_});
+  const auto second = std::make_shared<FakePeer>();
+  session_->attach(second);
+  session_->detach(*peer_);
+  session_->close(SessionEnd::kStopping);
+  EXPECT_EQ(second->bye, wire::Position{});
+}
+
+TEST_F(SessionTest, ClosesWhenNobodyComesBack) {
+  make({sink_}, std::chrono::milliseconds(10));
+  session_->detach(*peer_);
+  ASSERT_TRUE(run_until([this] { return closed_ == 1; }));
+  EXPECT_TRUE(sink_->is_closed);
+  EXPECT_FALSE(peer_->bye);
+}
+
+TEST_F(SessionTest, AByeClosesTheSinksAndIsAnswered) {
+  make({sink_});
+  write(0);
+  sink_->answer();
+  session_->close(SessionEnd::kBye);
+  EXPECT_TRUE(sink_->is_closed);
+  EXPECT_EQ(peer_->bye, (wire::Position{1, 0}));
+  EXPECT_EQ(closed_, 1);
+}
+
+TEST_F(SessionTest, StoppingLetsAWriteInProgressFinish) {
+  make({sink_});
+  write(0);
+  session_->close(SessionEnd::kStopping);
+  EXPECT_TRUE(sink_->is_cancelled);
+  EXPECT_FALSE(peer_->bye);
+  sink_->answer();
+  EXPECT_EQ(peer_->bye, (wire::Position{1, 0}));
+  EXPECT_EQ(closed_, 1);
+}
+
+TEST_F(SessionTest, AByeIsAnsweredWhenAllSinksAreDrained) {
+  const auto second = std::make_shared<FakeSink>();
+  sink_->is_draining = second->is_draining = true;
+  make({sink_, second});
+  session_->close(SessionEnd::kBye);
+  sink_->drain();
+  EXPECT_FALSE(peer_->bye);
+  EXPECT_FALSE(sink_->is_closed);
+  second->drain();
+  EXPECT_TRUE(sink_->is_closed && second->is_closed);
+  EXPECT_TRUE(peer_->bye);
+  EXPECT_EQ(closed_, 1);
+}
+
+TEST_F(SessionTest, ASinkThatNeverDrainsIsClosedInTheEnd) {
+  sink_->is_draining = true;
+  make({sink_});
+  session_->close(SessionEnd::kBye);
+  ASSERT_TRUE(run_until([this] { return closed_ == 1; }));
+  EXPECT_TRUE(sink_->is_closed);
+  EXPECT_TRUE(peer_->bye);
+}
+
+TEST_F(SessionTest, StoppingDoesNotWaitForeverForAStuckSink) {
+  make({sink_});
+  write(0);
+  session_->close(SessionEnd::kStopping);
+  ASSERT_TRUE(run_until([this] { return sink_->is_closed; }));
+  sink_->answer(Error{"closed"});
+  EXPECT_EQ(peer_->bye, wire::Position{});
+  EXPECT_EQ(closed_, 1);
+}
+
+}  // namespace
+}  // namespace orbbuf

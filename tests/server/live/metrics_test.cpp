@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/live/metrics.hpp"
+
+#include <gtest/gtest.h>
+
+#include "tests/server/frames.hpp"
+
+namespace orbbuf {
+namespace {
+
+using namespace std::chrono_literals;
+
+RobotMetrics::Time at(std::chrono::nanoseconds time) { return RobotMetrics::Time(1h + time); }
+
+FramePtr frame(Sequence sequence) {
+  return std::make_shared<const EncodedFrame>(test::plain_frame(sequence));
+}
+
+TEST(RobotMetrics, CountWhatIsTakenAndKeepTheNewestFrame) {
+  RobotMetrics robot({"r", "s", ""});
+  robot.on_connected(at(0s));
+  robot.on_delivered(frame(0), at(1s));
+  robot.on_delivered(frame(1), at(2s));
+  const std::vector<DropRecord> drops(3);
+  robot.on_dropped(drops, at(2s));
+  EXPECT_EQ(robot.frames(), 2U);
+  EXPECT_EQ(robot.drops(), 3U);
+  EXPECT_EQ(robot.bytes(), frame(0)->jpeg.size() + frame(1)->jpeg.size());
+  EXPECT_EQ(robot.newest()->sequence, 1U);
+}
+
+TEST(RobotMetrics, KeepNoFrameThatNobodyCanSee) {
+  Metrics metrics(1, false);
+  const auto robot = metrics.begin({"r", "s", ""});
+  robot->on_delivered(frame(0), at(1s));
+  EXPECT_EQ(robot->frames(), 1U);
+  EXPECT_EQ(robot->newest(), nullptr);
+}
+
+TEST(RobotMetrics, TheFrameRateIsThatOfTheLastSecondsAndFallsWithSilence) {
+  RobotMetrics robot({"r", "s", ""});
+  EXPECT_EQ(robot.frame_rate(at(0s)), 0);
+  for (int i = 0; i < 50; ++i) robot.on_delivered(frame(0), at(i * 40ms));
+  EXPECT_NEAR(robot.frame_rate(at(1960ms)), 25, 1);
+  EXPECT_NEAR(robot.frame_rate(at(26s)), 1, 0.1);
+  robot.on_ended(at(27s));
+  EXPECT_EQ(robot.frame_rate(at(27s)), 0);
+}
+
+TEST(RobotMetrics, KnowWhetherTheRobotIsThere) {
+  RobotMetrics robot({"r", "s", ""});
+  EXPECT_FALSE(robot.is_connected());
+  robot.on_connected(at(0s));
+  EXPECT_TRUE(robot.is_connected());
+  robot.on_disconnected();
+  EXPECT_FALSE(robot.is_connected());
+  EXPECT_FALSE(robot.is_ended());
+  robot.on_connected(at(1s));
+  EXPECT_EQ(robot.connections(), 2U);
+  robot.on_ended(at(2s));
+  EXPECT_FALSE(robot.is_connected());
+  EXPECT_TRUE(robot.is_ended());
+}
+
+TEST(Metrics, ANewSessionTakesThePlaceOfTheRobotsEarlierOne) {
+  Metrics metrics(4);
+  const auto first = metrics.begin({"r", "s1", ""});
+  first->on_delivered(frame(0), at(0s));
+  const auto second = metrics.begin({"r", "s2", ""});
+  ASSERT_EQ(metrics.robots().size(), 1U);
+  EXPECT_EQ(metrics.robots().at("r"), second);
+  EXPECT_EQ(second->frames(), 0U);
+}
+
+TEST(Metrics, OfRobotsThatAreGoneTheLongestGoneIsForgottenFirst) {
+  Metrics metrics(2);
+  metrics.begin({"a", "s", ""})->on_ended(at(2s));
+  metrics.begin({"b", "s", ""})->on_ended(at(1s));
+  metrics.begin({"c", "s", ""});
+  EXPECT_TRUE(metrics.robots().contains("a"));
+  EXPECT_FALSE(metrics.robots().contains("b"));
+  metrics.begin({"d", "s", ""});
+  metrics.begin({"e", "s", ""});
+  EXPECT_EQ(metrics.robots().size(), 3U) << "those that are here are shown, however many";
+}
+
+}  // namespace
+}  // namespace orbbuf

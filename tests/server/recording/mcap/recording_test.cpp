@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/recording/mcap/recording.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <limits>
+
+#include "testing/captured_log.hpp"
+#include "testing/temporary_folder.hpp"
+#include "tests/server/frames.hpp"
+
+namespace orbbuf {
+namespace {
+
+using test::plain_frame;
+using test::plain_pair;
+
+const std::string kPinhole = "Pinhole 100 101 80 60 0\n160 120\nnone\n160 120\n";
+
+class McapRecordingTest : public testing::Test {
+ protected:
+  mcap::Recording recording(const std::string& calibration = "") const {
+    return {path_, {"r1", "s1", calibration}};
+  }
+  /// Where a recording stands that is taken up again.
+  wire::Position recovered(const std::optional<wire::Position>& files = std::nullopt) const {
+    auto again = recording();
+    const auto position = again.recover(files);
+    EXPECT_TRUE(position);
+    return position ? position.value() : wire::Position{};
+  }
+  std::string content() const { return test::read_file(path_); }
+  std::size_t count(const std::string& text) const {
+    const std::string all = content();
+    std::size_t found = 0;
+    for (auto at = all.find(text); at != std::string::npos; at = all.find(text, at + 1)) ++found;
+    return found;
+  }
+
+  test::TemporaryFolder folder_;
+  std::filesystem::path path_ = folder_ / "r1/s1/s1.mcap";
+};
+
+TEST_F(McapRecordingTest, RemembersHowFarItGot) {
+  auto out = recording();
+  EXPECT_FALSE(out.write(plain_frame(3)));
+  EXPECT_FALSE(out.write_drops(std::vector<DropRecord>{{4, 0}, {5, 0}}));
+  EXPECT_EQ(recovered(), (wire::Position{4, 2}));
+  EXPECT_FALSE(out.write(plain_pair(9, 10, 10)));
+  EXPECT_EQ(recovered(), (wire::Position{10, 2}));
+  EXPECT_FALSE(out.finish());
+  EXPECT_EQ(recovered(), (wire::Position{10, 2}));
+}
+
+TEST_F(McapRecordingTest, DescribesWhatItHasMessagesOfAndOnce) {
+  auto out = recording(kPinhole);
+  for (Sequence i = 0; i < 5; ++i) EXPECT_FALSE(out.write(plain_frame(i)));
+  auto again = recording(kPinhole);
+  EXPECT_TRUE(again.recover(std::nullopt));
+  EXPECT_FALSE(again.write(plain_frame(5)));
+  for (const char* topic : {"/r1/image", "/r1/calibration"}) EXPECT_EQ(count(topic), 1U) << topic;
+  for (const char* topic : {"/r1/left", "/r1/right", "/r1/drops"}) EXPECT_EQ(count(topic), 0U);
+}
+
+TEST_F(McapRecordingTest, TheRightCalibrationNeedsTheBaseline) {
+  EXPECT_FALSE(recording(kPinhole).write(plain_pair(0, 10, 10)));
+  EXPECT_EQ(count("/r1/left/calibration"), 1U);
+  EXPECT_EQ(count("/r1/right/calibration"), 0U);
+  std::filesystem::remove(path_);
+  EXPECT_FALSE(recording(kPinhole + "0.5\n").write(plain_pair(0, 10, 10)));
+  EXPECT_EQ(count("/r1/right/calibration"), 1U);
+}
+
+TEST_F(McapRecordingTest, SaysWhyThereIsNoCalibration) {
+  const test::CapturedLog log;
+  EXPECT_FALSE(recording("FOV 1 1 0.5 0.5 0.9\n4 4\nnone\n4 4\n").write(plain_frame(0)));
+  EXPECT_FALSE(recording("my camera\n").write(plain_frame(1)));
+  EXPECT_EQ(count("calibration"), 0U);
+  EXPECT_EQ(log.lines("r1 s1: recorded without calibration: camera.txt: FOV is no").size(), 1U);
+  EXPECT_EQ(log.lines("without calibration").size(), 2U);
+}
+
+TEST_F(McapRecordingTest, DropsAreJson) {
+  auto out = recording();
+  EXPECT_FALSE(out.write_drops(
+      std::vector<DropRecord>{{4, 1'633'012'000, DropReason::kPolicy, 17},
+                              {6, -1, DropReason::kBusy},
+                              {7, std::numeric_limits<std::int64_t>::min(), DropReason::kFailed}}));
+  EXPECT_EQ(count(R"({"timestamp":{"sec":1,"nsec":633012000},"sequence":4,)"
+                  R"("reason":"policy","similarity":17})"),
+            1U);
+  EXPECT_EQ(count(R"({"timestamp":{"sec":-1,"nsec":999999999},"sequence":6,"reason":"busy"})"), 1U);
+  EXPECT_EQ(count(R"({"timestamp":{"sec":-9223372037,"nsec":145224192},"sequence":7,)"
+                  R"("reason":"failed"})"),
+            1U);
+}
+
+TEST_F(McapRecordingTest, WhatTheFilesLackWasNotAcknowledgedAndGoes) {
+  auto out = recording();
+  for (Sequence i = 0; i < 3; ++i) EXPECT_FALSE(out.write(plain_pair(i, 10, 10)));
+  EXPECT_EQ(recovered(wire::Position{2, 0}), (wire::Position{2, 0}));
+  EXPECT_EQ(recovered(wire::Position{3, 0}), (wire::Position{3, 0}));
+  EXPECT_FALSE(out.write_drops(std::vector<DropRecord>{{3, 0}, {4, 0}}));
+  EXPECT_EQ(recovered(wire::Position{3, 0}), (wire::Position{3, 0}));
+  EXPECT_EQ(recovered(wire::Position{3, 2}), (wire::Position{3, 2}));
+}
+
+TEST_F(McapRecordingTest, WhenTheFilesAreGoneTheRecordingIsKept) {
+  auto out = recording();
+  for (Sequence i = 0; i < 60; ++i) EXPECT_FALSE(out.write(plain_frame(i)));  // 2.4 s
+  EXPECT_EQ(recovered(wire::Position{}), (wire::Position{60, 0}));
+}
+
+TEST_F(McapRecordingTest, ARecordingThatBeginsLateCountsDropsAsTheFilesDo) {
+  auto out = recording();
+  EXPECT_EQ(out.recover(wire::Position{7, 5}).value(), wire::Position{});
+  EXPECT_FALSE(out.write_drops(std::vector<DropRecord>{{7, 0}}));
+  EXPECT_EQ(recovered(), (wire::Position{0, 6}));
+}
+
+}  // namespace
+}  // namespace orbbuf

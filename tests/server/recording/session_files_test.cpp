@@ -1,0 +1,228 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/recording/session_files.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <string>
+#include <vector>
+
+#include "testing/captured_log.hpp"
+#include "testing/temporary_folder.hpp"
+#include "tests/server/frames.hpp"
+#include "tests/server/resource_limit.hpp"
+
+namespace orbbuf {
+namespace {
+
+using test::as_text;
+using test::plain_frame;
+using test::plain_pair;
+using test::read_file;
+
+class SessionFilesTest : public testing::Test {
+ protected:
+  SessionFiles files() const { return {folder_, "Pinhole 1 2 3\n"}; }
+
+  wire::Position recovered() const {
+    auto position = files().recover();
+    EXPECT_TRUE(position);
+    return position ? position.value() : wire::Position{};
+  }
+
+  std::vector<std::string> names(const std::filesystem::path& folder) const {
+    std::vector<std::string> found;
+    for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+      found.push_back(entry.path().filename());
+    }
+    std::sort(found.begin(), found.end());
+    return found;
+  }
+
+  test::TemporaryFolder parent_;
+  std::filesystem::path folder_ = parent_ / "robot" / "session";
+};
+
+TEST_F(SessionFilesTest, LaysFramesOutAsDsoReadsThem) {
+  auto out = files();
+  EXPECT_FALSE(out.write(plain_frame(0)));
+  EXPECT_FALSE(out.write(plain_frame(7)));
+  EXPECT_FALSE(out.write(plain_frame(1234567)));
+  using Names = std::vector<std::string>;
+  EXPECT_EQ(names(folder_), (Names{"camera.txt", "checksums.sfv", "images", "times.txt"}));
+  EXPECT_EQ(names(folder_ / "images"), (Names{"000000.jpg", "000007.jpg", "1234567.jpg"}));
+  EXPECT_EQ(read_file(folder_ / "images/000007.jpg"), as_text(plain_frame(7).jpeg));
+  EXPECT_EQ(read_file(folder_ / "times.txt"),
+            "0 0.000000000 8.500000\n7 0.280000000 8.500000\n1234567 49382.680000000 8.500000\n");
+  EXPECT_EQ(read_file(folder_ / "camera.txt"), "Pinhole 1 2 3\n");
+}
+
+TEST_F(SessionFilesTest, RightImagesOfStereoFramesHaveTheirOwnFolder) {
+  auto out = files();
+  EXPECT_FALSE(out.write(plain_pair(0, 10, 20)));
+  EXPECT_FALSE(out.write(plain_pair(7, 30, 40)));
+  using Names = std::vector<std::string>;
+  EXPECT_EQ(names(folder_),
+            (Names{"camera.txt", "checksums.sfv", "images", "images_right", "times.txt"}));
+  EXPECT_EQ(names(folder_ / "images"), (Names{"000000.jpg", "000007.jpg"}));
+  EXPECT_EQ(names(folder_ / "images_right"), names(folder_ / "images"));
+  EXPECT_EQ(read_file(folder_ / "images/000007.jpg"), as_text(plain_pair(7, 30, 40).left()));
+  EXPECT_EQ(read_file(folder_ / "images_right/000007.jpg"), as_text(plain_pair(7, 30, 40).right()));
+}
+
+TEST_F(SessionFilesTest, EachImageHasAChecksum) {
+  auto out = files();
+  auto pair = plain_pair(0, 9, 9);
+  const std::string left = "123456789";  // whose CRC-32 is CBF43926 by definition
+  std::copy(left.begin(), left.end(), pair.jpeg.begin());
+  std::fill(pair.jpeg.begin() + 9, pair.jpeg.end(), '\0');
+  EXPECT_FALSE(out.write(pair));
+  const auto mono = plain_frame(7);
+  EXPECT_FALSE(out.write(mono));
+  char crc[9];
+  std::snprintf(crc, sizeof crc, "%08X", static_cast<unsigned>(mono.jpeg_crc));
+  EXPECT_EQ(read_file(folder_ / "checksums.sfv"),
+            std::string("images/000000.jpg CBF43926\nimages_right/000000.jpg E60914AE\n") +
+                "images/000007.jpg " + crc + "\n");
+}
+
+TEST_F(SessionFilesTest, NothingIsMadeBeforeTheFirstWrite) {
+  EXPECT_EQ(recovered(), wire::Position{});
+  EXPECT_FALSE(std::filesystem::exists(folder_));
+}
+
+TEST_F(SessionFilesTest, DropRecordsAreCsv) {
+  auto out = files();
+  EXPECT_FALSE(out.write_drops(std::vector<DropRecord>{{4, 160'000'000, DropReason::kPolicy}}));
+  EXPECT_FALSE(out.write_drops(std::vector<DropRecord>{{6, -1, DropReason::kBusy}}));
+  EXPECT_EQ(read_file(folder_ / "drops.csv"),
+            "sequence,reason,capture_time_s\n4,policy,0.160000000\n6,busy,-0.000000001\n");
+  EXPECT_EQ(recovered(), (wire::Position{0, 2}));
+}
+
+TEST_F(SessionFilesTest, ResumesBehindTheLastAcceptedFrame) {
+  auto out = files();
+  EXPECT_FALSE(out.write(plain_frame(3)));
+  EXPECT_FALSE(out.write(plain_frame(9)));
+  EXPECT_EQ(recovered(), (wire::Position{10, 0}));
+  auto again = files();
+  EXPECT_TRUE(again.recover());
+  EXPECT_FALSE(again.write(plain_frame(10)));
+  EXPECT_EQ(test::read_lines(folder_ / "times.txt").size(), 3U);
+}
+
+TEST_F(SessionFilesTest, ResumeRemovesWhatWasInTheMiddleOfBeingWritten) {
+  const test::CapturedLog log;
+  auto out = files();
+  EXPECT_FALSE(out.write(plain_frame(0)));
+  EXPECT_FALSE(out.write_drops(std::vector<DropRecord>{{1, 0, DropReason::kPolicy}}));
+  const std::string times = read_file(folder_ / "times.txt");
+  const std::string drops = read_file(folder_ / "drops.csv");
+  test::write_file(folder_ / "times.txt", times + "2 0.0800");
+  test::write_file(folder_ / "drops.csv", drops + "3,pol");
+  const std::string checksums = read_file(folder_ / "checksums.sfv");
+  test::write_file(folder_ / "checksums.sfv", checksums + "images/000002.jpg 12");
+  test::write_file(folder_ / "images/000002.jpg", "whole, but not accepted");
+  test::write_file(folder_ / "images/notes.txt", "somebody's");
+  test::write_file(folder_ / "incoming.tmp", "torn");
+
+  EXPECT_EQ(recovered(), (wire::Position{1, 1}));
+  EXPECT_EQ(read_file(folder_ / "times.txt"), times);
+  EXPECT_EQ(read_file(folder_ / "drops.csv"), drops);
+  EXPECT_EQ(read_file(folder_ / "checksums.sfv"), checksums);
+  EXPECT_EQ(names(folder_ / "images"), (std::vector<std::string>{"000000.jpg", "notes.txt"}));
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "incoming.tmp"));
+  EXPECT_EQ(log.lines("removed 1 without a line").size(), 1U);
+}
+
+TEST_F(SessionFilesTest, ResumeRemovesBothImagesOfAPairWithoutALine) {
+  auto out = files();
+  EXPECT_FALSE(out.write(plain_pair(0, 10, 10)));
+  for (const char* image : {"images/000001.jpg", "images_right/000001.jpg"}) {
+    test::write_file(folder_ / image, "whole, but not accepted");
+  }
+  EXPECT_EQ(recovered(), (wire::Position{1, 0}));
+  EXPECT_EQ(names(folder_ / "images"), std::vector<std::string>{"000000.jpg"});
+  EXPECT_EQ(names(folder_ / "images_right"), std::vector<std::string>{"000000.jpg"});
+}
+
+TEST_F(SessionFilesTest, ATornHeaderOfDropsIsNoRecord) {
+  std::filesystem::create_directories(folder_);
+  test::write_file(folder_ / "drops.csv", "sequence,rea");
+  EXPECT_EQ(recovered(), wire::Position{});
+  auto out = files();
+  EXPECT_FALSE(out.write_drops(std::vector<DropRecord>{{1, 0, DropReason::kFailed}}));
+  EXPECT_EQ(read_file(folder_ / "drops.csv"),
+            "sequence,reason,capture_time_s\n1,failed,0.000000000\n");
+}
+
+TEST_F(SessionFilesTest, AForeignLastLineIsAnErrorAndCostsNoImage) {
+  auto out = files();
+  EXPECT_FALSE(out.write(plain_frame(0)));
+  test::write_file(folder_ / "times.txt", "# my notes\n");
+  const auto position = files().recover();
+  ASSERT_FALSE(position);
+  EXPECT_NE(position.error().text.find("# my notes"), std::string::npos);
+  EXPECT_EQ(names(folder_ / "images").size(), 1U);
+}
+
+TEST_F(SessionFilesTest, OnAFullDiskNothingOfTheFrameRemains) {
+  auto out = files();
+  EXPECT_FALSE(out.write(plain_frame(0)));
+  {
+    const test::ResourceLimit full(RLIMIT_FSIZE, 1000);
+    EXPECT_TRUE(out.write(plain_frame(1, 5000)));
+    EXPECT_EQ(names(folder_ / "images").size(), 1U);
+    EXPECT_FALSE(std::filesystem::exists(folder_ / "incoming.tmp"));
+  }
+  EXPECT_FALSE(out.write(plain_frame(1, 5000)));
+  EXPECT_EQ(recovered(), (wire::Position{2, 0}));
+}
+
+TEST_F(SessionFilesTest, WhenTheRightImageDoesNotFitTheLeftOneGoesToo) {
+  auto out = files();
+  EXPECT_FALSE(out.write(plain_pair(0, 10, 10)));
+  const std::string times = read_file(folder_ / "times.txt");
+  {
+    const test::ResourceLimit full(RLIMIT_FSIZE, 1000);
+    EXPECT_TRUE(out.write(plain_pair(1, 900, 5000)));
+  }
+  EXPECT_EQ(names(folder_ / "images").size(), 1U);
+  EXPECT_EQ(names(folder_ / "images_right").size(), 1U);
+  EXPECT_EQ(read_file(folder_ / "times.txt"), times);
+  EXPECT_FALSE(out.write(plain_pair(1, 900, 5000)));
+  EXPECT_EQ(recovered(), (wire::Position{2, 0}));
+}
+
+TEST_F(SessionFilesTest, WhenTheLineDoesNotFitTheImagesGoToo) {
+  auto out = files();
+  for (Sequence sequence = 0; sequence < 5; ++sequence) {
+    EXPECT_FALSE(out.write(plain_pair(sequence, 10, 10)));
+  }
+  std::filesystem::remove(folder_ / "checksums.sfv");  // of all lines the longest
+  const std::string times = read_file(folder_ / "times.txt");
+  {
+    const test::ResourceLimit full(RLIMIT_FSIZE, times.size() + 5);
+    const auto error = out.write(plain_pair(5, 10, 10));
+    ASSERT_TRUE(error);
+    EXPECT_NE(error->text.find("times.txt: File too large"), std::string::npos);
+  }
+  EXPECT_EQ(names(folder_ / "images").size(), 5U);
+  EXPECT_EQ(names(folder_ / "images_right").size(), 5U);
+  EXPECT_EQ(read_file(folder_ / "times.txt"), times);
+  EXPECT_FALSE(out.write(plain_pair(5, 10, 10)));
+  EXPECT_EQ(recovered(), (wire::Position{6, 0}));
+}
+
+TEST_F(SessionFilesTest, AFolderThatSomebodyRemovedComesBackWithTheNextTry) {
+  auto out = files();
+  EXPECT_FALSE(out.write(plain_frame(0)));
+  std::filesystem::remove_all(folder_);
+  EXPECT_TRUE(out.write(plain_frame(1)));
+  EXPECT_FALSE(out.write(plain_frame(1)));
+  EXPECT_EQ(names(folder_ / "images"), std::vector<std::string>{"000001.jpg"});
+}
+
+}  // namespace
+}  // namespace orbbuf
