@@ -16,6 +16,8 @@
 #include <thread>
 #include <vector>
 
+#include "daemon/capture/make_source.hpp"
+
 namespace orbbuf {
 namespace {
 

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "common/service_status.hpp"
+#include "daemon/capture/make_source.hpp"
 #include "daemon/health.hpp"
 #include "daemon/pipeline.hpp"
 

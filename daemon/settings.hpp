@@ -6,7 +6,7 @@
 #include <string>
 
 #include "daemon/buffer/make_policy.hpp"
-#include "daemon/capture/make_source.hpp"
+#include "daemon/capture/source_settings.hpp"
 #include "daemon/image/jpeg_encoder.hpp"
 #include "daemon/image/orb_extractor.hpp"
 #include "daemon/net/sender.hpp"

@@ -14,10 +14,16 @@ common/net: common
 daemon/mailbox: common
 daemon/buffer: common
 daemon/capture: common
+daemon/capture/libcamera: common daemon/capture
+daemon/capture/replay: common daemon/capture
+daemon/capture/stereo: common daemon/capture
+daemon/capture/v4l2: common daemon/capture
+daemon/capture/list_cameras: daemon/capture/libcamera daemon/capture/v4l2
+daemon/capture/make_source: daemon/capture daemon/capture/libcamera daemon/capture/replay daemon/capture/stereo daemon/capture/v4l2
 daemon/image: common daemon/buffer daemon/capture
 daemon/net: common common/net daemon/buffer
 daemon/settings: common daemon/buffer daemon/capture daemon/image daemon/net
-daemon: common daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/net daemon/settings
+daemon: common daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/net daemon/settings daemon/capture/list_cameras daemon/capture/make_source
 server/runtime: common
 server/calibration: common
 server/recording: common

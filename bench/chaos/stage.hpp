@@ -8,8 +8,8 @@
 
 #include "bench/chaos/check.hpp"
 #include "bench/chaos/plan.hpp"
-#include "tests/support/namespaces.hpp"
-#include "tests/support/process.hpp"
+#include "testing/namespaces.hpp"
+#include "testing/process.hpp"
 
 namespace orbbuf::chaos {
 

@@ -15,7 +15,7 @@
 #include "bench/load/wake_cost.hpp"
 #include "bench/watched_process.hpp"
 #include "common/address.hpp"
-#include "tests/support/process.hpp"
+#include "testing/process.hpp"
 
 namespace {
 

@@ -15,8 +15,8 @@
 
 #include "bench/chaos/check.hpp"
 #include "bench/watched_process.hpp"
-#include "tests/support/namespaces.hpp"
-#include "tests/support/process.hpp"
+#include "testing/namespaces.hpp"
+#include "testing/process.hpp"
 
 namespace {
 

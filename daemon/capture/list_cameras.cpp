@@ -7,11 +7,11 @@
 #include <stdexcept>
 
 #ifdef ORBBUF_LIBCAMERA
-#include "daemon/capture/libcamera_manager.hpp"
+#include "daemon/capture/libcamera/libcamera_manager.hpp"
 #endif
 #ifdef ORBBUF_V4L2
-#include "daemon/capture/v4l2_controls.hpp"
-#include "daemon/capture/v4l2_device.hpp"
+#include "daemon/capture/v4l2/v4l2_controls.hpp"
+#include "daemon/capture/v4l2/v4l2_device.hpp"
 #endif
 
 namespace orbbuf {

@@ -9,20 +9,20 @@
 #include <utility>
 
 #include "daemon/capture/camera_source.hpp"
-#include "daemon/capture/folder_replay_source.hpp"
-#include "daemon/capture/nominal_time.hpp"
-#include "daemon/capture/replay_source.hpp"
-#include "daemon/capture/scene_source.hpp"
-#include "daemon/capture/side_by_side_source.hpp"
-#include "daemon/capture/stereo_source.hpp"
+#include "daemon/capture/replay/folder_replay_source.hpp"
+#include "daemon/capture/replay/replay_frame.hpp"
+#include "daemon/capture/replay/replay_source.hpp"
+#include "daemon/capture/replay/scene_source.hpp"
+#include "daemon/capture/stereo/side_by_side_source.hpp"
+#include "daemon/capture/stereo/stereo_source.hpp"
 #ifdef ORBBUF_IMAGE_FILES
-#include "daemon/capture/video_replay_source.hpp"
+#include "daemon/capture/replay/video_replay_source.hpp"
 #endif
 #ifdef ORBBUF_LIBCAMERA
-#include "daemon/capture/libcamera_stream.hpp"
+#include "daemon/capture/libcamera/libcamera_stream.hpp"
 #endif
 #ifdef ORBBUF_V4L2
-#include "daemon/capture/v4l2_stream.hpp"
+#include "daemon/capture/v4l2/v4l2_stream.hpp"
 #endif
 
 namespace orbbuf {

@@ -4,7 +4,7 @@
 #include <map>
 
 #include "bench/chaos/plan.hpp"
-#include "tests/support/temporary_folder.hpp"
+#include "testing/temporary_folder.hpp"
 
 namespace orbbuf::chaos {
 namespace {

@@ -7,7 +7,7 @@
 #include <fstream>
 #include <stdexcept>
 
-#include "tests/support/temporary_folder.hpp"
+#include "testing/temporary_folder.hpp"
 
 namespace orbbuf::sim {
 namespace {

@@ -7,7 +7,7 @@
 #include <stdexcept>
 
 #include "bench/paper/world/renderer.hpp"
-#include "tests/support/temporary_folder.hpp"
+#include "testing/temporary_folder.hpp"
 
 namespace orbbuf::paper {
 namespace {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "common/config.hpp"
-#include "tests/support/temporary_folder.hpp"
+#include "testing/temporary_folder.hpp"
 
 namespace orbbuf {
 

@@ -12,7 +12,7 @@
 #include <array>
 #include <thread>
 
-#include "tests/support/temporary_folder.hpp"
+#include "testing/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

@@ -5,8 +5,8 @@
 #include <utility>
 
 #include "common/wire.hpp"
+#include "testing/temporary_folder.hpp"
 #include "tests/common/wire_samples.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf::wire {
 namespace {

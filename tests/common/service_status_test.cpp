@@ -9,7 +9,7 @@
 #include <string>
 
 #include "common/log.hpp"
-#include "tests/support/notify_socket.hpp"
+#include "testing/notify_socket.hpp"
 
 namespace orbbuf {
 namespace {

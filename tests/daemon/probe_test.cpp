@@ -5,7 +5,7 @@
 
 #include <stdexcept>
 
-#include "tests/support/temporary_folder.hpp"
+#include "testing/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

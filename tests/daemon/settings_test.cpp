@@ -5,7 +5,7 @@
 
 #include "common/config.hpp"
 #include "common/wire.hpp"
-#include "tests/support/temporary_folder.hpp"
+#include "testing/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

@@ -2,8 +2,8 @@
 // The bench of chaos, short; ./dev bench chaos runs it at length.
 #include <gtest/gtest.h>
 
-#include "tests/support/process.hpp"
-#include "tests/support/temporary_folder.hpp"
+#include "testing/process.hpp"
+#include "testing/temporary_folder.hpp"
 
 namespace orbbuf::test {
 namespace {

@@ -6,8 +6,8 @@
 #include <csignal>
 #include <sstream>
 
+#include "testing/namespaces.hpp"
 #include "tests/e2e/rig.hpp"
-#include "tests/support/namespaces.hpp"
 
 namespace orbbuf::test {
 namespace {

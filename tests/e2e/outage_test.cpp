@@ -4,8 +4,8 @@
 
 #include <csignal>
 
+#include "testing/namespaces.hpp"
 #include "tests/e2e/rig.hpp"
-#include "tests/support/namespaces.hpp"
 
 namespace orbbuf::test {
 namespace {

@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "tests/support/process.hpp"
-#include "tests/support/temporary_folder.hpp"
+#include "testing/process.hpp"
+#include "testing/temporary_folder.hpp"
 
 namespace orbbuf::test {
 

@@ -5,10 +5,10 @@
 #include <chrono>
 #include <csignal>
 
+#include "testing/notify_socket.hpp"
+#include "testing/scripted_server.hpp"
+#include "testing/stopped_thread.hpp"
 #include "tests/e2e/rig.hpp"
-#include "tests/support/notify_socket.hpp"
-#include "tests/support/scripted_server.hpp"
-#include "tests/support/stopped_thread.hpp"
 
 namespace orbbuf::test {
 namespace {

@@ -4,9 +4,9 @@
 
 #include <csignal>
 
+#include "testing/certificates.hpp"
+#include "testing/namespaces.hpp"
 #include "tests/e2e/rig.hpp"
-#include "tests/support/certificates.hpp"
-#include "tests/support/namespaces.hpp"
 
 namespace orbbuf::test {
 namespace {

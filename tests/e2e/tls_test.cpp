@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
+#include "testing/certificates.hpp"
 #include "tests/e2e/rig.hpp"
-#include "tests/support/certificates.hpp"
 
 namespace orbbuf::test {
 namespace {

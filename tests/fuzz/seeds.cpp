@@ -3,9 +3,9 @@
 #include <filesystem>
 #include <iostream>
 
+#include "testing/temporary_folder.hpp"
 #include "tests/common/wire_samples.hpp"
 #include "tests/server/frames.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

@@ -6,8 +6,8 @@
 
 #include <cstdlib>
 
+#include "testing/certificates.hpp"
 #include "tests/common/config_fixture.hpp"
-#include "tests/support/certificates.hpp"
 
 namespace orbbuf {
 namespace {

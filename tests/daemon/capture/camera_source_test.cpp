@@ -11,8 +11,8 @@
 #include <thread>
 #include <vector>
 
+#include "testing/captured_log.hpp"
 #include "tests/daemon/capture/source_test_support.hpp"
-#include "tests/support/captured_log.hpp"
 
 namespace orbbuf {
 namespace {

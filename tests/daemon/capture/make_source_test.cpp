@@ -5,8 +5,8 @@
 
 #include <cmath>
 
+#include "testing/temporary_folder.hpp"
 #include "tests/daemon/capture/source_test_support.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "tests/support/temporary_folder.hpp"
+#include "testing/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

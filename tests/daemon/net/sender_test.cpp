@@ -8,7 +8,7 @@
 #include <thread>
 
 #include "daemon/buffer/simple_policies.hpp"
-#include "tests/support/scripted_server.hpp"
+#include "testing/scripted_server.hpp"
 
 namespace orbbuf {
 namespace {

@@ -12,7 +12,7 @@
 #include <mutex>
 #include <thread>
 
-#include "tests/support/scripted_server.hpp"
+#include "testing/scripted_server.hpp"
 
 namespace orbbuf {
 namespace {

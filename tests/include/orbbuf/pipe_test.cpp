@@ -11,8 +11,8 @@
 
 #include "common/unique_fd.hpp"
 #include "server/sink/pipe/pipe_format.hpp"
+#include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

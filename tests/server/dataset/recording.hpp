@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "server/recording/session_files.hpp"
+#include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf::test {
 

@@ -8,10 +8,10 @@
 #include <filesystem>
 #include <fstream>
 
+#include "testing/captured_log.hpp"
 #include "tests/server/frames.hpp"
 #include "tests/server/http/http_client.hpp"
 #include "tests/server/link/listener_fixture.hpp"
-#include "tests/support/captured_log.hpp"
 
 namespace orbbuf::test {
 namespace {

@@ -8,11 +8,11 @@
 #include <memory>
 #include <utility>
 
+#include "testing/captured_log.hpp"
+#include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
 #include "tests/server/robot_client.hpp"
 #include "tests/server/running_server.hpp"
-#include "tests/support/captured_log.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

@@ -4,11 +4,11 @@
 #include <random>
 #include <vector>
 
+#include "testing/captured_log.hpp"
+#include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
 #include "tests/server/robot_client.hpp"
 #include "tests/server/running_server.hpp"
-#include "tests/support/captured_log.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

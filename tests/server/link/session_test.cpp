@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/link/session.hpp"
 
+#include "testing/captured_log.hpp"
 #include "tests/server/event_loop.hpp"
 #include "tests/server/frames.hpp"
-#include "tests/support/captured_log.hpp"
 
 namespace orbbuf {
 namespace {

@@ -5,12 +5,12 @@
 #include <memory>
 #include <optional>
 
+#include "testing/captured_log.hpp"
+#include "testing/certificates.hpp"
+#include "testing/process.hpp"
 #include "tests/server/http/http_client.hpp"
 #include "tests/server/robot_client.hpp"
 #include "tests/server/running_server.hpp"
-#include "tests/support/captured_log.hpp"
-#include "tests/support/certificates.hpp"
-#include "tests/support/process.hpp"
 
 namespace orbbuf {
 namespace {

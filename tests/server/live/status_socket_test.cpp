@@ -9,8 +9,8 @@
 #include <memory>
 #include <thread>
 
+#include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf::test {
 namespace {

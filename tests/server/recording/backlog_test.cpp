@@ -4,9 +4,9 @@
 #include <gtest/gtest.h>
 
 #include "server/recording/session_files.hpp"
+#include "testing/captured_log.hpp"
+#include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
-#include "tests/support/captured_log.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

@@ -5,8 +5,8 @@
 
 #include <vector>
 
+#include "testing/temporary_folder.hpp"
 #include "tests/server/resource_limit.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

@@ -3,8 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include "testing/temporary_folder.hpp"
 #include "tests/server/resource_limit.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

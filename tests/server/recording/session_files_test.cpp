@@ -8,10 +8,10 @@
 #include <string>
 #include <vector>
 
+#include "testing/captured_log.hpp"
+#include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
 #include "tests/server/resource_limit.hpp"
-#include "tests/support/captured_log.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

@@ -8,9 +8,9 @@
 #include <future>
 #include <set>
 
+#include "testing/captured_log.hpp"
 #include "tests/server/event_loop.hpp"
 #include "tests/server/retention/sessions_on_disk.hpp"
-#include "tests/support/captured_log.hpp"
 
 namespace orbbuf {
 namespace {

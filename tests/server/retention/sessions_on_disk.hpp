@@ -9,8 +9,8 @@
 #include <string>
 
 #include "server/recording/session_files.hpp"
+#include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf::test {
 

@@ -4,8 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "testing/captured_log.hpp"
 #include "tests/server/resource_limit.hpp"
-#include "tests/support/captured_log.hpp"
 
 namespace orbbuf {
 namespace {

@@ -5,9 +5,9 @@
 
 #include <stdexcept>
 
+#include "testing/temporary_folder.hpp"
 #include "tests/server/event_loop.hpp"
 #include "tests/server/frames.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

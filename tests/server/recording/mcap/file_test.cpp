@@ -8,8 +8,8 @@
 #include <string>
 
 #include "common/as_bytes.hpp"
+#include "testing/temporary_folder.hpp"
 #include "tests/server/resource_limit.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf::mcap {
 namespace {

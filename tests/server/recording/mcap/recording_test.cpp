@@ -6,9 +6,9 @@
 #include <cstdint>
 #include <limits>
 
+#include "testing/captured_log.hpp"
+#include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
-#include "tests/support/captured_log.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "tests/support/captured_log.hpp"
+#include "testing/captured_log.hpp"
 
 namespace orbbuf {
 namespace {

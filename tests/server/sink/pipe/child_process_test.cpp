@@ -3,9 +3,9 @@
 
 #include <string_view>
 
+#include "testing/captured_log.hpp"
+#include "testing/temporary_folder.hpp"
 #include "tests/server/event_loop.hpp"
-#include "tests/support/captured_log.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

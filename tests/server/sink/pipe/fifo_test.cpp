@@ -7,7 +7,7 @@
 
 #include <array>
 
-#include "tests/support/temporary_folder.hpp"
+#include "testing/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

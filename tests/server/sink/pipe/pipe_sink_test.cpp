@@ -10,10 +10,10 @@
 
 #include "server/sink/pipe/child_process.hpp"
 #include "server/sink/pipe/fifo.hpp"
+#include "testing/captured_log.hpp"
+#include "testing/temporary_folder.hpp"
 #include "tests/server/event_loop.hpp"
 #include "tests/server/frames.hpp"
-#include "tests/support/captured_log.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

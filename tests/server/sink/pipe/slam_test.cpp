@@ -5,10 +5,10 @@
 #include <csignal>
 
 #include "server/recording/session_files.hpp"
+#include "testing/captured_log.hpp"
+#include "testing/temporary_folder.hpp"
 #include "tests/server/event_loop.hpp"
 #include "tests/server/frames.hpp"
-#include "tests/support/captured_log.hpp"
-#include "tests/support/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {

@@ -1,0 +1,245 @@
+// SPDX-License-Identifier: Apache-2.0
+// Compiles with libcamera 0.0.3 (Debian 12) to 0.7. What differs and is used here: whether a
+// control takes an array (libcamera_controls.cpp), strings that are views, planes that come in a
+// Span, and FrameStartup, unknown to old releases: an image like others.
+#include "daemon/capture/libcamera/libcamera_stream.hpp"
+
+#include <libcamera/libcamera.h>
+#include <linux/dma-buf.h>
+#include <spdlog/fmt/fmt.h>
+#include <sys/eventfd.h>
+#include <sys/ioctl.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <deque>
+#include <limits>
+#include <mutex>
+#include <stdexcept>
+#include <vector>
+
+#include "common/unique_fd.hpp"
+#include "daemon/capture/buffer_mapping.hpp"
+#include "daemon/capture/libcamera/libcamera_controls.hpp"
+#include "daemon/capture/libcamera/libcamera_formats.hpp"
+#include "daemon/capture/libcamera/libcamera_manager.hpp"
+
+namespace orbbuf {
+namespace {
+
+using libcamera::FrameBuffer;
+using libcamera::Request;
+
+constexpr std::size_t kLeastRequests = 3;  // one lent, two with the camera
+
+std::string_view hint_at(int error) {
+  if (error == EBUSY) return " (another program films with it)";
+  return error == EACCES ? " (who films must be root or in the group `video`)" : "";
+}
+
+/// Before and after the CPU reads a DMA buffer: on some processors its cache does not know that the
+/// camera has written. A buffer that is none needs nothing.
+void synchronise(const FrameBuffer& buffer, std::uint64_t moment) {
+  dma_buf_sync sync{};
+  sync.flags = DMA_BUF_SYNC_READ | moment;
+  ::ioctl(buffer.planes()[0].fd.get(), DMA_BUF_IOCTL_SYNC, &sync);
+}
+
+/// All that is read of an image is in its first plane. Other planes may share its descriptor.
+BufferMapping map_first_plane(const FrameBuffer& buffer) {
+  const FrameBuffer::Plane& plane = buffer.planes()[0];
+  return {plane.fd.get(), 0, std::size_t{plane.offset} + plane.length};
+}
+
+std::uint32_t exposure_ns_of(const libcamera::ControlList& metadata) {
+  const std::int64_t exposure_us = metadata.get(libcamera::controls::ExposureTime).value_or(0);
+  const std::int64_t most_us = std::numeric_limits<std::uint32_t>::max() / 1000;
+  return static_cast<std::uint32_t>(std::clamp<std::int64_t>(exposure_us, 0, most_us)) * 1000;
+}
+
+/// What libcamera calls the time since booting is its drivers' monotonic time.
+std::int64_t stamp_ns_of(const libcamera::ControlList& metadata,
+                         const libcamera::FrameMetadata& frame) {
+  return metadata.get(libcamera::controls::SensorTimestamp)
+      .value_or(static_cast<std::int64_t>(frame.timestamp));
+}
+
+}  // namespace
+
+/// The camera, from being looked for to being let go.
+class LibcameraStream::Film {
+ public:
+  explicit Film(const std::string& camera)
+      : manager_(libcamera_manager()),
+        camera_(find_libcamera(*manager_, camera)),
+        event_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
+    if (!event_) throw_system_error("cannot make an event");
+  }
+  ~Film();
+  Film(const Film&) = delete;
+  Film& operator=(const Film&) = delete;
+
+  void start(const SourceSettings& settings);
+
+  int fd() const { return event_.get(); }
+  const CameraMode& mode() const { return setup_.mode; }
+  std::string description() const;
+  Result<std::optional<CameraBuffer>> borrow();
+  std::optional<Error> give_back(std::size_t index);
+
+ private:
+  void make_requests();
+  CameraBuffer lend(Request& request);
+  void completed(Request* request);
+  void disconnected();
+  void must(std::string_view attempt, int status) const;
+
+  std::shared_ptr<libcamera::CameraManager> manager_;
+  std::shared_ptr<libcamera::Camera> camera_;
+  bool is_acquired_ = false;
+  LibcameraSetup setup_;
+  std::unique_ptr<libcamera::FrameBufferAllocator> allocator_;
+  std::vector<BufferMapping> mappings_;
+  std::vector<std::unique_ptr<Request>> requests_;  // each with the buffer of its place
+
+  UniqueFd event_;  // readable while something is in one of these, which libcamera's thread fills
+  std::mutex mutex_;
+  std::deque<Request*> ready_;
+  std::string failure_;
+};
+
+LibcameraStream::Film::~Film() {
+  camera_->stop();  // all that was queued comes back; does nothing to an unplugged camera
+  camera_->requestCompleted.disconnect(this);
+  camera_->disconnected.disconnect(this);
+  requests_.clear();
+  mappings_.clear();
+  allocator_.reset();
+  if (is_acquired_) camera_->release();
+}
+
+void LibcameraStream::Film::must(std::string_view attempt, int status) const {
+  if (status >= 0) return;
+  const auto tried = fmt::format("camera {}: cannot {}", camera_->id(), attempt);
+  const auto text = system_error(tried, -status).text + std::string(hint_at(-status));
+  if (status == -ENODEV) throw CameraGone(text);
+  throw std::runtime_error(text);
+}
+
+void LibcameraStream::Film::start(const SourceSettings& settings) {
+  must("take it", camera_->acquire());
+  is_acquired_ = true;
+  setup_ = set_up(*camera_, settings);
+  libcamera::ControlList controls(libcamera::controls::controls);
+  try {
+    controls = control_list(camera_->controls(), settings.controls);
+    if (settings.crop) set_crop(controls, camera_->controls(), *settings.crop);
+  } catch (const std::runtime_error& error) {
+    throw std::runtime_error(fmt::format("camera {}: {}", camera_->id(), error.what()));
+  }
+  setup_.mode.fps = set_rate(controls, camera_->controls(), settings.fps);
+  make_requests();
+  camera_->requestCompleted.connect(this, &Film::completed);
+  camera_->disconnected.connect(this, &Film::disconnected);
+  must("start filming", camera_->start(&controls));
+  // Some pipelines read the controls of start(), some only those of requests.
+  requests_.front()->controls().merge(controls);
+  for (const auto& request : requests_) {
+    must("hand it its buffers", camera_->queueRequest(request.get()));
+  }
+}
+
+void LibcameraStream::Film::make_requests() {
+  allocator_ = std::make_unique<libcamera::FrameBufferAllocator>(camera_);
+  must("get buffers", allocator_->allocate(setup_.stream));
+  for (const auto& buffer : allocator_->buffers(setup_.stream)) {
+    if (!mappings_.emplace_back(map_first_plane(*buffer))) must("map its buffers", -errno);
+    requests_.push_back(camera_->createRequest(requests_.size()));
+    must("make requests", requests_.back() ? 0 : -ENOMEM);
+    must("make requests", requests_.back()->addBuffer(setup_.stream, buffer.get()));
+  }
+  if (requests_.size() < kLeastRequests) must("get three buffers", -ENOMEM);
+}
+
+std::string LibcameraStream::Film::description() const {
+  return fmt::format("{} ({}, libcamera {})", camera_->id(), model_of(*camera_),
+                     libcamera::CameraManager::version());
+}
+
+/// Called on libcamera's thread. A request that is cancelled is lost; when all are, the source
+/// notices that no image comes. It is not given up at once: a camera that is being unplugged
+/// cancels them before it is `disconnected`, and libcamera aborts the process if it is stopped in
+/// between.
+void LibcameraStream::Film::completed(Request* request) {
+  if (request->status() == Request::RequestCancelled) return;
+  const std::lock_guard lock(mutex_);
+  ready_.push_back(request);
+  ::eventfd_write(event_.get(), 1);
+}
+
+/// Called on libcamera's thread.
+void LibcameraStream::Film::disconnected() {
+  const std::lock_guard lock(mutex_);
+  failure_ = "unplugged";
+  ::eventfd_write(event_.get(), 1);
+}
+
+Result<std::optional<CameraBuffer>> LibcameraStream::Film::borrow() {
+  const std::lock_guard lock(mutex_);
+  if (ready_.empty()) {
+    if (!failure_.empty()) return Error{failure_};
+    eventfd_t ignored = 0;
+    ::eventfd_read(event_.get(), &ignored);
+    return std::optional<CameraBuffer>();
+  }
+  Request* const request = ready_.front();
+  ready_.pop_front();
+  return std::optional(lend(*request));
+}
+
+CameraBuffer LibcameraStream::Film::lend(Request& request) {
+  const FrameBuffer& buffer = *request.findBuffer(setup_.stream);
+  const libcamera::FrameMetadata& frame = buffer.metadata();
+  CameraBuffer lent;
+  lent.index = static_cast<std::uint32_t>(request.cookie());
+  lent.sequence = frame.sequence;
+  lent.stamp_ns = stamp_ns_of(request.metadata(), frame);
+  lent.exposure_ns = exposure_ns_of(request.metadata());
+  lent.is_corrupt = frame.status == libcamera::FrameMetadata::FrameError;
+  synchronise(buffer, DMA_BUF_SYNC_START);
+  const FrameBuffer::Plane& plane = buffer.planes()[0];
+  const std::size_t used = frame.planes().empty() ? 0 : frame.planes()[0].bytesused;
+  const auto memory = mappings_[lent.index].bytes().subspan(plane.offset);
+  lent.data = memory.first(std::min(used, memory.size()));
+  return lent;
+}
+
+std::optional<Error> LibcameraStream::Film::give_back(std::size_t index) {
+  Request& request = *requests_[index];
+  synchronise(*request.findBuffer(setup_.stream), DMA_BUF_SYNC_END);
+  request.reuse(Request::ReuseBuffers);
+  const int status = camera_->queueRequest(&request);
+  if (status == 0) return std::nullopt;
+  return system_error("cannot hand it a buffer back", -status);
+}
+
+LibcameraStream::LibcameraStream(const SourceSettings& settings)
+    : film_(std::make_unique<Film>(settings.camera)) {
+  film_->start(settings);
+}
+
+LibcameraStream::~LibcameraStream() = default;
+
+int LibcameraStream::fd() const { return film_->fd(); }
+
+const CameraMode& LibcameraStream::mode() const { return film_->mode(); }
+
+std::string LibcameraStream::description() const { return film_->description(); }
+
+Result<std::optional<CameraBuffer>> LibcameraStream::borrow() { return film_->borrow(); }
+
+std::optional<Error> LibcameraStream::give_back(const CameraBuffer& buffer) {
+  return film_->give_back(buffer.index);
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "daemon/capture/camera_stream.hpp"
+#include "daemon/capture/source_settings.hpp"
+
+namespace orbbuf {
+
+/// A camera that libcamera drives: one whose image is made by a processor beside the sensor, as on
+/// a Raspberry Pi, or a USB camera.
+class LibcameraStream : public CameraStream {
+ public:
+  /// The camera of `[source]`, in the size and format that its pipeline makes of what is set there
+  /// (the log tells). Throws as OpenCamera does.
+  explicit LibcameraStream(const SourceSettings& settings);
+  ~LibcameraStream() override;
+
+  int fd() const override;
+  const CameraMode& mode() const override;
+  std::string description() const override;
+  Result<std::optional<CameraBuffer>> borrow() override;
+  std::optional<Error> give_back(const CameraBuffer& buffer) override;
+
+ private:
+  class Film;
+  std::unique_ptr<Film> film_;
+};
+
+}  // namespace orbbuf

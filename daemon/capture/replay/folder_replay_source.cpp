@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/capture/replay/folder_replay_source.hpp"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstdint>
+#include <fstream>
+#include <stdexcept>
+#include <string_view>
+#include <system_error>
+#include <utility>
+
+#include "common/error.hpp"
+#include "daemon/capture/replay/replay_frame.hpp"
+#ifdef ORBBUF_IMAGE_FILES
+#include <opencv2/imgcodecs.hpp>
+#endif
+
+namespace orbbuf {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::uintmax_t kMaxFileBytes = 256U
+                                         << 20U;  // an image of 65535 pixels square is no input
+
+std::string lower_extension(const fs::path& file) {
+  auto extension = file.extension().string();
+  for (auto& c : extension) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  return extension;
+}
+
+bool is_jpeg(const fs::path& file) {
+  const auto extension = lower_extension(file);
+  return extension == ".jpg" || extension == ".jpeg";
+}
+
+bool is_image(const fs::directory_entry& entry) {
+  const auto extension = lower_extension(entry.path());
+  if (entry.path().filename().string().starts_with('.')) return false;
+  if (!is_jpeg(entry.path()) && extension != ".png" && extension != ".pgm") return false;
+  // A link to nowhere stands for a frame that is missing, and is to be seen as one.
+  std::error_code error;
+  const auto type = entry.status(error).type();
+  return type == fs::file_type::regular || type == fs::file_type::not_found;
+}
+
+/// Sorted by name; empty if there is no such folder.
+std::vector<std::string> image_names(const fs::path& folder) {
+  std::vector<std::string> names;
+  std::error_code error;
+  fs::directory_iterator entry(folder, error);
+  for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
+    if (is_image(*entry)) names.push_back(entry->path().filename().string());
+  }
+  if (error && error != std::errc::no_such_file_or_directory &&
+      error != std::errc::not_a_directory) {
+    throw std::runtime_error("cannot replay images from " + folder.string() + ": " +
+                             error.message());
+  }
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+fs::path find_times_file(const fs::path& folder) {
+  for (const auto& file : {folder / "times.txt", folder.parent_path() / "times.txt"}) {
+    std::error_code error;
+    if (fs::exists(file, error)) return file;
+  }
+  return {};
+}
+
+Result<std::vector<std::uint8_t>> read_file(const fs::path& file) {
+  const auto attempt = "cannot read " + file.string();
+  std::error_code error;
+  const auto size = fs::file_size(file, error);
+  if (error) return Error{attempt + ": " + error.message()};
+  if (size == 0) return Error{attempt + ": it is empty"};
+  if (size > kMaxFileBytes) return Error{attempt + ": it is larger than any image"};
+  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size));
+  std::ifstream in(file, std::ios::binary);
+  if (!in) return system_error(attempt, errno);
+  in.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
+  if (!in) return Error{attempt + ": it ended early"};
+  return bytes;
+}
+
+RawFrame frame_with_defect(std::string why) {
+  RawFrame frame;
+  frame.defect = std::move(why);
+  return frame;
+}
+
+RawFrame jpeg_frame(std::vector<std::uint8_t> bytes) {
+  auto owner = std::make_shared<const std::vector<std::uint8_t>>(std::move(bytes));
+  RawFrame frame;
+  frame.format = PixelFormat::kJpeg;
+  frame.data = *owner;
+  frame.lease = std::move(owner);
+  return frame;
+}
+
+RawFrame read_image(const fs::path& file, [[maybe_unused]] bool is_color) {
+  auto bytes = read_file(file);
+  if (!bytes) return frame_with_defect(bytes.error().text);
+  if (is_jpeg(file)) return jpeg_frame(std::move(bytes).value());
+  const auto attempt = "cannot read " + file.string();
+#ifdef ORBBUF_IMAGE_FILES
+  try {
+    const int flags = is_color ? cv::IMREAD_COLOR : cv::IMREAD_GRAYSCALE;
+    auto image = cv::imdecode(bytes.value(), flags | cv::IMREAD_IGNORE_ORIENTATION);
+    if (!image.empty()) return replay_frame(std::move(image), 0);
+    return frame_with_defect(attempt + ": not an image, or not all of one");
+  } catch (const cv::Exception& error) {
+    return frame_with_defect(attempt + ": " + error.err);
+  }
+#else
+  return frame_with_defect(attempt + ": this program was built without OpenCV's imgcodecs");
+#endif
+}
+
+/// settings.path or path_right. Throws if there are no images.
+ImageFolder find_images(const fs::path& path) {
+  if (path.empty()) throw std::runtime_error("cannot replay images: no path is set");
+  fs::path folder = fs::absolute(path).lexically_normal();
+  if (!folder.has_filename()) folder = folder.parent_path();  // the path ended in a slash
+  const auto attempt = "cannot replay images from " + folder.string();
+  std::error_code error;
+  const auto status = fs::status(folder, error);
+  if (!fs::exists(status)) throw std::runtime_error(attempt + ": " + error.message());
+  if (!fs::is_directory(status)) throw std::runtime_error(attempt + ": it is not a folder");
+  auto names = image_names(folder);
+  if (names.empty()) {
+    folder /= "images";
+    names = image_names(folder);
+  }
+  if (!names.empty()) return {std::move(folder), std::move(names)};
+  throw std::runtime_error(attempt + ": no png, jpg, jpeg or pgm file in it or in its images/");
+}
+
+ImageFolder find_right_images(const fs::path& path, const ImageFolder& left) {
+  auto right = find_images(path);
+  const auto attempt = fmt::format("cannot replay images from {} as the right ones of {}",
+                                   right.path.string(), left.path.string());
+  if (right.path == left.path) throw std::runtime_error(attempt + ": they are the same folder");
+  if (right.names.size() == left.names.size()) return right;
+  throw std::runtime_error(
+      fmt::format("{}: they are {}, those are {}", attempt, right.names.size(), left.names.size()));
+}
+
+}  // namespace
+
+FolderReplaySource::FolderReplaySource(const SourceSettings& settings)
+    : fps_(settings.fps), is_color_(settings.color), left_(find_images(settings.path)) {
+  if (!settings.path_right.empty()) right_ = find_right_images(settings.path_right, left_);
+  times_file_ = find_times_file(left_.path);
+  if (!times_file_.empty()) times_ = read_times_file(times_file_, left_.names);
+}
+
+std::optional<RawFrame> FolderReplaySource::next(std::stop_token stop) {
+  if (next_ == left_.names.size() || stop.stop_requested()) return std::nullopt;
+  const auto index = next_++;
+  auto frame = read_image(left_.path / left_.names[index], is_color_);
+  if (right_) {
+    frame.right = std::make_shared<const RawFrame>(
+        read_image(right_->path / right_->names[index], is_color_));
+  }
+  if (times_.empty()) {
+    frame.capture_time_ns = nominal_time_ns(static_cast<std::int64_t>(index), fps_);
+  } else {
+    frame.capture_time_ns = times_[index].capture_time_ns;
+    frame.exposure_ns = times_[index].exposure_ns;
+  }
+  return frame;
+}
+
+std::string FolderReplaySource::description() const {
+  const auto times =
+      times_.empty() ? fmt::format("{:.4g} fps", fps_) : "times from " + times_file_.string();
+  if (!right_) {
+    return fmt::format("folder {}: {} images, {}", left_.path.string(), left_.names.size(), times);
+  }
+  return fmt::format("folders {} and {}: {} pairs of images, {}", left_.path.string(),
+                     right_->path.string(), left_.names.size(), times);
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <opencv2/core.hpp>
+
+#include "daemon/capture/frame_source.hpp"
+#include "daemon/capture/source_settings.hpp"
+
+namespace orbbuf {
+
+/// A camera over a generated world (scene_canvas.hpp), for the demo and for tests: frames as a
+/// robot's camera gives them, from a seed instead of a data set.
+///
+/// It pans, turns and zooms smoothly, in cycles of 12 s from time 0: 9 s slowly, where frames a
+/// second apart still share over 90 % of the view, then a turn of 3 s, in the middle second of
+/// which the view is replaced altogether. So one second of frames lost costs little or everything.
+///
+/// One seed and size give the same bytes every time on one machine. Between kinds of processor the
+/// world is the same, and the view too but for rounding in the warp, which nobody guarantees.
+/// Cost: about 1 ms for a frame of 640x480 gray. At its reader's pace; see ReplaySource.
+class SceneSource : public FrameSource {
+ public:
+  /// width_px, height_px: 64..4096; frames: at least 1. Throws std::runtime_error otherwise.
+  /// Memory: 9 MB for 640x480 gray, at most 50 MB; three times that in colour.
+  explicit SceneSource(const SourceSettings& settings);
+
+  std::optional<RawFrame> next(std::stop_token stop) override;
+  bool is_live() const override { return false; }
+  std::string description() const override;
+
+ private:
+  cv::Matx23d view_at(double time_s) const;
+
+  SourceSettings settings_;
+  double canvas_px_per_px_;  ///< at zoom 1
+  double canvas_side_px_;
+  double margin_px_;  ///< how far a view can reach from its centre, in canvas pixels
+  cv::Mat canvas_;    ///< wrapped on by the margin on all sides, so that no view leaves it
+  std::int64_t index_ = 0;
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/capture/replay/times_file.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <charconv>
+#include <fstream>
+#include <limits>
+#include <map>
+#include <stdexcept>
+#include <system_error>
+
+namespace orbbuf {
+namespace {
+
+constexpr int kNanosecondDigits = 9;      // behind the point of a second
+constexpr int kNanosecondDigitsOfMs = 6;  // behind the point of a millisecond
+
+constexpr std::string_view kBlank = " \t\r";
+
+struct Line {
+  int number = 0;
+  std::vector<std::string> fields;
+};
+
+bool is_digit(char c) { return c >= '0' && c <= '9'; }
+
+[[noreturn]] void fail(const std::filesystem::path& file, const std::string& why) {
+  throw std::runtime_error("cannot take times from " + file.string() + ": " + why);
+}
+
+[[noreturn]] void fail(const std::filesystem::path& file, const Line& line,
+                       const std::string& why) {
+  fail(file, "line " + std::to_string(line.number) + ": " + why);
+}
+
+std::vector<std::string> split(std::string_view text) {
+  std::vector<std::string> fields;
+  for (auto begin = text.find_first_not_of(kBlank); begin != std::string_view::npos;
+       begin = text.find_first_not_of(kBlank, begin)) {
+    const auto end = std::min(text.find_first_of(kBlank, begin), text.size());
+    fields.emplace_back(text.substr(begin, end - begin));
+    begin = end;
+  }
+  return fields;
+}
+
+std::vector<Line> read_lines(const std::filesystem::path& file) {
+  std::ifstream in(file);
+  std::vector<Line> lines;
+  int number = 0;
+  for (std::string text; std::getline(in, text);) {
+    ++number;
+    auto fields = split(std::string_view(text).substr(0, text.find('#')));
+    if (!fields.empty()) lines.push_back({number, std::move(fields)});
+  }
+  if (!in.eof()) fail(file, std::generic_category().message(errno));
+  if (lines.empty()) fail(file, "there are none in it");
+  const auto count = lines.front().fields.size();
+  for (const auto& line : lines) {
+    if (line.fields.size() == count && count <= 3) continue;
+    fail(file, line,
+         std::to_string(line.fields.size()) + " fields; expected 1 to 3, as many on every line");
+  }
+  return lines;
+}
+
+/// Which field holds what; -1: none does.
+struct Layout {
+  int time = 0;
+  int name = -1;
+  int id = -1;
+  int exposure = -1;
+};
+
+Layout layout_of(const std::vector<Line>& lines) {
+  switch (lines.front().fields.size()) {
+    case 1:
+      return {.time = 0};
+    case 2:
+      // One name among numbers is reported as a bad time, with its line.
+      return std::any_of(lines.begin(), lines.end(),
+                         [](const Line& line) { return parse_decimal(line.fields[1], 0); })
+                 ? Layout{.time = 1, .id = 0}
+                 : Layout{.time = 0, .name = 1};
+    default:
+      return {.time = 1, .id = 0, .exposure = 2};
+  }
+}
+
+/// `text` as the number that it consists of, in a form that compares equal for 7 and 007. Nothing
+/// if it is not one.
+std::optional<std::string> id_of(std::string_view text) {
+  if (text.empty() || !std::all_of(text.begin(), text.end(), is_digit)) return std::nullopt;
+  text.remove_prefix(std::min(text.find_first_not_of('0'), text.size() - 1));
+  return std::string(text);
+}
+
+/// What a line calls each of the images, as `layout` has it.
+std::vector<std::string> keys_of_images(const Layout& layout,
+                                        const std::vector<std::string>& names) {
+  if (layout.name >= 0) return names;
+  std::vector<std::string> stems;
+  std::vector<std::string> places;
+  for (const auto& name : names) {
+    if (const auto id = id_of(std::filesystem::path(name).stem().string())) stems.push_back(*id);
+    places.push_back(std::to_string(places.size()));
+  }
+  return layout.id >= 0 && stems.size() == names.size() ? stems : places;
+}
+
+std::map<std::string, const Line*> lines_by_key(const std::filesystem::path& file,
+                                                const Layout& layout,
+                                                const std::vector<Line>& lines) {
+  std::map<std::string, const Line*> by_key;
+  for (const auto& line : lines) {
+    std::string key = std::to_string(by_key.size());
+    if (layout.name >= 0) {
+      key = std::filesystem::path(line.fields[1]).filename().string();
+    } else if (layout.id >= 0) {
+      const auto id = id_of(line.fields[0]);
+      if (!id) fail(file, line, "'" + line.fields[0] + "' is not the number of an image");
+      key = *id;
+    }
+    const auto [at, is_new] = by_key.emplace(std::move(key), &line);
+    if (is_new) continue;
+    fail(file, line, at->first + " is on line " + std::to_string(at->second->number) + " already");
+  }
+  return by_key;
+}
+
+ImageTime parse(const std::filesystem::path& file, const Layout& layout, const Line& line) {
+  const auto& time = line.fields[static_cast<std::size_t>(layout.time)];
+  const auto time_ns = parse_decimal(time, kNanosecondDigits);
+  if (!time_ns) fail(file, line, "'" + time + "' is not a time in seconds");
+  if (layout.exposure < 0) return {*time_ns};
+  const auto& exposure = line.fields[static_cast<std::size_t>(layout.exposure)];
+  const auto exposure_ns = parse_decimal(exposure, kNanosecondDigitsOfMs);
+  if (!exposure_ns || *exposure_ns > std::numeric_limits<std::uint32_t>::max()) {
+    fail(file, line, "'" + exposure + "' is not an exposure time in milliseconds, up to 4294");
+  }
+  return {*time_ns, static_cast<std::uint32_t>(*exposure_ns)};
+}
+
+}  // namespace
+
+std::vector<ImageTime> read_times_file(const std::filesystem::path& file,
+                                       const std::vector<std::string>& names) {
+  const auto lines = read_lines(file);
+  const auto layout = layout_of(lines);
+  if (layout.name < 0 && layout.id < 0 && lines.size() != names.size()) {
+    fail(file,
+         std::to_string(lines.size()) + " times for " + std::to_string(names.size()) + " images");
+  }
+  const auto keys = keys_of_images(layout, names);
+  const auto by_key = lines_by_key(file, layout, lines);
+  std::vector<ImageTime> times;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const auto at = by_key.find(keys[i]);
+    if (at == by_key.end()) {
+      const bool is_named = keys[i] == names[i];
+      fail(file, "no line for image " + names[i] + (is_named ? "" : ", number " + keys[i]));
+    }
+    times.push_back(parse(file, layout, *at->second));
+    if (i > 0 && times[i].capture_time_ns <= times[i - 1].capture_time_ns) {
+      fail(file, *at->second,
+           "the time of " + names[i] + " is not after that of " + names[i - 1] + " before it");
+    }
+  }
+  return times;
+}
+
+std::optional<std::int64_t> parse_decimal(std::string_view text, int digits) {
+  const auto mantissa = text.substr(0, text.find_first_of("eE"));
+  int exponent = 0;
+  if (mantissa.size() < text.size()) {
+    auto rest = text.substr(mantissa.size() + 1);
+    if (rest.size() > 1 && rest[0] == '+' && is_digit(rest[1])) rest.remove_prefix(1);
+    const auto [end, error] = std::from_chars(rest.data(), rest.data() + rest.size(), exponent);
+    if (error != std::errc() || end != rest.data() + rest.size()) return std::nullopt;
+    if (exponent < -99 || exponent > 99) return std::nullopt;
+  }
+  const auto whole = mantissa.substr(0, mantissa.find('.'));
+  const auto fraction = mantissa.substr(std::min(whole.size() + 1, mantissa.size()));
+  auto all = std::string(whole).append(fraction);
+  if (all.empty() || !std::all_of(all.begin(), all.end(), is_digit)) return std::nullopt;
+
+  // The integer part of the result: so many digits of the mantissa, zeros where it is shorter.
+  const auto wanted = static_cast<std::ptrdiff_t>(whole.size()) + exponent + digits;
+  all.resize(static_cast<std::size_t>(std::max<std::ptrdiff_t>(wanted, 0)), '0');
+  if (all.empty()) return 0;
+  std::int64_t value = 0;
+  const auto [end, error] = std::from_chars(all.data(), all.data() + all.size(), value);
+  return error == std::errc() ? std::optional(value) : std::nullopt;
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <opencv2/core.hpp>
+#include <opencv2/videoio.hpp>
+
+#include "daemon/capture/frame_source.hpp"
+#include "daemon/capture/source_settings.hpp"
+
+namespace orbbuf {
+
+/// The frames of a video file, in gray or, if settings.color, in colour. Times count from 0 at the
+/// rate that the file states, or at settings.fps if it states none. At its reader's pace;
+/// ReplaySource gives it the camera's.
+class VideoReplaySource : public FrameSource {
+ public:
+  /// settings.path: the file. Throws std::runtime_error unless a first frame comes out of it.
+  explicit VideoReplaySource(const SourceSettings& settings);
+
+  /// A video that breaks off ends there.
+  std::optional<RawFrame> next(std::stop_token stop) override;
+  bool is_live() const override { return false; }
+  std::string description() const override;
+
+ private:
+  void decode_next();
+
+  std::filesystem::path path_;
+  bool is_color_;
+  double fps_;
+  cv::VideoCapture video_;
+  cv::Mat decoded_;  ///< what next() hands out, as it came; empty at the end
+  std::int64_t index_ = 0;
+};
+
+}  // namespace orbbuf

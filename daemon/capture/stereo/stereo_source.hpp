@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <exception>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+
+#include "common/log_limit.hpp"
+#include "daemon/capture/frame_source.hpp"
+#include "daemon/capture/stereo/stereo_pairer.hpp"
+
+namespace orbbuf {
+
+/// Two live cameras as one: each films on a thread of its own, `left` and `right`, and what they
+/// captured together is one frame under the left image's time.
+///
+/// The cameras need not be synchronised: images up to `tolerance` apart are taken for a pair. Those
+/// without a partner are counted; the log tells of them at most every 10 s, and has the account at
+/// the end. While one camera is away (CameraSource waits for it) no frame comes, and none is lost
+/// that has both images.
+class StereoSource : public FrameSource {
+ public:
+  /// Both sources set RawFrame::monotonic_ns. tolerance: half a frame's time, so that every image
+  /// has one partner.
+  StereoSource(std::unique_ptr<FrameSource> left, std::unique_ptr<FrameSource> right,
+               std::chrono::nanoseconds tolerance);
+  /// Stops the cameras and waits for their threads.
+  ~StereoSource() override;
+
+  /// Throws what a camera threw. Ends when both have, or with `stop`, which ends them too.
+  std::optional<RawFrame> next(std::stop_token stop) override;
+  bool is_live() const override { return true; }
+  std::string description() const override;
+
+ private:
+  void film(Side side, const std::stop_token& stop);
+  void add(Side side, RawFrame frame);
+
+  const std::unique_ptr<FrameSource> left_;
+  const std::unique_ptr<FrameSource> right_;
+  const std::string description_;
+
+  mutable std::mutex mutex_;
+  std::condition_variable_any changed_;
+  StereoPairer pairer_;          // guarded by mutex_
+  std::deque<RawFrame> pairs_;   // guarded by mutex_
+  std::uint64_t overtaken_ = 0;  // guarded by mutex_: pairs that next() did not take in time
+  std::uint64_t told_ = 0;       // guarded by mutex_: images without a partner that were logged
+  LogLimit unpaired_log_{std::chrono::seconds(10)};  // guarded by mutex_
+  int filming_ = 2;                                  // guarded by mutex_
+  std::exception_ptr failure_;                       // guarded by mutex_
+
+  std::jthread left_thread_;
+  std::jthread right_thread_;
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "testing/certificates.hpp"
+
+#include <stdexcept>
+#include <vector>
+
+#include "testing/process.hpp"
+
+namespace orbbuf::test {
+namespace {
+
+/// The fenced block ```sh NAME of docs/security.md.
+std::string block(const std::string& name) {
+  std::string text;
+  bool is_inside = false;
+  for (const std::string& line : read_lines(ORBBUF_SOURCE_DIR "/docs/security.md")) {
+    if (line.starts_with("```")) {
+      is_inside = line == "```sh " + name;
+    } else if (is_inside) {
+      text += line + "\n";
+    }
+  }
+  return text;
+}
+
+std::string replace_all(std::string text, const std::string& from, const std::string& to) {
+  for (auto at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size())) {
+    text.replace(at, from.size(), to);
+  }
+  return text;
+}
+
+}  // namespace
+
+Certificates::Certificates() {
+  for (const char* name : {"ca", "server", "robot"}) make(name, "", "");
+}
+
+TlsSettings Certificates::of(const std::string& name) const {
+  return {folder_ / (name + ".crt"), folder_ / (name + ".key"), folder_ / "ca.crt"};
+}
+
+void Certificates::make(const std::string& name, const std::string& from,
+                        const std::string& to) const {
+  std::string commands = block(name);
+  if (!from.empty()) commands = replace_all(commands, from, to);
+  const Finished made =
+      run({"sh", "-e", "-c", "cd '" + folder_.path().string() + "'\n" + commands});
+  if (made.status != 0) throw std::runtime_error("docs/security.md, " + name + ": " + made.output);
+}
+
+std::vector<std::string> Certificates::overrides(const TlsSettings& tls) {
+  return {"tls.certificate=" + tls.certificate.string(), "tls.key=" + tls.key.string(),
+          "tls.ca=" + tls.ca.string()};
+}
+
+}  // namespace orbbuf::test

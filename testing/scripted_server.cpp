@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "testing/scripted_server.hpp"
+
+#include <array>
+#include <boost/asio/buffer.hpp>
+#include <boost/asio/read.hpp>
+#include <boost/asio/write.hpp>
+#include <stdexcept>
+
+namespace orbbuf::test {
+namespace asio = boost::asio;
+
+EncodedFrame Message::frame() const {
+  const std::span<const std::uint8_t> bytes(body);
+  auto frame = wire::parse_frame(header, bytes.first<wire::kFrameMetaBytes>(),
+                                 {body.begin() + wire::kFrameMetaBytes, body.end()});
+  if (!frame) throw std::runtime_error(frame.error().text);
+  return std::move(frame.value());
+}
+
+ScriptedServer::ScriptedServer()
+    : acceptor_(io_, {asio::ip::address_v4::loopback(), 0}), socket_(io_) {}
+
+std::uint16_t ScriptedServer::port() const { return acceptor_.local_endpoint().port(); }
+
+void ScriptedServer::accept() { socket_ = acceptor_.accept(); }
+
+wire::Hello ScriptedServer::welcome(const wire::Position& position) {
+  accept();
+  const Message message = read(wire::Type::kHello);
+  auto hello = wire::parse_hello(message.header, message.body);
+  if (!hello) throw std::runtime_error(hello.error().text);
+  send(wire::encode(wire::Welcome{wire::kProtocolVersion, position}));
+  return hello.value();
+}
+
+std::optional<Message> ScriptedServer::read_any() {
+  std::array<std::uint8_t, wire::kHeaderBytes> bytes{};
+  boost::system::error_code error;
+  asio::read(socket_, asio::buffer(bytes), error);
+  if (error) return std::nullopt;
+  const auto header = wire::parse_header(bytes, 1 << 24);
+  if (!header) throw std::runtime_error(header.error().text);
+  Message message{header.value(), std::vector<std::uint8_t>(header.value().body_bytes)};
+  asio::read(socket_, asio::buffer(message.body), error);
+  if (error) return std::nullopt;
+  return message;
+}
+
+std::optional<Message> ScriptedServer::read() {
+  std::optional<Message> message = read_any();
+  while (message && message->type() == wire::Type::kStats) message = read_any();
+  return message;
+}
+
+Message ScriptedServer::read(wire::Type type) {
+  while (std::optional<Message> message = read_any()) {
+    if (message->type() == type) return *message;
+  }
+  throw std::runtime_error("the robot closed the connection");
+}
+
+void ScriptedServer::send(const std::vector<std::uint8_t>& bytes) {
+  boost::system::error_code ignored;  // a robot that has gone is a case of its own
+  asio::write(socket_, asio::buffer(bytes), ignored);
+}
+
+void ScriptedServer::ack(const wire::Position& position) {
+  send(wire::encode(wire::Ack{position}));
+}
+
+void ScriptedServer::close() { socket_.close(); }
+
+}  // namespace orbbuf::test
