@@ -14,19 +14,19 @@
 
 namespace orbbuf {
 
-/// What is wrong with a configuration: `FILE:LINE: KEY: why`, or `--set KEY=VALUE: KEY: why`. One
-/// line, whatever it quotes: control characters in `text` become '?'.
+/// An error in the configuration: `FILE:LINE: KEY: why`, or `--set KEY=VALUE: KEY: why`. Always one
+/// line: control characters in `text` become '?'.
 class ConfigError : public std::runtime_error {
  public:
   explicit ConfigError(std::string text);
 };
 
 /// Typed reading of one TOML file, toml++ hidden behind it. A key is `table.key`. Every getter
-/// names the key's default; reject_unknown() after the last getter refuses whatever was not asked
-/// for. All members throw ConfigError. Start-up only; reentrant.
+/// names the key's default. reject_unknown(), after the last getter, refuses every key that no
+/// getter asked for. All members throw ConfigError. Start-up only; reentrant.
 class ConfigReader {
  public:
-  /// Reads `file` (empty: no file, all defaults) and lays `overrides` over it, each
+  /// Reads `file` (empty: no file, all defaults) and applies `overrides`, each
   /// `table.key=value`. An override's value is TOML; what is not valid TOML is taken as a string,
   /// so that `link.server=10.0.0.1:7722` needs no quotes.
   ConfigReader(const std::filesystem::path& file, std::span<const std::string> overrides);
@@ -34,7 +34,7 @@ class ConfigReader {
   ConfigReader(const ConfigReader&) = delete;
   ConfigReader& operator=(const ConfigReader&) = delete;
 
-  /// Whether anything is set at `key`, of whatever type.
+  /// Whether `key` is set, to a value of any type.
   bool has(std::string_view key) const;
 
   std::string text(std::string_view key, std::string_view fallback);
@@ -59,18 +59,18 @@ class ConfigReader {
   /// directory for `--set` and without a file). Empty stays empty.
   std::filesystem::path path(std::string_view key, const std::filesystem::path& fallback);
 
-  /// A table whose keys are names that only their user knows, with a number each; true and false
-  /// are 1 and 0. `--set KEY.NAME=VALUE` adds to the file's.
+  /// A table with keys of the user's choice and a number for each; true and false are 1 and 0.
+  /// `--set KEY.NAME=VALUE` adds to the file's.
   std::map<std::string, double> numbers(std::string_view key);
 
-  /// The tables within the table `key`, whose names only their user knows: name -> the key of that
-  /// table, to ask with. `--set KEY.NAME.REST=VALUE` adds to the file's. A name that is no bare
-  /// word is in quotes there, KEY."NAME".
+  /// The tables within the table `key`, with names of the user's choice: name -> the full key of
+  /// that table, for the getters. `--set KEY.NAME.REST=VALUE` adds to the file's. A name that is no
+  /// bare word is in quotes there, KEY."NAME".
   std::map<std::string, std::string> tables(std::string_view key);
 
   /// Names the first key that no getter asked for, with the nearest known key if one is near.
   void reject_unknown() const;
-  /// Refuses the value of `key`, naming where it was set (or the file, if it was not).
+  /// Throws for the value of `key`, naming where it was set (the file if it was not set).
   [[noreturn]] void fail(std::string_view key, std::string_view why) const;
 
  private:

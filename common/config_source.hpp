@@ -11,7 +11,8 @@
 #include <string_view>
 #include <vector>
 
-/// The inside of ConfigReader, for config*.cpp only: what was set, where, and who asked for it.
+/// The implementation of ConfigReader, for config*.cpp only: what is set, where, and which keys
+/// are known.
 namespace orbbuf {
 
 /// A value and where it was set: `FILE:LINE` or `--set KEY=VALUE`.
@@ -21,7 +22,7 @@ struct Setting {
   bool is_override = false;
 };
 
-/// One file and the overrides laid over it. Lends its nodes: it must outlive every Setting.
+/// One file and the overrides of its values. Lends its nodes: it must outlive every Setting.
 class ConfigSource {
  public:
   ConfigSource(std::filesystem::path file, std::span<const std::string> overrides);
@@ -32,14 +33,14 @@ class ConfigSource {
   /// needs a table and the file has something else.
   std::optional<Setting> locate(std::string_view key) const;
 
-  /// locate(), and from now on `key` is known.
+  /// locate(), and marks `key` as known.
   std::optional<Setting> ask(std::string_view key);
 
-  /// The names set in the table `key`, of the file and of overrides; from now on `key` is known.
+  /// The names set in the table `key`, of the file and of overrides. Marks `key` as known.
   std::set<std::string> ask_table(std::string_view key);
 
   /// Throws ConfigError for the first key or table, in the order of the lines and then of the
-  /// overrides, that nobody asked for.
+  /// overrides, that no getter asked for.
   void reject_unknown() const;
 
  private:

@@ -18,7 +18,7 @@ enum class DropReason : std::uint8_t {
   kShutdown = 4,  ///< still undelivered when the daemon had to stop
 };
 
-/// DropRecord::similarity where nobody has compared the neighbours.
+/// DropRecord::similarity if the neighbours were not compared.
 inline constexpr std::uint16_t kUnknownSimilarity = 0xFFFF;
 
 /// A captured frame that will not be delivered, named.
@@ -26,7 +26,7 @@ struct DropRecord {
   Sequence sequence = 0;
   std::int64_t capture_time_ns = 0;
   DropReason reason = DropReason::kPolicy;
-  /// M of the two frames between which it was, when it went. Not kept in files.
+  /// M of its two neighbours at the time of the drop. Not kept in files.
   std::uint16_t similarity = kUnknownSimilarity;
 
   friend bool operator==(const DropRecord&, const DropRecord&) = default;

@@ -88,7 +88,7 @@ Result<JpegInfo> JpegCodec::inspect(std::span<const std::uint8_t> jpeg) {
   std::size_t end = jpeg.size();
   while (end > 0 && jpeg[end - 1] == 0) --end;
   if (end < 2 || jpeg[end - 2] != 0xFF || jpeg[end - 1] != 0xD9) {
-    return Error{"JPEG is cut short: no end marker"};
+    return Error{"JPEG is truncated: no end marker"};
   }
   return JpegInfo{header.value().width_px, header.value().height_px,
                   header.value().color_space == TJCS_GRAY};
@@ -100,8 +100,9 @@ Result<JpegHalves> JpegCodec::halve(std::span<const std::uint8_t> jpeg) {
   const auto [width_px, height_px, subsampling, color_space] = header.value();
   const int block_px = subsampling < 0 ? 0 : tjMCUWidth[subsampling];
   if (block_px == 0 || width_px % (2 * block_px) != 0) {
-    return Error{fmt::format("a JPEG of {}x{} px has no halves of whole blocks, {} px wide each",
-                             width_px, height_px, block_px)};
+    return Error{
+        fmt::format("cannot split a JPEG of {}x{} px: each half must be a multiple of {} px wide",
+                    width_px, height_px, block_px)};
   }
   std::array<tjtransform, 2> cuts{};
   for (tjtransform& cut : cuts) {

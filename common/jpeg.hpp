@@ -10,7 +10,7 @@
 
 namespace orbbuf {
 
-/// 8-bit pixels in memory that someone else owns, rows top to bottom.
+/// A view of 8-bit pixels, rows top to bottom. Does not own them.
 struct ImageView {
   const std::uint8_t* data = nullptr;
   int width_px = 0;

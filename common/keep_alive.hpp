@@ -3,8 +3,8 @@
 
 namespace orbbuf {
 
-/// Has the kernel end a TCP connection that is idle and whose peer has been silent for about 15 s:
-/// gone without a word, as a host does that loses its power. False if the system refuses.
+/// Sets TCP keep-alive: the kernel closes the connection when its peer has not answered for about
+/// 15 s, for example because its host lost power. False if the system refuses.
 bool keep_alive(int socket);
 
 }  // namespace orbbuf

@@ -16,12 +16,11 @@ inline constexpr std::array<std::string_view, 5> kLogLevels = {"trace", "debug",
 /// level. Call once, from main().
 void set_up_log(std::string_view level);
 
-/// `text` with '?' for all that is not printable ASCII: fit for the log, whoever chose it.
+/// `text` with '?' for every byte that is not printable ASCII, for texts from outside.
 std::string printable(std::string text);
 
 /// Names the calling thread, at most 15 characters, for the log and for tools such as top -H. Not
-/// for the first thread: its name is the process's, which pgrep looks for, and in the log it is
-/// `main`.
+/// for the first thread: its name is the process's name, and the log calls it `main`.
 void name_this_thread(const char* name);
 
 }  // namespace orbbuf

@@ -5,8 +5,8 @@
 
 namespace orbbuf {
 
-/// Keeps what may happen with every frame from filling the log: the first time, and then no sooner
-/// than `interval` after the last that was let through. Thread-bound.
+/// Limits a message that could be logged with every frame: lets the first one through, and then
+/// one per `interval`. Thread-bound.
 class LogLimit {
  public:
   using Moment = std::chrono::steady_clock::time_point;

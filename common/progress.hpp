@@ -8,12 +8,12 @@
 
 namespace orbbuf {
 
-/// How far a long job is, on stderr: one line that is rewritten on a terminal, otherwise a plain
-/// line every 5 s; each with the rate and the time that remains. A job that ends before the first
-/// one is due is silent. Thread-safe.
+/// Prints the progress of a long job to stderr, with the rate and the remaining time: one line that
+/// is rewritten on a terminal, else a new line every 5 s. Prints nothing for a job that ends before
+/// the first line is due. Thread-safe.
 class Progress {
  public:
-  /// what: "export"; unit: "images", as they shall read in the line.
+  /// The words of the line, for example what: "export", unit: "images".
   Progress(std::string what, std::string unit, std::size_t total);
   /// Ends the line on a terminal.
   ~Progress();

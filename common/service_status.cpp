@@ -29,23 +29,24 @@ std::chrono::microseconds ServiceStatus::interval() const {
 }
 
 void ServiceStatus::ready() {
-  if (!std::exchange(is_ready_, true)) tell("READY=1");
+  if (!std::exchange(is_ready_, true)) notify("READY=1");
 }
 
 void ServiceStatus::status(const std::string& text) {
-  if (text != status_) tell("STATUS=" + text);
+  if (text != status_) notify("STATUS=" + text);
   status_ = text;
 }
 
-void ServiceStatus::feed() { tell("WATCHDOG=1"); }
+void ServiceStatus::feed() { notify("WATCHDOG=1"); }
 
-void ServiceStatus::stopping() { tell("STOPPING=1"); }
+void ServiceStatus::stopping() { notify("STOPPING=1"); }
 
-void ServiceStatus::tell([[maybe_unused]] const std::string& message) {
+void ServiceStatus::notify([[maybe_unused]] const std::string& message) {
 #ifdef ORBBUF_SYSTEMD
   const int result = ::sd_notify(0, message.c_str());
   if (result >= 0 || std::exchange(has_failed_, true)) return;
-  spdlog::warn("cannot tell systemd \"{}\": {}", message, std::generic_category().message(-result));
+  spdlog::warn("cannot notify systemd of \"{}\": {}", message,
+               std::generic_category().message(-result));
 #endif
 }
 

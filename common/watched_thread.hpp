@@ -12,17 +12,18 @@
 
 namespace orbbuf {
 
-/// How often a watched thread beats while it waits.
+/// How often a watched thread calls beat() while it waits.
 inline constexpr std::chrono::seconds kBeatInterval{1};
 
-/// As long as it lives the thread that made it is watched: it beats each time it gets round, also
-/// while it waits, and who looks finds the one that has not. The threads are in one list for the
-/// whole process, so that what waits deep inside a source needs no one handed down to it.
+/// Registers the calling thread with the watchdog for the lifetime of this object. A watched thread
+/// calls beat() in every iteration of its loop, also while it waits; find_still() lists the threads
+/// that have not. The registry is one list per process, so code deep inside a source can call
+/// beat() without a parameter.
 class WatchedThread {
  public:
   using Clock = std::chrono::steady_clock;
 
-  /// Names the calling thread as name_this_thread() does. One a thread; ends on the same thread.
+  /// Names the calling thread as name_this_thread() does. One per thread; destroyed on that thread.
   explicit WatchedThread(const char* name);
   ~WatchedThread();
   WatchedThread(const WatchedThread&) = delete;
@@ -32,8 +33,9 @@ class WatchedThread {
     std::string name;
     std::chrono::nanoseconds time;  ///< since it last beat
   };
-  /// Any thread: those that have not beaten for longer than `limit`, the longest first. One that
-  /// stands still with a lock stops others that want it, so the first need not be the cause.
+  /// The threads that have not called beat() for longer than `limit`, the longest first. A thread
+  /// that hangs while it holds a lock stops the threads that need the lock, so the first one need
+  /// not be the cause. Callable from any thread.
   static std::vector<Still> find_still(std::chrono::nanoseconds limit);
 
  private:
@@ -47,7 +49,7 @@ class WatchedThread {
   std::list<Entry>::iterator entry_;
 };
 
-/// The calling thread gets round. Does nothing for one that is not watched.
+/// Marks the calling thread as alive. Does nothing for a thread that is not watched.
 void beat();
 
 /// condition.wait(lock, ready), beating.

@@ -55,8 +55,9 @@ void Health::feed_if_moving() {
   for (const auto& [name, time] : still) {
     names.insert(name);
     if (still_.contains(name)) continue;
-    spdlog::error("thread {} has stood still for {:.1f} s; the watchdog is not fed until it moves",
-                  name, duration<double>(time).count());
+    spdlog::error(
+        "thread {} has not responded for {:.1f} s; feeding the watchdog stops until it does", name,
+        duration<double>(time).count());
   }
   still_ = std::move(names);
   if (still_.empty()) service_.feed();

@@ -12,10 +12,10 @@
 
 namespace orbbuf {
 
-/// Tells the service manager how the robot does. Ready: frames come, and the first attempt to
-/// connect has ended, well or not. Fed: `main`, by calling this, and every watched thread of the
-/// pipeline have got round in the last half of the watchdog's period. A camera that is away and a
-/// server that is not there are no reason not to be fed. Thread-bound to `main`.
+/// Reports the daemon's state to the service manager. It is ready once a frame has been captured
+/// and the first attempt to connect has ended, with or without success. It feeds the watchdog while
+/// every watched thread has called beat() within the last half of the watchdog's period. A missing
+/// camera or server does not stop the feeding. Thread-bound to `main`.
 class Health {
  public:
   using Clock = std::chrono::steady_clock;

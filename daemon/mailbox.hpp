@@ -13,9 +13,9 @@
 
 namespace orbbuf {
 
-/// A few slots between `capture` and `worker`, latest win: a reader that is late gets the newest
-/// items, in order, and the writer learns which one it pushed out. Several, so that items that come
-/// in a burst are not lost to each other. Thread-safe: one writer, one reader.
+/// A queue of a few slots between `capture` and `worker` that keeps the newest items: when it is
+/// full, put() removes the oldest item and returns it. It has several slots so that a burst loses
+/// nothing. Thread-safe: one writer, one reader.
 template <class T>
 class Mailbox {
  public:
@@ -32,7 +32,7 @@ class Mailbox {
     return overwritten;
   }
 
-  /// Waits until all slots are empty, for a writer that can afford to. False if `stop` came first.
+  /// Waits until all slots are empty, for a writer that can wait. False if `stop` came first.
   bool wait_until_empty(const std::stop_token& stop) {
     std::unique_lock lock(mutex_);
     return wait_beating(changed_, lock, stop, [this] { return items_.empty(); });
@@ -47,14 +47,13 @@ class Mailbox {
     return item;
   }
 
-  /// For a reader that has other things to do meanwhile: nothing is there to take, and the writer
-  /// is not done.
+  /// Whether take() would wait now, for a reader that has other work to do.
   bool take_would_wait() const {
     const std::lock_guard lock(mutex_);
     return items_.empty() && !is_closed_;
   }
 
-  /// The writer is done: what is there can still be taken.
+  /// The writer is done. The items in the mailbox can still be taken.
   void close() {
     const std::lock_guard lock(mutex_);
     is_closed_ = true;

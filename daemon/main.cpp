@@ -14,9 +14,9 @@
 namespace {
 
 constexpr const char* kAbout =
-    "Films, or replays a sequence, and keeps a SLAM program at the far end of a bad link\n"
-    "tracking: when frames must be given up, gives up those that cost it least.\n"
-    "Every key of the configuration, with its unit and default: config/orbbufd.toml.";
+    "Captures frames from a camera, or replays recorded ones, and sends them to orbbuf-server.\n"
+    "When the link is too slow for every frame, drops the frames that visual SLAM needs least.\n"
+    "config/orbbufd.toml documents every key of the configuration.";
 
 }  // namespace
 
@@ -25,15 +25,18 @@ int main(int argc, char** argv) {
   std::string file;
   std::vector<std::string> overrides;
   bool check_only = false, list_only = false, probe_only = false;
-  app.add_option("--config", file, "Configuration file (TOML); without one, all defaults")
+  app.add_option("--config", file,
+                 "Configuration file (TOML); default: none, every key at its default")
       ->type_name("FILE");
-  app.add_option("--set", overrides, "Set one key over the file, e.g. link.server=10.0.0.1:7722")
+  app.add_option("--set", overrides,
+                 "Override a configuration value, e.g. link.server=10.0.0.1:7722")
       ->type_name("KEY=VALUE")
       ->allow_extra_args(false);
   app.add_flag("--check-config", check_only, "Check the configuration and exit");
-  app.add_flag("--list-cameras", list_only, "List the cameras and what they offer, and exit");
+  app.add_flag("--list-cameras", list_only,
+               "List the cameras with their formats and controls, and exit");
   app.add_flag("--probe", probe_only,
-               "Film for 2 s, report rates and costs, suggest a configuration");
+               "Capture for 2 s, report rates and costs, suggest a configuration");
   app.set_version_flag("--version", "orbbufd " ORBBUF_VERSION);
   CLI11_PARSE(app, argc, argv);
 

@@ -15,10 +15,10 @@
 
 namespace orbbuf {
 
-/// From the source into the buffer, on two threads of its own: `capture` takes frames from the
-/// source and numbers them, `worker` encodes and pushes them. Between them is a mailbox of a
-/// few frames: a live source never waits, and a frame that the worker does not get to in time is
-/// named as skipped. A source that can wait is read only as fast as the buffer has room, so it
+/// Moves frames from the source into the buffer, on two threads: `capture` takes frames from the
+/// source and numbers them, `worker` encodes and pushes them. A mailbox of a few frames lies
+/// between them: a live source never waits, and a frame that the worker does not take in time is
+/// recorded as skipped. A source that is not live is read only when the buffer has room, so it
 /// loses nothing. Thread-bound to `main`.
 class Pipeline {
  public:

@@ -24,7 +24,7 @@ namespace {
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 
-constexpr auto kFilming = 2s;
+constexpr auto kCaptureTime = 2s;
 constexpr auto kPatience = 7s;
 constexpr std::size_t kTimed = 8;  // of the last frames
 
@@ -40,13 +40,13 @@ double ms_since(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
-Footage film(FrameSource& source) {
+Footage capture(FrameSource& source) {
   std::stop_source stop;
   std::mutex mutex;
   std::condition_variable_any ended;
-  const std::jthread alarm([&](const std::stop_token& is_filmed) {
+  const std::jthread alarm([&](const std::stop_token& is_captured) {
     std::unique_lock lock(mutex);
-    ended.wait_for(lock, is_filmed, kPatience, [] { return false; });
+    ended.wait_for(lock, is_captured, kPatience, [] { return false; });
     stop.request_stop();
   });
   Footage footage;
@@ -63,7 +63,7 @@ Footage film(FrameSource& source) {
       ++footage.defects;
     }
     if (footage.last.size() > kTimed) footage.last.pop_front();
-    if (Clock::now() - first >= kFilming) break;
+    if (Clock::now() - first >= kCaptureTime) break;
   }
   return footage;
 }
@@ -121,17 +121,17 @@ std::string in_toml(const std::map<std::string, double>& controls) {
 std::string probe(const Settings& settings) {
   const auto source = make_source(settings.source);
   const auto description = source->description();
-  const Footage footage = film(*source);
+  const Footage footage = capture(*source);
   if (footage.last.size() < 2 || footage.last_ns <= footage.first_ns) {
-    throw std::runtime_error(
-        fmt::format("{}: no two images in {} s", description, kPatience.count()));
+    throw std::runtime_error(fmt::format("{}: fewer than two usable frames within {} s",
+                                         description, kPatience.count()));
   }
   ProbeResult result;
   result.fps = (footage.frames - 1) * 1e9 / static_cast<double>(footage.last_ns - footage.first_ns);
   time_frames(settings, footage.last, result);
   return fmt::format(
       "source: {}\n"
-      "filmed: {} frames, {} of them defective, at {:.4g} fps, {}x{} px\n"
+      "captured: {} frames, {} of them defective, at {:.4g} fps, {}x{} px\n"
       "JPEG: {:.2f} ms and {:.1f} kB a frame, {:.2f} Mbit/s on the link\n"
       "ORB features, only while frames wait: {:.2f} ms a frame\n"
       "suggested:\n{}",

@@ -7,13 +7,13 @@
 
 namespace orbbuf {
 
-/// What `orbbufd --probe` prints: films for 2 s from the first frame with the source of `settings`,
-/// then times the last frames' encoding and features on this machine, and says what it suggests to
-/// set. Needs no server. Throws std::runtime_error if the source cannot be opened, or within 7 s
-/// gives not even two frames.
+/// What `orbbufd --probe` prints: captures from the source of `settings` for 2 s from the first
+/// frame, then measures how long encoding and feature extraction of the last frames take on this
+/// machine, and suggests settings. Needs no server. Throws std::runtime_error if the source cannot
+/// be opened or delivers fewer than two frames within 7 s.
 std::string probe(const Settings& settings);
 
-/// What was measured, a frame each.
+/// What was measured, per frame.
 struct ProbeResult {
   double fps = 0;  ///< by the capture times
   int width_px = 0;
@@ -23,9 +23,8 @@ struct ProbeResult {
   double jpeg_bytes = 0;
 };
 
-/// The part of orbbufd.toml that films the same and would suit what was measured: the true size and
-/// rate, a buffer of one second, and, where features take over half of a frame's time, fewer pixels
-/// for them.
+/// The part of orbbufd.toml that captures from the same source and fits what was measured: the true
+/// size and rate, and, if features take over half of a frame's time, fewer pixels for them.
 std::string suggest(const Settings& settings, const ProbeResult& result);
 
 }  // namespace orbbuf

@@ -102,7 +102,7 @@ void Robot::await_signal() {
   signals_.async_wait([this](const boost::system::error_code& error, int signal) {
     if (error) return;
     if (std::exchange(is_stopping_, true)) return io_.stop();
-    spdlog::info("signal {}: stopping; what waits is still delivered", signal);
+    spdlog::info("signal {}: stopping; delivering the frames in the buffer first", signal);
     service_.stopping();
     pipeline_.stop();
     await_signal();

@@ -5,10 +5,10 @@
 
 namespace orbbuf {
 
-/// One session, from opening the source to the last acknowledgement: builds everything, runs
-/// `main`'s io_context, and ends at the end of the source or on SIGINT or SIGTERM (a second signal
-/// ends it at once). False if the source failed, or ended with frames that could not be delivered.
-/// Throws std::runtime_error if something needed to start is not there.
+/// Runs one session, from opening the source to the last acknowledgement: builds all parts, runs
+/// `main`'s io_context, and returns at the end of the source or on SIGINT or SIGTERM (a second
+/// signal ends it at once). False if the source failed, or if frames could not be delivered.
+/// Throws std::runtime_error if it cannot start.
 bool run_robot(const Settings& settings);
 
 }  // namespace orbbuf

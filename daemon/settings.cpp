@@ -43,9 +43,10 @@ void read_robot(ConfigReader& config, Settings& settings) {
   settings.robot_id = config.text("robot.id", "");
   if (settings.robot_id.empty()) settings.robot_id = host_name();
   if (!wire::is_valid_id(settings.robot_id)) {
-    config.fail("robot.id", fmt::format("1 to {} of A-Z a-z 0-9 . _ -, beginning with a letter, a "
-                                        "digit or _, got \"{}\"",
-                                        wire::kMaxIdBytes, settings.robot_id));
+    config.fail("robot.id",
+                fmt::format("expected 1 to {} characters of A-Z a-z 0-9 . _ -, the first "
+                            "a letter, a digit or _, got \"{}\"",
+                            wire::kMaxIdBytes, settings.robot_id));
   }
   settings.calibration = config.text("camera.calibration", "");
   const auto lines = std::count(settings.calibration.begin(), settings.calibration.end(), '\n');
@@ -54,7 +55,7 @@ void read_robot(ConfigReader& config, Settings& settings) {
                 fmt::format("expected the four lines of DSO's camera.txt, got {}", lines));
   }
   if (settings.calibration.size() > wire::kMaxCalibrationBytes) {
-    config.fail("camera.calibration", "longer than 16 KiB");
+    config.fail("camera.calibration", "must be at most 16 KiB");
   }
 }
 
@@ -63,7 +64,7 @@ void read_source(ConfigReader& config, SourceSettings& source) {
   source.path = config.path("source.path", source.path);
   const bool is_file = source.kind == "folder" || source.kind == "video";
   if (is_file && source.path.empty()) {
-    config.fail("source.path", "needed for source.kind = \"" + source.kind + "\"");
+    config.fail("source.path", "required for source.kind = \"" + source.kind + "\"");
   }
   source.device = config.text("source.device", source.device);
   source.camera = config.text("source.camera", source.camera);
@@ -75,7 +76,7 @@ void read_source(ConfigReader& config, SourceSettings& source) {
       config.fail("source.crop", "expected WIDTHxHEIGHT+LEFT+TOP, got \"" + crop + "\"");
     }
     if (source.kind != "v4l2" && source.kind != "libcamera") {
-      config.fail("source.crop", "only for cameras (source.kind v4l2, libcamera)");
+      config.fail("source.crop", "valid only for cameras (source.kind v4l2, libcamera)");
     }
   }
   source.fps = config.number("source.fps", source.fps, 0.01, 1000);
@@ -93,17 +94,19 @@ void read_stereo(ConfigReader& config, SourceSettings& source) {
   source.is_side_by_side = config.choice("source.stereo", "none", kStereo) == "side-by-side";
   const auto require = [&](const char* key, bool is_set, std::string_view kind) {
     if (!is_set) return;
-    if (source.kind != kind) config.fail(key, fmt::format("only for source.kind = \"{}\"", kind));
-    if (source.is_side_by_side) config.fail(key, "not with source.stereo = \"side-by-side\"");
+    if (source.kind != kind)
+      config.fail(key, fmt::format("valid only for source.kind = \"{}\"", kind));
+    if (source.is_side_by_side)
+      config.fail(key, "cannot be combined with source.stereo = \"side-by-side\"");
   };
   require("source.path_right", !source.path_right.empty(), "folder");
   require("source.device_right", !source.device_right.empty(), "v4l2");
   if (!source.device_right.empty() && source.device_right == source.device) {
-    config.fail("source.device_right", "the same camera as source.device");
+    config.fail("source.device_right", "must not be the same camera as source.device");
   }
   const bool has_width = source.kind == "generated" || source.kind == "v4l2";
   if (source.is_side_by_side && has_width && source.width_px % 2 != 0) {
-    config.fail("source.width", "odd, which leaves no two equal halves side by side");
+    config.fail("source.width", "must be even with source.stereo = \"side-by-side\"");
   }
 }
 
@@ -138,7 +141,7 @@ void read_link(ConfigReader& config, LinkSettings& link) {
   const auto server = parse_address(config.text("link.server", to_string(link.server)));
   if (!server) config.fail("link.server", server.error().text);
   link.server = server.value();
-  if (link.server.port == 0) config.fail("link.server", "port 0 cannot be connected to");
+  if (link.server.port == 0) config.fail("link.server", "port must not be 0");
   link.connect_timeout =
       config.duration("link.connect_timeout", link.connect_timeout, milliseconds(10), hours(1));
   link.stall_timeout =

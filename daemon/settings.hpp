@@ -13,7 +13,7 @@
 
 namespace orbbuf {
 
-/// All of orbbufd.toml, each module's part in the module's own struct, which holds the defaults.
+/// All of orbbufd.toml. Each module has its own struct, which holds the defaults.
 struct Settings {
   std::string log_level = "info";
   std::string robot_id;     ///< `[robot] id`; by default the host's name
@@ -25,11 +25,11 @@ struct Settings {
   LinkSettings link;
 };
 
-/// Reads `file` (empty: defaults) with `overrides` (`table.key=value`) laid over it. Throws
+/// Reads `file` (empty: defaults) and applies `overrides` (`table.key=value`). Throws
 /// ConfigError.
 Settings load_settings(const std::filesystem::path& file, std::span<const std::string> overrides);
 
-/// A name for this run of the daemon, unlike any other run's: UTC time and four random digits,
+/// A unique name for this run of the daemon: UTC time and four random digits,
 /// `20261121T073000Z-4f3a`. Sorts by time.
 std::string new_session_id();
 

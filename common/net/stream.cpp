@@ -42,7 +42,7 @@ Stream::Stream(Tcp::socket socket, TlsContext* tls) : socket_(std::move(socket))
     if (is_fine) return true;
     auto* const store = context.native_handle();
     const X509* const certificate = ::X509_STORE_CTX_get_current_cert(store);
-    refused_ = fmt::format("the certificate of \"{}\" is refused: {}",
+    refused_ = fmt::format("the certificate of \"{}\" was rejected: {}",
                            certificate == nullptr ? "" : printable(common_name(certificate)),
                            ::X509_verify_cert_error_string(::X509_STORE_CTX_get_error(store)));
     return false;
@@ -73,22 +73,22 @@ std::string Stream::peer_name() {
 std::string Stream::explain(const error_code& failed) const {
   if (!refused_.empty()) return refused_;
   if (failed == boost::asio::error::eof || failed == boost::asio::ssl::error::stream_truncated) {
-    return "closed by the other end";
+    return "the peer closed the connection";
   }
   if (failed.category() != boost::asio::error::get_ssl_category()) return failed.message();
   // Numbers of alerts that come from the other end: RFC 8446, Sec. 6.
   const int reason = ERR_GET_REASON(static_cast<unsigned long>(failed.value()));
   if (reason >= SSL_AD_REASON_OFFSET) {
-    return "the other end refuses us: " + failed.message();
+    return "the peer rejected the handshake: " + failed.message();
   }
   switch (reason) {
     case SSL_R_WRONG_VERSION_NUMBER:
     case SSL_R_HTTP_REQUEST:
-      return failed.message() + ": the other end does not speak TLS";
+      return failed.message() + ": the peer does not use TLS";
     case SSL_R_UNSUPPORTED_PROTOCOL:
-      return failed.message() + ": the other end does not speak TLS 1.3";
+      return failed.message() + ": the peer does not support TLS 1.3";
     case SSL_R_PEER_DID_NOT_RETURN_A_CERTIFICATE:
-      return "the other end shows no certificate";
+      return "the peer sent no certificate";
     default:
       return failed.message();
   }

@@ -11,9 +11,9 @@
 
 namespace orbbuf {
 
-/// A TCP connection's bytes, plain or under TLS 1.3: what asio::async_read() and async_write()
-/// take, so that whoever speaks the protocol need not know which it is. The stream must outlive its
-/// operations. Thread-bound to the thread that runs its io_context.
+/// A TCP connection, plain or under TLS 1.3, for asio::async_read() and async_write(): the code of
+/// the protocol is the same for both. The stream must outlive its operations. Thread-bound to the
+/// thread that runs its io_context.
 class Stream {
  public:
   using Tcp = boost::asio::ip::tcp;
@@ -24,8 +24,7 @@ class Stream {
   Stream(const Stream&) = delete;
   Stream& operator=(const Stream&) = delete;
 
-  /// The connection itself: to connect, wait for, ask and close. Reading and writing go through the
-  /// stream.
+  /// The socket, to connect, configure and close. Read and write through the stream.
   Tcp::socket& socket() { return socket_; }
   executor_type get_executor() { return socket_.get_executor(); }
   bool is_tls() const { return tls_.has_value(); }
@@ -58,16 +57,16 @@ class Stream {
     }
   }
 
-  /// From here on reads give the bytes as they come, whatever they mean: there is no talking to
-  /// the other end any more, but what it still sends can be read away.
+  /// From now on reads return the raw bytes of the socket, without TLS: to drain what the peer
+  /// still sends before the connection is closed.
   void read_bare() { is_bare_ = true; }
 
-  /// The common name in the other end's certificate; empty if it has none, or several, or there is
-  /// no certificate. After the handshake.
+  /// The common name in the peer's certificate; empty if there is no certificate, or if it has no
+  /// common name or several. Valid after the handshake.
   std::string peer_name();
 
-  /// Why a handshake or a read failed, in words: which certificate was refused and what for, or
-  /// what the other end said of ours.
+  /// Why a handshake or a read failed, in words: which certificate was rejected and why, or the
+  /// alert that the peer sent.
   std::string explain(const boost::system::error_code& failed) const;
 
  private:
@@ -76,7 +75,7 @@ class Stream {
   Tcp::socket socket_;
   std::optional<boost::asio::ssl::stream<Tcp::socket&>> tls_;
   bool is_bare_ = false;
-  std::string refused_;  // the certificate that was, and why
+  std::string refused_;  // which certificate was rejected, and why
 };
 
 }  // namespace orbbuf

@@ -25,13 +25,13 @@ fs::path read_path(ConfigReader& config, std::string_view key) {
   if (!text.starts_with(kCredential)) return config.path(key, {});
   const std::string name = text.substr(kCredential.size());
   if (name.empty() || name.find('/') != std::string::npos) {
-    config.fail(key, "expected credential:NAME, the NAME of a LoadCredential= of the unit");
+    config.fail(key, "expected credential:NAME, where LoadCredential= of the unit sets NAME");
   }
   const char* const folder = std::getenv("CREDENTIALS_DIRECTORY");  // NOLINT(concurrency-mt-unsafe)
   if (folder == nullptr) {
     config.fail(key,
-                "there are no credentials: $CREDENTIALS_DIRECTORY is not set, which systemd "
-                "does for a unit with LoadCredential=");
+                "no credentials: $CREDENTIALS_DIRECTORY is not set; add LoadCredential= to the "
+                "systemd unit");
   }
   return fs::path(folder) / name;
 }
@@ -49,7 +49,7 @@ void require_readable(const char* what, const fs::path& file) {
 void require_private(const fs::path& key) {
   const auto permissions = fs::status(key).permissions();
   if ((permissions & fs::perms::others_all) != fs::perms::none) {
-    refuse_file("key", key, "others than its owner and group have access to it; chmod 600 it");
+    refuse_file("key", key, "other users have access to it; run chmod 600 on it");
   }
 }
 
@@ -70,13 +70,13 @@ void load_tls(ConfigReader& config, TlsSettings& tls) {
   tls.key = read_path(config, "tls.key");
   tls.ca = read_path(config, "tls.ca");
   if (!tls.certificate.empty() && tls.key.empty()) {
-    config.fail("tls.key", "needed with tls.certificate");
+    config.fail("tls.key", "required with tls.certificate");
   }
   if (!tls.certificate.empty() && tls.ca.empty()) {
-    config.fail("tls.ca", "needed with tls.certificate: both ends show theirs");
+    config.fail("tls.ca", "required with tls.certificate: each end checks the other's certificate");
   }
   if (tls.certificate.empty() && !(tls.key.empty() && tls.ca.empty())) {
-    config.fail("tls.certificate", "needed with tls.key and tls.ca");
+    config.fail("tls.certificate", "required with tls.key and tls.ca");
   }
 }
 

@@ -11,9 +11,9 @@ namespace orbbuf {
 
 /// `[tls]` of both configurations: all three are set, or none.
 struct TlsSettings {
-  std::filesystem::path certificate;  ///< PEM: our own, and those between it and the CA's
-  std::filesystem::path key;          ///< PEM: its private key, not readable by everybody
-  std::filesystem::path ca;           ///< PEM: whose signature the other end's must bear
+  std::filesystem::path certificate;  ///< PEM: our own, then the intermediate ones
+  std::filesystem::path key;          ///< PEM: its private key, not readable by other users
+  std::filesystem::path ca;           ///< PEM: the CA that signs the peer's certificate
 
   bool is_on() const { return !certificate.empty(); }
 
@@ -22,13 +22,14 @@ struct TlsSettings {
 
 using TlsContext = boost::asio::ssl::context;
 
-/// Reads tls.certificate, tls.key and tls.ca: paths, or `credential:NAME` for what systemd put into
+/// Reads tls.certificate, tls.key and tls.ca: paths, or `credential:NAME` for a file in systemd's
 /// $CREDENTIALS_DIRECTORY. Throws ConfigError if only some are set.
 void load_tls(ConfigReader& config, TlsSettings& tls);
 
-/// TLS 1.3 and nothing older, with certificates required and checked at both ends; null if `tls` is
-/// off. Throws std::runtime_error that names the file and what is wrong with it: not there, not
-/// PEM, a key that anybody can read or that is not the certificate's, a certificate out of date.
+/// A context for TLS 1.3 only, in which each end requires and checks the other's certificate; null
+/// if `tls` is off. Throws std::runtime_error that names the file and the reason: the file is
+/// missing or not PEM, other users can read the key, the key does not match the certificate, the
+/// certificate has expired or is not valid yet.
 std::unique_ptr<TlsContext> make_tls_context(const TlsSettings& tls);
 
 }  // namespace orbbuf

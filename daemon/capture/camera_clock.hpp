@@ -23,8 +23,8 @@ ClockReading read_clocks();
 class CaptureClock {
  public:
   /// Before each frame's time is asked for. True if that changed the offset: at the first reading,
-  /// and where the machine has slept since the one before. What was filmed before it slept, and is
-  /// read after, has the time of a frame from after.
+  /// and where the machine has slept since the one before. A frame that was captured before the
+  /// sleep and read after it gets the time of a frame from after it.
   bool follow(const ClockReading& now);
 
   std::int64_t offset_ns() const { return offset_ns_; }
@@ -40,7 +40,7 @@ class CaptureClock {
   bool is_started_ = false;
 };
 
-/// Counts the frames that a driver numbered but did not give. Thread-bound.
+/// Counts the frames that are missing in a driver's sequence numbers. Thread-bound.
 class GapCounter {
  public:
   /// A stream starts, whose numbers begin anywhere.

@@ -50,8 +50,8 @@ Error nothing_fits(std::span<const CameraOffer> offers, const CameraRequest& req
   std::ranges::copy_if(offers, std::back_inserter(read), [](const CameraOffer& offer) {
     return format_of(offer.fourcc).has_value();
   });
-  return {fmt::format("no {} of {}x{}{}; it offers {}",
-                      request.format == "auto" ? "format that is read" : request.format,
+  return {fmt::format("no {} at {}x{}{}; the camera offers {}",
+                      request.format == "auto" ? "supported format" : request.format,
                       request.width_px, request.height_px,
                       request.color ? " in colour (MJPG, BGR24 or RGB24)" : "",
                       read.empty() ? describe(offers) : describe(read))};
@@ -83,7 +83,7 @@ std::string list_offers(std::span<const CameraOffer> offers) {
       others.push_back(offer.fourcc);
     }
   }
-  if (!others.empty()) text += fmt::format("  not read: {}\n", fmt::join(others, ", "));
+  if (!others.empty()) text += fmt::format("  unsupported formats: {}\n", fmt::join(others, ", "));
   return text;
 }
 

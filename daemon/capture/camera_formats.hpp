@@ -68,10 +68,10 @@ struct CameraRequest {
   bool color = false;
 };
 
-/// The format to film in: of those that are asked for and have the size, the most preferable that
-/// reaches the rate, else the fastest. In colour, GREY and the YUV formats are left out. So "auto"
-/// is MJPG only where nothing else is as fast: else quality and colour are those of `[jpeg]`, and a
-/// gray image is smaller on the link. Fails naming what there is.
+/// The format to capture in: of the requested formats that offer the size, the first in the order
+/// of CameraFormat that reaches the rate, else the fastest. In colour, GREY and the YUV formats are
+/// left out. So "auto" is MJPG only where nothing else is as fast: else quality and colour are
+/// those of `[jpeg]`, and a gray image is smaller on the link. Fails with a list of the offers.
 Result<CameraFormat> choose_format(std::span<const CameraOffer> offers,
                                    const CameraRequest& request);
 

@@ -43,7 +43,7 @@ CameraSource::CameraSource(OpenCamera open_camera, std::string name, double fps)
       name_(std::move(name)),
       fps_(fps),
       stop_event_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
-  if (!stop_event_) throw_system_error("cannot make an event");
+  if (!stop_event_) throw_system_error("cannot create an eventfd");
   open();
 }
 
@@ -97,7 +97,7 @@ RawFrame CameraSource::frame_of(const CameraBuffer& buffer) {
   RawFrame frame;
   if (buffer.is_corrupt) {
     ++corrupt_;
-    frame.defect = "the camera's driver calls this image corrupt";
+    frame.defect = "the camera's driver marked the image as corrupt";
   } else {
     frame = unpack(stream_->mode(), buffer.data);
     if (!frame.defect.empty()) ++corrupt_;
@@ -105,8 +105,7 @@ RawFrame CameraSource::frame_of(const CameraBuffer& buffer) {
   frame.exposure_ns = buffer.exposure_ns;
   const auto now = read_clocks();
   if (clock_.follow(now)) {
-    spdlog::info("camera {}: capture times are the monotonic clock's plus {} ns", name_,
-                 clock_.offset_ns());
+    spdlog::info("camera {}: capture time = monotonic clock + {} ns", name_, clock_.offset_ns());
   }
   frame.capture_time_ns = clock_.utc_ns(buffer.stamp_ns, now.monotonic_ns);
   frame.monotonic_ns = frame.capture_time_ns - clock_.offset_ns();
@@ -127,7 +126,7 @@ void CameraSource::open() {
   if (!first_mode_) first_mode_ = mode;
   if (mode.width_px != first_mode_->width_px || mode.height_px != first_mode_->height_px) {
     throw std::runtime_error(
-        fmt::format("it would film {} now, not {}", describe(mode), describe(*first_mode_)));
+        fmt::format("its mode is now {}, not {}", describe(mode), describe(*first_mode_)));
   }
   stream_ = std::move(stream);
   await_frame_for(kFirstFrame);
@@ -140,10 +139,10 @@ void CameraSource::reopen() {
     open();
     return;
   } catch (const CameraGone& error) {
-    spdlog::debug("camera {}: still gone: {}", name_, error.what());
+    spdlog::debug("camera {}: still missing: {}", name_, error.what());
   } catch (const std::runtime_error& error) {
     if (error.what() != why_shut_) {
-      spdlog::warn("camera {}: cannot open it again: {}; trying on", name_, error.what());
+      spdlog::warn("camera {}: cannot reopen it: {}; retrying", name_, error.what());
     }
     why_shut_ = error.what();
   }
@@ -154,7 +153,7 @@ void CameraSource::give_up(const std::string& why) {
   if (is_lost_) {
     spdlog::debug("camera {}: lost again: {}", name_, why);
   } else {
-    spdlog::warn("camera {}: lost: {}; opening it again", name_, why);
+    spdlog::warn("camera {}: lost: {}; reopening it", name_, why);
     lost_at_ = Clock::now();
     why_shut_.clear();
   }
@@ -168,7 +167,8 @@ void CameraSource::greet() {
   is_lost_ = false;
   delivers_since_ = Clock::now();
   ++reopened_;
-  spdlog::info("{}: back after {:.1f} s", description(), seconds_between(lost_at_, Clock::now()));
+  spdlog::info("{}: recovered after {:.1f} s", description(),
+               seconds_between(lost_at_, Clock::now()));
 }
 
 void CameraSource::await_frame_for(nanoseconds limit) {

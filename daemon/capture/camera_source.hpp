@@ -15,26 +15,26 @@
 
 namespace orbbuf {
 
-/// A camera, of whatever kind, that is kept alive.
+/// A live source that reopens its camera after a failure.
 ///
-/// Once it has delivered, it does not give up. When it is unplugged, its driver fails, or no frame
-/// comes for 1 s and three frames' time (5 s for a first one), it is closed and opened again, after
-/// a while that grows to 2 s, until it is back and films in the size of its first frames: one line
-/// in the log each way, one for each other reason than that it is not there, and the session goes
-/// on. That while is 0 again only once frames have come for over 2 s. Frames that the driver
-/// numbered but did not give are counted; a buffer that the driver calls corrupt is a frame with a
-/// defect. At the end the log has the account.
+/// It closes the camera and reopens it when the camera is unplugged, its driver fails, or no frame
+/// comes for 1 s plus three frame intervals (5 s for the first frame). It retries with a back-off
+/// of up to 2 s until the camera captures again in the size of its first frames; the session goes
+/// on. The back-off starts at 0 again once frames have come for over 2 s. The log has one line for
+/// the loss, one for the recovery, and one for each other reason why the camera cannot be opened.
+/// Frames missing in the driver's numbering are counted; a buffer that the driver marks as corrupt
+/// is a frame with a defect. The destructor logs the counts.
 class CameraSource : public FrameSource {
  public:
-  /// Opens the camera, and throws as `open_camera` does, which is kept to open it again. name:
-  /// which camera, in the log. fps: assumed of a camera that does not say its rate.
+  /// Opens the camera by `open_camera`, and throws what it throws; reopens by it too. name: the
+  /// camera's, for the log. fps: assumed for a camera that reports no rate.
   CameraSource(OpenCamera open_camera, std::string name, double fps);
   ~CameraSource() override;
 
   std::optional<RawFrame> next(std::stop_token stop) override;
   bool is_live() const override { return true; }
   std::string description() const override;
-  /// From frame to frame: as the driver has it, else as the constructor was told.
+  /// From frame to frame: by the rate that the driver reports, else by the constructor's `fps`.
   std::chrono::nanoseconds frame_time() const;
 
  private:

@@ -20,12 +20,12 @@ struct CameraBuffer {
   std::uint32_t sequence = 0;          ///< the driver's number of the frame
   std::int64_t stamp_ns = 0;           ///< when, by the monotonic clock; 0: the driver does not say
   std::uint32_t exposure_ns = 0;       ///< 0: the driver does not say
-  bool is_corrupt = false;             ///< by the driver's own word
+  bool is_corrupt = false;             ///< the driver marked it
   std::span<const std::uint8_t> data;  ///< the part that was filled
 };
 
-/// A camera that films, from construction to destruction, into buffers of its driver. Once it has
-/// failed it stays so: another one is opened in its place (CameraSource). Thread-bound.
+/// A camera that captures into its driver's buffers from construction to destruction. A stream that
+/// has failed does not recover: CameraSource opens a new one. Thread-bound.
 class CameraStream {
  public:
   CameraStream() = default;
@@ -38,7 +38,7 @@ class CameraStream {
 
   virtual const CameraMode& mode() const = 0;
 
-  /// Which camera, and what it says of itself: `/dev/video0 (vivid, platform:vivid-000)`.
+  /// Which camera, and the name that it reports: `/dev/video0 (vivid, platform:vivid-000)`.
   virtual std::string description() const = 0;
 
   /// The oldest filled buffer; nothing if there is none yet. An error is the end of the stream. One
@@ -49,14 +49,14 @@ class CameraStream {
   virtual std::optional<Error> give_back(const CameraBuffer& buffer) = 0;
 };
 
-/// No such camera is there: unplugged, or not plugged in yet.
+/// The camera is not present: unplugged, or not plugged in yet.
 class CameraGone : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
-/// Opens, sets up and starts a camera. Throws CameraGone, or std::runtime_error saying what failed,
-/// or that the camera does not do as asked, with what it offers.
+/// Opens, configures and starts a camera. Throws CameraGone, or std::runtime_error with what failed
+/// or which setting the camera does not offer.
 using OpenCamera = std::function<std::unique_ptr<CameraStream>()>;
 
 }  // namespace orbbuf

@@ -72,7 +72,7 @@ RawFrame unpack(const CameraMode& mode, std::span<const std::uint8_t> data) {
   frame.height_px = mode.height_px;
   frame.format = layout.format;
   if (data.empty()) {
-    frame.defect = "the camera gave an empty buffer";
+    frame.defect = "the camera's driver returned an empty buffer";
     return frame;
   }
   if (mode.format == CameraFormat::kMjpg) {
@@ -83,8 +83,8 @@ RawFrame unpack(const CameraMode& mode, std::span<const std::uint8_t> data) {
   const auto height = static_cast<std::size_t>(mode.height_px);
   const std::size_t needed = (height - 1) * mode.stride_bytes + width * layout.bytes_per_pixel;
   if (data.size() < needed) {
-    frame.defect =
-        fmt::format("the camera gave an image cut short: {} bytes of {}", data.size(), needed);
+    frame.defect = fmt::format("the camera's driver returned a truncated image: {} of {} bytes",
+                               data.size(), needed);
     return frame;
   }
   frame.stride_bytes = width * (layout.format == PixelFormat::kBgr24 ? 3 : 1);

@@ -10,7 +10,7 @@
 
 namespace orbbuf {
 
-/// What a camera films in, as its driver has settled it.
+/// The format, size and rate that the driver has accepted.
 struct CameraMode {
   CameraFormat format = CameraFormat::kGrey;
   int width_px = 0;

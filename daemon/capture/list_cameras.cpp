@@ -54,7 +54,7 @@ std::string list_v4l2() {
 
 #else
 
-std::string list_v4l2() { return "no V4L2 camera: this program was built without V4L2's header\n"; }
+std::string list_v4l2() { return "no V4L2 camera: orbbufd was built without V4L2\n"; }
 
 #endif
 
@@ -72,7 +72,7 @@ std::string libcamera_list() {
 #else
 
 std::string libcamera_list() {
-  return "no libcamera camera: this program was built without libcamera\n";
+  return "no libcamera camera: orbbufd was built without libcamera\n";
 }
 
 #endif

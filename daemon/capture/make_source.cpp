@@ -38,7 +38,7 @@ struct Kind {
 };
 
 #ifdef ORBBUF_V4L2
-std::unique_ptr<CameraSource> film_v4l2(const Settings& settings) {
+std::unique_ptr<CameraSource> open_v4l2_camera(const Settings& settings) {
   return std::make_unique<CameraSource>(
       [settings] { return std::make_unique<V4l2Stream>(settings); }, settings.device, settings.fps);
 }
@@ -48,22 +48,21 @@ Source open_video([[maybe_unused]] const Settings& settings) {
 #ifdef ORBBUF_IMAGE_FILES
   return std::make_unique<VideoReplaySource>(settings);
 #else
-  throw std::runtime_error(
-      "cannot replay a video: this program was built without OpenCV's videoio");
+  throw std::runtime_error("cannot replay a video: orbbufd was built without OpenCV's videoio");
 #endif
 }
 
 Source open_v4l2([[maybe_unused]] const Settings& settings) {
 #ifdef ORBBUF_V4L2
-  auto left = film_v4l2(settings);
+  auto left = open_v4l2_camera(settings);
   if (settings.device_right.empty()) return left;
   Settings settings_right = settings;
   settings_right.device = settings.device_right;
-  auto right = film_v4l2(settings_right);
+  auto right = open_v4l2_camera(settings_right);
   const auto frame_time = std::min(left->frame_time(), right->frame_time());
   return std::make_unique<StereoSource>(std::move(left), std::move(right), frame_time / 2);
 #else
-  throw std::runtime_error("cannot film: this program was built without V4L2's header");
+  throw std::runtime_error("cannot open a V4L2 camera: orbbufd was built without V4L2");
 #endif
 }
 
@@ -73,7 +72,7 @@ Source open_libcamera([[maybe_unused]] const Settings& settings) {
       [settings] { return std::make_unique<LibcameraStream>(settings); }, settings.camera,
       settings.fps);
 #else
-  throw std::runtime_error("cannot film: this program was built without libcamera");
+  throw std::runtime_error("cannot open a libcamera camera: orbbufd was built without libcamera");
 #endif
 }
 
@@ -103,7 +102,7 @@ std::unique_ptr<FrameSource> make_source(const SourceSettings& settings) {
                                          settings.kind, fmt::join(kSourceKinds, ", ")));
   }
   if (!is_usable_fps(settings.fps)) {
-    throw std::runtime_error(fmt::format("cannot open a source at {} fps: not from {} to {}",
+    throw std::runtime_error(fmt::format("cannot open a source at {} fps: must be {} to {}",
                                          settings.fps, kMinFps, kMaxFps));
   }
   if (kind->is_camera) return open(*kind, settings);

@@ -25,7 +25,7 @@ struct SourceSettings {
   std::string format = "auto";  ///< cameras: one of kCameraFormats, or "auto" (camera_formats.hpp)
   std::map<std::string, double>
       controls;              ///< cameras: by name (v4l2_controls.hpp, libcamera_controls.hpp)
-  std::optional<Crop> crop;  ///< cameras: the part of the sensor to film with; all of it
+  std::optional<Crop> crop;  ///< cameras: the part of the sensor to use; unset: all of it
   double fps = 25.0;  ///< frames per second: a camera's, or where files have no times of their own
   bool realtime = true;    ///< pace frames by their capture times; else as fast as they are taken
   bool loop = false;       ///< begin again at the end, capture times going on

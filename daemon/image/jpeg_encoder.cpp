@@ -18,8 +18,8 @@ std::optional<Error> wrong_size(int width_px, int height_px) {
   if (width_px >= 1 && width_px <= kMaxSidePx && height_px >= 1 && height_px <= kMaxSidePx) {
     return std::nullopt;
   }
-  return Error{fmt::format("cannot encode an image of {}x{} px: 1 to {} px each way", width_px,
-                           height_px, kMaxSidePx)};
+  return Error{fmt::format("cannot encode an image of {}x{} px: must be 1 to {} px wide and high",
+                           width_px, height_px, kMaxSidePx)};
 }
 
 /// `raw` as the codec takes it. Fails if its data do not hold the rows that it claims.
@@ -31,9 +31,9 @@ Result<ImageView> pixels_of(const RawFrame& raw) {
   const auto rows_before_last = static_cast<std::size_t>(raw.height_px - 1);
   if (raw.stride_bytes < row_bytes || raw.data.size() < row_bytes ||
       (raw.data.size() - row_bytes) / raw.stride_bytes < rows_before_last) {
-    return Error{
-        fmt::format("cannot encode an image of {}x{} px: {} bytes in rows of {} are too few",
-                    raw.width_px, raw.height_px, raw.data.size(), raw.stride_bytes)};
+    return Error{fmt::format(
+        "cannot encode an image of {}x{} px: {} bytes with rows of {} bytes are too few",
+        raw.width_px, raw.height_px, raw.data.size(), raw.stride_bytes)};
   }
   return ImageView{raw.data.data(), raw.width_px, raw.height_px, raw.stride_bytes, channels};
 }

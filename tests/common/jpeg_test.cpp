@@ -129,7 +129,7 @@ TEST_F(Jpeg, TruncatedAtAnyLengthIsAnError) {
 TEST_F(Jpeg, ErrorsSayWhatIsMissing) {
   const auto jpeg = encode(64, 48, 1, false);
   EXPECT_EQ(codec_.inspect(std::span(jpeg).first(jpeg.size() - 2)).error().text,
-            "JPEG is cut short: no end marker");
+            "JPEG is truncated: no end marker");
   EXPECT_EQ(codec_.decode_gray(std::span(jpeg).first(jpeg.size() - 2), 1).error().text,
             "cannot decode a JPEG: Premature end of JPEG file");
   const std::vector<std::uint8_t> png = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'};
@@ -184,7 +184,7 @@ TEST_F(Jpeg, HalvesHoldThePixelsOfTheWhole) {
 TEST_F(Jpeg, HalvesAreWholeBlocksWide) {
   EXPECT_TRUE(codec_.halve(encode(48, 16, 1, false)));
   EXPECT_EQ(codec_.halve(encode(48, 16, 3, true)).error().text,
-            "a JPEG of 48x16 px has no halves of whole blocks, 16 px wide each");
+            "cannot split a JPEG of 48x16 px: each half must be a multiple of 16 px wide");
   EXPECT_FALSE(codec_.halve(encode(49, 16, 1, false)));
 }
 

@@ -66,7 +66,7 @@ TEST_F(ServiceStatusTest, AManagerThatIsGoneIsNoMatterAndIsLoggedOnce) {
   service_.ready();
   service_.feed();
   const std::string log = ::testing::internal::GetCapturedStderr();
-  EXPECT_NE(log.find("cannot tell systemd \"READY=1\": No such file or directory"),
+  EXPECT_NE(log.find("cannot notify systemd of \"READY=1\": No such file or directory"),
             std::string::npos)
       << log;
   EXPECT_EQ(log.find("WATCHDOG"), std::string::npos) << log;

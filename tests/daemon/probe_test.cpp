@@ -21,10 +21,11 @@ Settings generated(std::int64_t frames) {
   return settings;
 }
 
-TEST(Probe, WhatWasFilmedIsReported) {
+TEST(Probe, ReportsWhatItCaptured) {
   const auto report = probe(generated(5));
   EXPECT_THAT(report, HasSubstr("source: generated scene 1: 5 frames of 160x120 px, 25 fps\n"));
-  EXPECT_THAT(report, HasSubstr("filmed: 5 frames, 0 of them defective, at 25 fps, 160x120 px\n"));
+  EXPECT_THAT(report,
+              HasSubstr("captured: 5 frames, 0 of them defective, at 25 fps, 160x120 px\n"));
   EXPECT_THAT(report, HasSubstr("\nJPEG: "));
   EXPECT_THAT(report, HasSubstr("\nORB features"));
 }
@@ -38,7 +39,7 @@ TEST(Probe, WhatItSuggestsIsAConfiguration) {
   EXPECT_EQ(suggested.source.fps, 25);
 }
 
-TEST(Probe, ASingleImageIsNoFilm) { EXPECT_THROW(probe(generated(1)), std::runtime_error); }
+TEST(Probe, ASingleImageIsNotEnough) { EXPECT_THROW(probe(generated(1)), std::runtime_error); }
 
 TEST(Probe, FeaturesThatTakeTooLongGetFewerPixels) {
   ProbeResult result{.fps = 20, .width_px = 640, .height_px = 480, .features_ms = 25};
@@ -57,7 +58,7 @@ TEST(Probe, ACameraIsSuggestedByItsName) {
               HasSubstr("kind = \"libcamera\"\ncamera = \"platform/vimc.0 Sensor B\"\n"));
 }
 
-TEST(Probe, WhatIsSuggestedFilmsTheSame) {
+TEST(Probe, TheSuggestionCapturesTheSame) {
   Settings settings;
   settings.source.kind = "libcamera";
   settings.source.camera = "\\_SB_.PCI0 \"left\"\t\x7F";

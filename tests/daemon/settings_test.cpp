@@ -105,26 +105,27 @@ TEST(Settings, StereoIsTwoFoldersTwoCamerasOrSideBySide) {
   EXPECT_EQ(with({"source.kind=v4l2", "source.device_right=/dev/video2"}).source.device_right,
             "/dev/video2");
   EXPECT_TRUE(with({"source.kind=v4l2", "source.stereo=side-by-side"}).source.is_side_by_side);
-  names(why({"source.path_right=/r"}), "source.path_right: only for source.kind = \"folder\"");
-  names(why({"source.device_right=/dev/video2"}), "only for source.kind = \"v4l2\"");
+  names(why({"source.path_right=/r"}),
+        "source.path_right: valid only for source.kind = \"folder\"");
+  names(why({"source.device_right=/dev/video2"}), "valid only for source.kind = \"v4l2\"");
   names(why({"source.kind=v4l2", "source.device_right=/dev/video0"}),
-        "source.device_right: the same camera as source.device");
+        "source.device_right: must not be the same camera as source.device");
   names(why({"source.kind=v4l2", "source.device_right=/dev/video2", "source.stereo=side-by-side"}),
-        "source.device_right: not with source.stereo = \"side-by-side\"");
-  names(why({"source.stereo=side-by-side", "source.width=641"}), "source.width: odd");
+        "source.device_right: cannot be combined with source.stereo = \"side-by-side\"");
+  names(why({"source.stereo=side-by-side", "source.width=641"}), "source.width: must be even");
   names(why({"source.stereo=both"}), "source.stereo: ");
 }
 
 TEST(Settings, WhatCannotBeIsRefusedByName) {
   names(why({"robot.id=../etc"}), "robot.id: ");
-  names(why({"source.kind=folder"}), "source.path: needed for source.kind = \"folder\"");
+  names(why({"source.kind=folder"}), "source.path: required for source.kind = \"folder\"");
   names(why({"source.kind=kinect"}), "source.kind: ");
   names(why({"source.format=YUV"}), "one of auto, GREY, NV12, YUV420, YUYV, UYVY, BGR24");
   names(why({"features.pixels=3"}), "features.pixels");
   names(why({"buffer.capacity=2"}), "buffer.capacity: ");
   names(why({"buffer.policy=best"}), "drop-youngest");
   names(why({"link.server=nowhere"}), "link.server: expected HOST:PORT");
-  names(why({"link.server=nowhere:0"}), "link.server: port 0");
+  names(why({"link.server=nowhere:0"}), "link.server: port must not be 0");
   names(why({"camera.calibration=1 2 3"}), "camera.calibration: expected the four lines");
   names(why({"bufer.capacity=9"}), "buffer.capacity");
 }

@@ -54,7 +54,7 @@ TEST(Programs, CameraThatIsNotThereIsNamedWithTheReason) {
 #ifdef ORBBUF_V4L2
   const std::string reason = "/dev/video-none: No such file";
 #else
-  const std::string reason = "this program was built without V4L2's header";
+  const std::string reason = "orbbufd was built without V4L2";
 #endif
   const std::vector<std::string> camera = {"--set", "source.kind=v4l2", "--set",
                                            "source.device=/dev/video-none"};

@@ -167,7 +167,7 @@ TEST_F(ServiceTest, TheRobotSaysWhichThreadStandsStill) {
   const auto robot = film(server->address(), watched());
   const StoppedThread stuck(robot->pid(), "capture");
   if (!stuck.is_stopped()) GTEST_SKIP() << "ptrace is not permitted";
-  EXPECT_TRUE(robot->wait_for_line("thread capture has stood still for ")) << robot->output();
+  EXPECT_TRUE(robot->wait_for_line("thread capture has not responded for ")) << robot->output();
 }
 
 }  // namespace

@@ -171,13 +171,13 @@ libcamera::ControlList control_list(const ControlInfoMap& offered,
       std::vector<std::string_view> names(entries.size());
       std::ranges::transform(entries, names.begin(), &Entry::first);
       throw std::runtime_error(
-          fmt::format("it has no control {}; it has {}", name,
+          fmt::format("no control {}; its controls: {}", name,
                       names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
     }
     const auto& [id, info] = *found->second;
     if (!accepts(*id, info, number)) {
       throw std::runtime_error(
-          fmt::format("{} takes {}, not {}", name, describe(*id, info), number));
+          fmt::format("control {}: must be {}, got {}", name, describe(*id, info), number));
     }
     list.set(id->id(), value_of(id->type(), number));
   }
@@ -200,9 +200,9 @@ double set_rate(libcamera::ControlList& list, const ControlInfoMap& offered, dou
 
 void set_crop(libcamera::ControlList& list, const ControlInfoMap& offered, const Crop& crop) {
   const auto found = find(offered, libcamera::controls::ScalerCrop);
-  const auto attempt = fmt::format("cannot film {} of its sensor", to_string(crop));
+  const auto attempt = fmt::format("cannot crop its sensor to {}", to_string(crop));
   if (found == offered.end()) {
-    throw std::runtime_error(attempt + ": it films all of it or nothing");
+    throw std::runtime_error(attempt + ": the camera does not support cropping");
   }
   const libcamera::Rectangle part(crop.left_px, crop.top_px,
                                   static_cast<unsigned int>(crop.width_px),
@@ -214,7 +214,7 @@ void set_crop(libcamera::ControlList& list, const ControlInfoMap& offered, const
       list.set(libcamera::controls::ScalerCrop, part);
       return;
     }
-    throw std::runtime_error(fmt::format("{}, which is {}", attempt, bounds.toString()));
+    throw std::runtime_error(fmt::format("{}: the sensor is {}", attempt, bounds.toString()));
   }
   list.set(libcamera::controls::ScalerCrop, part);
 }

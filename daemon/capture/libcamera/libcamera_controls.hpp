@@ -19,17 +19,17 @@ namespace orbbuf {
 std::string libcamera_control_name(std::string_view name);
 
 /// `values` by their names, as a list to start the camera with. Throws std::runtime_error naming
-/// the control and what it takes, or all names if there is none like it. Only what has one number
-/// can be set: true and false are 1 and 0.
+/// the control and its range, or all names if there is no such control. Only controls with one
+/// number can be set: true and false are 1 and 0.
 libcamera::ControlList control_list(const libcamera::ControlInfoMap& offered,
                                     const std::map<std::string, double>& values);
 
-/// Adds the rate to `list`, as near to `fps` as the camera films. Returns it; 0 if the camera
-/// cannot be asked for a rate.
+/// Adds the rate to `list`, as near to `fps` as the camera allows. Returns it; 0 if the camera
+/// takes no rate.
 double set_rate(libcamera::ControlList& list, const libcamera::ControlInfoMap& offered, double fps);
 
-/// Adds the part of the sensor to film with to `list`. Throws std::runtime_error if the camera
-/// cannot be asked for one. What it makes of it is its own affair: it tells with the images only.
+/// Adds the crop of the sensor to `list`. Throws std::runtime_error if the camera does not support
+/// cropping. The camera may adjust the crop without reporting it.
 void set_crop(libcamera::ControlList& list, const libcamera::ControlInfoMap& offered,
               const Crop& crop);
 

@@ -20,7 +20,7 @@ constexpr std::array<libcamera::PixelFormat, kCameraFormats.size()> kPixelFormat
     libcamera::formats::YUYV,   libcamera::formats::UYVY, libcamera::formats::RGB888,
     libcamera::formats::BGR888, libcamera::formats::MJPEG};
 
-/// The configuration that the camera suggests for one stream; null if it films in none.
+/// The configuration that the camera suggests for one stream; null if it has none.
 std::unique_ptr<CameraConfiguration> suggestion_of(libcamera::Camera& camera) {
   auto suggested = camera.generateConfiguration({StreamRole::VideoRecording});
   if (!suggested || suggested->empty()) {
@@ -63,17 +63,18 @@ CameraMode validate(libcamera::Camera& camera, CameraConfiguration& config,
   };
   const auto asked = size_text(to_string(*format_of(wanted.pixelFormat)));
   if (config.validate() == CameraConfiguration::Invalid) {
-    refuse(camera, fmt::format("cannot film {}; it offers {}", asked, describe(offers)));
+    refuse(camera, fmt::format("cannot capture {}; the camera offers {}", asked, describe(offers)));
   }
   const auto format = format_of(wanted.pixelFormat);
   if (!format || (color && !gives_color(*format))) {
-    refuse(camera,
-           fmt::format("cannot film {}: it would be {}{}; it offers {}", asked,
-                       size_text(wanted.pixelFormat.toString()),
-                       format ? ", not in colour" : ", which is not read", describe(offers)));
+    refuse(camera, fmt::format("cannot capture {}: libcamera would use {}{}; the camera offers {}",
+                               asked, size_text(wanted.pixelFormat.toString()),
+                               format ? ", which has no colour" : ", which orbbufd does not read",
+                               describe(offers)));
   }
   const auto given = size_text(to_string(*format));
-  if (given != asked) spdlog::info("camera {}: films {} instead of {}", camera.id(), given, asked);
+  if (given != asked)
+    spdlog::info("camera {}: captures {} instead of {}", camera.id(), given, asked);
   return {.format = *format,
           .width_px = static_cast<int>(wanted.size.width),
           .height_px = static_cast<int>(wanted.size.height)};
@@ -127,7 +128,7 @@ Result<CameraFormat> choose_to_ask(const std::vector<CameraOffer>& offers,
 
 LibcameraSetup set_up(libcamera::Camera& camera, const SourceSettings& settings) {
   const auto config = suggestion_of(camera);
-  if (!config) refuse(camera, "it does not film");
+  if (!config) refuse(camera, "it has no video stream");
   libcamera::StreamConfiguration& wanted = config->at(0);
   const auto offers = offers_of(wanted.formats());
   const auto format = choose_to_ask(offers, {settings.format, settings.width_px, settings.height_px,
@@ -140,7 +141,7 @@ LibcameraSetup set_up(libcamera::Camera& camera, const SourceSettings& settings)
   LibcameraSetup setup;
   setup.mode = validate(camera, *config, offers, settings.color);
   if (const int status = camera.configure(config.get()); status != 0) {
-    refuse(camera, system_error("cannot set it up", -status).text);
+    refuse(camera, system_error("cannot configure it", -status).text);
   }
   setup.stream = wanted.stream();
   setup.mode.stride_bytes = setup.stream->configuration().stride;

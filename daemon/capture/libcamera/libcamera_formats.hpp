@@ -28,7 +28,7 @@ std::optional<CameraFormat> format_of(const libcamera::PixelFormat& pixels);
 std::vector<CameraOffer> offers_of(const libcamera::StreamFormats& formats);
 std::vector<CameraOffer> offers_of(libcamera::Camera& camera);
 
-/// What the camera calls itself.
+/// The model name that the camera reports.
 std::string model_of(const libcamera::Camera& camera);
 
 /// The format to ask for: choose_format()'s, if need be at a size that is not offered, or the one
@@ -41,9 +41,8 @@ struct LibcameraSetup {
   CameraMode mode;                      ///< as adjusted; its rate is not known yet
 };
 
-/// Configures an acquired camera as `[source]` has it. What its pipeline makes of that counts: it
-/// is logged where it is another size or format. Throws std::runtime_error, with what is offered,
-/// if that is nothing we can use.
+/// Configures an acquired camera as `[source]` says. Its pipeline may adjust size and format, which
+/// is logged. Throws std::runtime_error, with a list of the offers, if the result is not usable.
 LibcameraSetup set_up(libcamera::Camera& camera, const SourceSettings& settings);
 
 }  // namespace orbbuf

@@ -65,13 +65,11 @@ void set_libcamera_log() {
     const bool is_part = name.starts_with("media") || name.starts_with("video");
     has_nodes = has_nodes || is_part;
     if (is_part && ::access(entry.path().c_str(), R_OK | W_OK) != 0 && errno == EACCES) {
-      throw std::runtime_error(fmt::format(
-          "{} (/dev/{}: Permission denied; who films must be root or in the group `video`)", text,
-          name));
+      throw std::runtime_error(
+          fmt::format("{}; /dev/{}: Permission denied; add the user to group video", text, name));
     }
   }
-  throw CameraGone(text +
-                   (has_nodes ? " (one that another program films with may be left out)" : ""));
+  throw CameraGone(text + (has_nodes ? "; it may hide a camera that another program uses" : ""));
 }
 
 std::string ids_of(const std::vector<std::shared_ptr<libcamera::Camera>>& cameras) {
@@ -79,7 +77,7 @@ std::string ids_of(const std::vector<std::shared_ptr<libcamera::Camera>>& camera
   for (std::size_t i = 0; i < cameras.size(); ++i) {
     ids.push_back(fmt::format("{}: {}", i, cameras[i]->id()));
   }
-  return fmt::format("there is {}", fmt::join(ids, ", "));
+  return fmt::format("this machine has {}", fmt::join(ids, ", "));
 }
 
 std::string describe(libcamera::Camera& camera, std::size_t place) {
@@ -118,7 +116,7 @@ std::shared_ptr<libcamera::Camera> find_libcamera(CameraManager& manager,
                         camera.find_first_not_of("0123456789") == std::string::npos;
   if (is_place && std::stoul(camera) < cameras.size()) return cameras[std::stoul(camera)];
   const auto text = fmt::format("libcamera has no camera {}: ", camera);
-  if (cameras.empty()) fail_without_cameras(text + "there is none that it can use");
+  if (cameras.empty()) fail_without_cameras(text + "it found no camera that it can open");
   throw CameraGone(text + ids_of(cameras));
 }
 

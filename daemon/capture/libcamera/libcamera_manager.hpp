@@ -11,15 +11,15 @@ class CameraManager;
 
 namespace orbbuf {
 
-/// The one CameraManager that a process may have, shared by whoever films and ended with the last
-/// of them: a new one looks for cameras anew. It must outlive the cameras that it gives. Starts it,
-/// and with it libcamera's thread, if it is not there; waits for one that is just ending. Its own
-/// messages go to stderr: warnings, and more where `[log] level` is debug or trace, unless
-/// LIBCAMERA_LOG_LEVELS is set. Thread-safe. Throws std::runtime_error.
+/// The process's only CameraManager, shared by all streams and stopped with the last of them; a new
+/// one searches for cameras again. It must outlive the cameras that it returns. Starts it, and with
+/// it libcamera's thread, if it does not run; waits for one that is stopping. libcamera logs to
+/// stderr: warnings, and more if `[log] level` is debug or trace, unless LIBCAMERA_LOG_LEVELS is
+/// set. Thread-safe. Throws std::runtime_error.
 std::shared_ptr<libcamera::CameraManager> libcamera_manager();
 
-/// The camera of this id or, where no id is like it, of this place in the list. Throws
-/// std::runtime_error naming those there are.
+/// The camera with this id or, if there is none, at this place in the list. Throws
+/// std::runtime_error with a list of the cameras.
 std::shared_ptr<libcamera::Camera> find_libcamera(libcamera::CameraManager& manager,
                                                   const std::string& camera);
 

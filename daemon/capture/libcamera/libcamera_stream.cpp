@@ -33,8 +33,8 @@ using libcamera::Request;
 constexpr std::size_t kLeastRequests = 3;  // one lent, two with the camera
 
 std::string_view hint_at(int error) {
-  if (error == EBUSY) return " (another program films with it)";
-  return error == EACCES ? " (who films must be root or in the group `video`)" : "";
+  if (error == EBUSY) return "; another program uses the camera";
+  return error == EACCES ? "; add the user to group video" : "";
 }
 
 /// Before and after the CPU reads a DMA buffer: on some processors its cache does not know that the
@@ -66,14 +66,14 @@ std::int64_t stamp_ns_of(const libcamera::ControlList& metadata,
 
 }  // namespace
 
-/// The camera, from being looked for to being let go.
+/// One libcamera camera, from its acquisition to its release.
 class LibcameraStream::Film {
  public:
   explicit Film(const std::string& camera)
       : manager_(libcamera_manager()),
         camera_(find_libcamera(*manager_, camera)),
         event_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
-    if (!event_) throw_system_error("cannot make an event");
+    if (!event_) throw_system_error("cannot create an eventfd");
   }
   ~Film();
   Film(const Film&) = delete;
@@ -127,7 +127,7 @@ void LibcameraStream::Film::must(std::string_view attempt, int status) const {
 }
 
 void LibcameraStream::Film::start(const SourceSettings& settings) {
-  must("take it", camera_->acquire());
+  must("acquire it", camera_->acquire());
   is_acquired_ = true;
   setup_ = set_up(*camera_, settings);
   libcamera::ControlList controls(libcamera::controls::controls);
@@ -141,24 +141,24 @@ void LibcameraStream::Film::start(const SourceSettings& settings) {
   make_requests();
   camera_->requestCompleted.connect(this, &Film::completed);
   camera_->disconnected.connect(this, &Film::disconnected);
-  must("start filming", camera_->start(&controls));
+  must("start capturing", camera_->start(&controls));
   // Some pipelines read the controls of start(), some only those of requests.
   requests_.front()->controls().merge(controls);
   for (const auto& request : requests_) {
-    must("hand it its buffers", camera_->queueRequest(request.get()));
+    must("queue its buffers", camera_->queueRequest(request.get()));
   }
 }
 
 void LibcameraStream::Film::make_requests() {
   allocator_ = std::make_unique<libcamera::FrameBufferAllocator>(camera_);
-  must("get buffers", allocator_->allocate(setup_.stream));
+  must("allocate buffers", allocator_->allocate(setup_.stream));
   for (const auto& buffer : allocator_->buffers(setup_.stream)) {
     if (!mappings_.emplace_back(map_first_plane(*buffer))) must("map its buffers", -errno);
     requests_.push_back(camera_->createRequest(requests_.size()));
-    must("make requests", requests_.back() ? 0 : -ENOMEM);
-    must("make requests", requests_.back()->addBuffer(setup_.stream, buffer.get()));
+    must("create requests", requests_.back() ? 0 : -ENOMEM);
+    must("create requests", requests_.back()->addBuffer(setup_.stream, buffer.get()));
   }
-  if (requests_.size() < kLeastRequests) must("get three buffers", -ENOMEM);
+  if (requests_.size() < kLeastRequests) must("allocate three buffers", -ENOMEM);
 }
 
 std::string LibcameraStream::Film::description() const {
@@ -180,7 +180,7 @@ void LibcameraStream::Film::completed(Request* request) {
 /// Called on libcamera's thread.
 void LibcameraStream::Film::disconnected() {
   const std::lock_guard lock(mutex_);
-  failure_ = "unplugged";
+  failure_ = "the camera is unplugged";
   ::eventfd_write(event_.get(), 1);
 }
 
@@ -220,7 +220,7 @@ std::optional<Error> LibcameraStream::Film::give_back(std::size_t index) {
   request.reuse(Request::ReuseBuffers);
   const int status = camera_->queueRequest(&request);
   if (status == 0) return std::nullopt;
-  return system_error("cannot hand it a buffer back", -status);
+  return system_error("cannot queue a buffer", -status);
 }
 
 LibcameraStream::LibcameraStream(const SourceSettings& settings)

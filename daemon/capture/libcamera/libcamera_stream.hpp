@@ -14,8 +14,8 @@ namespace orbbuf {
 /// a Raspberry Pi, or a USB camera.
 class LibcameraStream : public CameraStream {
  public:
-  /// The camera of `[source]`, in the size and format that its pipeline makes of what is set there
-  /// (the log tells). Throws as OpenCamera does.
+  /// Opens the camera of `[source]`. Its pipeline may adjust size and format, which is logged.
+  /// Throws as OpenCamera does.
   explicit LibcameraStream(const SourceSettings& settings);
   ~LibcameraStream() override;
 

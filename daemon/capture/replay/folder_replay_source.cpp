@@ -78,13 +78,13 @@ Result<std::vector<std::uint8_t>> read_file(const fs::path& file) {
   std::error_code error;
   const auto size = fs::file_size(file, error);
   if (error) return Error{attempt + ": " + error.message()};
-  if (size == 0) return Error{attempt + ": it is empty"};
-  if (size > kMaxFileBytes) return Error{attempt + ": it is larger than any image"};
+  if (size == 0) return Error{attempt + ": the file is empty"};
+  if (size > kMaxFileBytes) return Error{attempt + ": the file is larger than 256 MiB"};
   std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size));
   std::ifstream in(file, std::ios::binary);
   if (!in) return system_error(attempt, errno);
   in.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
-  if (!in) return Error{attempt + ": it ended early"};
+  if (!in) return Error{attempt + ": the file was truncated"};
   return bytes;
 }
 
@@ -113,25 +113,25 @@ RawFrame read_image(const fs::path& file, [[maybe_unused]] bool is_color) {
     const int flags = is_color ? cv::IMREAD_COLOR : cv::IMREAD_GRAYSCALE;
     auto image = cv::imdecode(bytes.value(), flags | cv::IMREAD_IGNORE_ORIENTATION);
     if (!image.empty()) return replay_frame(std::move(image), 0);
-    return frame_with_defect(attempt + ": not an image, or not all of one");
+    return frame_with_defect(attempt + ": not an image, or a truncated one");
   } catch (const cv::Exception& error) {
     return frame_with_defect(attempt + ": " + error.err);
   }
 #else
-  return frame_with_defect(attempt + ": this program was built without OpenCV's imgcodecs");
+  return frame_with_defect(attempt + ": orbbufd was built without OpenCV's imgcodecs");
 #endif
 }
 
 /// settings.path or path_right. Throws if there are no images.
 ImageFolder find_images(const fs::path& path) {
-  if (path.empty()) throw std::runtime_error("cannot replay images: no path is set");
+  if (path.empty()) throw std::runtime_error("cannot replay images: source.path is not set");
   fs::path folder = fs::absolute(path).lexically_normal();
   if (!folder.has_filename()) folder = folder.parent_path();  // the path ended in a slash
   const auto attempt = "cannot replay images from " + folder.string();
   std::error_code error;
   const auto status = fs::status(folder, error);
   if (!fs::exists(status)) throw std::runtime_error(attempt + ": " + error.message());
-  if (!fs::is_directory(status)) throw std::runtime_error(attempt + ": it is not a folder");
+  if (!fs::is_directory(status)) throw std::runtime_error(attempt + ": not a folder");
   auto names = image_names(folder);
   if (names.empty()) {
     folder /= "images";
@@ -143,12 +143,12 @@ ImageFolder find_images(const fs::path& path) {
 
 ImageFolder find_right_images(const fs::path& path, const ImageFolder& left) {
   auto right = find_images(path);
-  const auto attempt = fmt::format("cannot replay images from {} as the right ones of {}",
+  const auto attempt = fmt::format("cannot replay images from {} as the right images of {}",
                                    right.path.string(), left.path.string());
-  if (right.path == left.path) throw std::runtime_error(attempt + ": they are the same folder");
+  if (right.path == left.path) throw std::runtime_error(attempt + ": both are the same folder");
   if (right.names.size() == left.names.size()) return right;
-  throw std::runtime_error(
-      fmt::format("{}: they are {}, those are {}", attempt, right.names.size(), left.names.size()));
+  throw std::runtime_error(fmt::format("{}: {} right images, {} left images", attempt,
+                                       right.names.size(), left.names.size()));
 }
 
 }  // namespace

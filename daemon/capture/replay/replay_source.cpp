@@ -14,8 +14,8 @@ using std::chrono::steady_clock;
 
 namespace {
 
-/// Longer than anyone waits, short enough to be added to any moment.
-constexpr nanoseconds kForever = std::chrono::years(100);
+/// Longer than any wait, short enough to be added to any time point.
+constexpr nanoseconds kLongestWait = std::chrono::years(100);
 
 }  // namespace
 
@@ -39,7 +39,7 @@ std::optional<RawFrame> ReplaySource::take(const std::stop_token& stop) {
     reopen();
     frame = source_->next(stop);
     if (!frame && !stop.stop_requested()) {
-      throw std::runtime_error("cannot repeat " + source_->description() + ": it is empty now");
+      throw std::runtime_error("cannot loop " + source_->description() + ": it has no frames now");
     }
   }
   if (!frame) return std::nullopt;
@@ -66,7 +66,7 @@ void ReplaySource::wait_until_due(std::int64_t capture_time_ns, const std::stop_
   if (!anchor_) anchor_ = {steady_clock::now(), capture_time_ns};
   const auto since_anchor = nanoseconds(capture_time_ns - anchor_->capture_time_ns);
   std::unique_lock lock(mutex_);
-  const auto due = anchor_->moment + std::min(since_anchor, kForever);
+  const auto due = anchor_->moment + std::min(since_anchor, kLongestWait);
   while (steady_clock::now() < due && !stop.stop_requested()) {
     beat();
     stopped_.wait_until(lock, stop, std::min(due, steady_clock::now() + kBeatInterval),
@@ -76,7 +76,7 @@ void ReplaySource::wait_until_due(std::int64_t capture_time_ns, const std::stop_
 
 std::string ReplaySource::description() const {
   return source_->description() + (options_.is_realtime ? ", in real time" : "") +
-         (options_.is_looped ? ", again and again" : "");
+         (options_.is_looped ? ", looped" : "");
 }
 
 }  // namespace orbbuf

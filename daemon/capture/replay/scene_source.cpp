@@ -51,7 +51,8 @@ SceneSource::SceneSource(const SourceSettings& settings) : settings_(settings) {
   if (std::min(settings.width_px, settings.height_px) < kMinSidePx || longer > kMaxSidePx ||
       settings.frames < 1) {
     throw std::runtime_error(fmt::format(
-        "cannot generate {} frames of {}x{} px: at least 1 of {} to {} px each way",
+        "cannot generate {} frames of {}x{} px: must be at least 1 frame, {} to {} px wide and "
+        "high",
         settings.frames, settings.width_px, settings.height_px, kMinSidePx, kMaxSidePx));
   }
   const int side = static_cast<int>(std::clamp(std::bit_ceil(static_cast<unsigned>(3 * longer)),

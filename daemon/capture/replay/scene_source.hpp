@@ -17,7 +17,7 @@ namespace orbbuf {
 /// which the view is replaced altogether. So one second of frames lost costs little or everything.
 ///
 /// One seed and size give the same bytes every time on one machine. Between kinds of processor the
-/// world is the same, and the view too but for rounding in the warp, which nobody guarantees.
+/// world is the same; the view may differ by the rounding of the warp.
 /// Cost: about 1 ms for a frame of 640x480 gray. At its reader's pace; see ReplaySource.
 class SceneSource : public FrameSource {
  public:

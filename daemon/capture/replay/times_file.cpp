@@ -26,7 +26,7 @@ struct Line {
 bool is_digit(char c) { return c >= '0' && c <= '9'; }
 
 [[noreturn]] void fail(const std::filesystem::path& file, const std::string& why) {
-  throw std::runtime_error("cannot take times from " + file.string() + ": " + why);
+  throw std::runtime_error("cannot read times from " + file.string() + ": " + why);
 }
 
 [[noreturn]] void fail(const std::filesystem::path& file, const Line& line,
@@ -55,12 +55,13 @@ std::vector<Line> read_lines(const std::filesystem::path& file) {
     if (!fields.empty()) lines.push_back({number, std::move(fields)});
   }
   if (!in.eof()) fail(file, std::generic_category().message(errno));
-  if (lines.empty()) fail(file, "there are none in it");
+  if (lines.empty()) fail(file, "the file has none");
   const auto count = lines.front().fields.size();
   for (const auto& line : lines) {
     if (line.fields.size() == count && count <= 3) continue;
     fail(file, line,
-         std::to_string(line.fields.size()) + " fields; expected 1 to 3, as many on every line");
+         std::to_string(line.fields.size()) +
+             " fields; expected 1 to 3, the same number on every line");
   }
   return lines;
 }
@@ -124,7 +125,7 @@ std::map<std::string, const Line*> lines_by_key(const std::filesystem::path& fil
     }
     const auto [at, is_new] = by_key.emplace(std::move(key), &line);
     if (is_new) continue;
-    fail(file, line, at->first + " is on line " + std::to_string(at->second->number) + " already");
+    fail(file, line, at->first + " is already on line " + std::to_string(at->second->number));
   }
   return by_key;
 }

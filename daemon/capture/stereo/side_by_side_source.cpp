@@ -14,8 +14,8 @@ namespace {
 /// Says what is wrong; nothing is changed then.
 std::string split_pixels(RawFrame& frame) {
   if (frame.width_px < 2 || frame.width_px % 2 != 0) {
-    return fmt::format("an image of {}x{} px has no two equal halves", frame.width_px,
-                       frame.height_px);
+    return fmt::format("cannot split an image of {}x{} px: its width is odd or too small",
+                       frame.width_px, frame.height_px);
   }
   frame.width_px /= 2;
   auto right = std::make_shared<RawFrame>(frame);

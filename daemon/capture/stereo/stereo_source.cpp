@@ -25,8 +25,8 @@ StereoSource::StereoSource(std::unique_ptr<FrameSource> left, std::unique_ptr<Fr
       description_(fmt::format("stereo: left {}; right {}; up to {:.4g} ms apart",
                                left_->description(), right_->description(), ms(tolerance))),
       pairer_(tolerance),
-      left_thread_([this](const std::stop_token& stop) { film(Side::kLeft, stop); }),
-      right_thread_([this](const std::stop_token& stop) { film(Side::kRight, stop); }) {}
+      left_thread_([this](const std::stop_token& stop) { capture(Side::kLeft, stop); }),
+      right_thread_([this](const std::stop_token& stop) { capture(Side::kRight, stop); }) {}
 
 StereoSource::~StereoSource() {
   left_thread_.request_stop();
@@ -34,15 +34,14 @@ StereoSource::~StereoSource() {
   left_thread_.join();
   right_thread_.join();
   spdlog::info(
-      "stereo: {} pairs, {} of them not taken in time, {} left and {} right images "
-      "without a partner",
+      "stereo: {} pairs, {} of them overwritten, {} left and {} right images without a partner",
       pairer_.pairs(), overtaken_, pairer_.unpaired(Side::kLeft), pairer_.unpaired(Side::kRight));
 }
 
 std::optional<RawFrame> StereoSource::next(std::stop_token stop) {
   std::unique_lock lock(mutex_);
   wait_beating(changed_, lock, stop,
-               [this] { return !pairs_.empty() || filming_ == 0 || failure_; });
+               [this] { return !pairs_.empty() || capturing_ == 0 || failure_; });
   if (stop.stop_requested()) {
     left_thread_.request_stop();
     right_thread_.request_stop();
@@ -55,7 +54,7 @@ std::optional<RawFrame> StereoSource::next(std::stop_token stop) {
   return pair;
 }
 
-void StereoSource::film(Side side, const std::stop_token& stop) {
+void StereoSource::capture(Side side, const std::stop_token& stop) {
   const bool is_left = side == Side::kLeft;
   const WatchedThread watched(is_left ? "left" : "right");
   std::exception_ptr failure;
@@ -65,7 +64,7 @@ void StereoSource::film(Side side, const std::stop_token& stop) {
     failure = std::current_exception();
   }
   const std::lock_guard lock(mutex_);
-  --filming_;
+  --capturing_;
   if (failure) failure_ = failure;
   changed_.notify_all();
 }

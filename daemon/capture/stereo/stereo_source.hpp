@@ -17,13 +17,12 @@
 
 namespace orbbuf {
 
-/// Two live cameras as one: each films on a thread of its own, `left` and `right`, and what they
-/// captured together is one frame under the left image's time.
+/// Two live cameras as one source: each captures on its own thread, `left` and `right`, and two
+/// images captured together are one frame with the left image's time.
 ///
-/// The cameras need not be synchronised: images up to `tolerance` apart are taken for a pair. Those
-/// without a partner are counted; the log tells of them at most every 10 s, and has the account at
-/// the end. While one camera is away (CameraSource waits for it) no frame comes, and none is lost
-/// that has both images.
+/// The cameras need not be synchronised: images up to `tolerance` apart are a pair. Images
+/// without a partner are counted, logged at most every 10 s, and summed up in the log at the end.
+/// While one camera is missing (CameraSource waits for it) no frame comes.
 class StereoSource : public FrameSource {
  public:
   /// Both sources set RawFrame::monotonic_ns. tolerance: half a frame's time, so that every image
@@ -39,7 +38,7 @@ class StereoSource : public FrameSource {
   std::string description() const override;
 
  private:
-  void film(Side side, const std::stop_token& stop);
+  void capture(Side side, const std::stop_token& stop);
   void add(Side side, RawFrame frame);
 
   const std::unique_ptr<FrameSource> left_;
@@ -53,7 +52,7 @@ class StereoSource : public FrameSource {
   std::uint64_t overtaken_ = 0;  // guarded by mutex_: pairs that next() did not take in time
   std::uint64_t told_ = 0;       // guarded by mutex_: images without a partner that were logged
   LogLimit unpaired_log_{std::chrono::seconds(10)};  // guarded by mutex_
-  int filming_ = 2;                                  // guarded by mutex_
+  int capturing_ = 2;                                // guarded by mutex_
   std::exception_ptr failure_;                       // guarded by mutex_
 
   std::jthread left_thread_;

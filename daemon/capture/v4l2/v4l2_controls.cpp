@@ -82,7 +82,7 @@ const CameraControl& find(const V4l2Device& device, const std::vector<CameraCont
   std::vector<std::string_view> names(controls.size());
   std::ranges::transform(controls, names.begin(), &CameraControl::name);
   throw std::runtime_error(
-      fmt::format("camera {}: it has no control {}; it has {}", device.path(), name,
+      fmt::format("camera {}: no control {}; its controls: {}", device.path(), name,
                   names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
 }
 
@@ -110,13 +110,14 @@ std::string why_refused(const CameraControl& control, double value) {
   };
   if (!control.menu.empty()) {
     if (std::ranges::any_of(control.menu, is_entry)) return "";
-    return fmt::format("{} takes {}, not {}", control.name, fmt::join(control.menu, ", "), value);
+    return fmt::format("control {}: must be one of {}, got {}", control.name,
+                       fmt::join(control.menu, ", "), value);
   }
   const bool is_inside =
       value >= static_cast<double>(control.min) && value <= static_cast<double>(control.max);
   if (is_inside && value == std::trunc(value)) return "";
-  return fmt::format("{} takes {} to {} in steps of {} (default {}), not {}", control.name,
-                     control.min, control.max, control.step, control.fallback, value);
+  return fmt::format("control {}: must be {} to {} in steps of {} (default {}), got {}",
+                     control.name, control.min, control.max, control.step, control.fallback, value);
 }
 
 std::vector<CameraControl> list_controls(const V4l2Device& device) {
@@ -170,8 +171,8 @@ void set_controls(const V4l2Device& device, const CameraControls& values) {
       return status == 0;
     });
     if (accepted != 0) continue;
-    device.fail("set its control " + refused, error,
-                error == EACCES ? " (it is inactive: is its automatic on?)" : "");
+    device.fail("set control " + refused, error,
+                error == EACCES ? "; the control is inactive: turn off its automatic mode" : "");
   }
 }
 

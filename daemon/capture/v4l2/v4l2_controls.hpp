@@ -38,15 +38,15 @@ std::string why_refused(const CameraControl& control, double value);
 std::vector<CameraControl> list_controls(const V4l2Device& device);
 
 /// The names of `values`, all of them of `controls`, in the order to set them in: switches first.
-/// Whoever switches an automatic off is left with the number it had chosen, whatever was set
-/// before.
+/// Switching an automatic mode off leaves its last number in the control, so the numbers must be
+/// set after the switches.
 std::vector<std::string> setting_order(const std::vector<CameraControl>& controls,
                                        const CameraControls& values);
 
 /// Sets all of `values`, in setting_order(). A control may first need another one set (a manual
 /// exposure needs exposure_auto off): what is refused is tried again as long as others are
-/// accepted. Throws std::runtime_error naming the control and what it takes, or all names if there
-/// is none like it.
+/// accepted. Throws std::runtime_error naming the control and its range, or all names if there is
+/// no such control.
 void set_controls(const V4l2Device& device, const CameraControls& values);
 
 }  // namespace orbbuf

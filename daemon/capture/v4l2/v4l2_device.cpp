@@ -24,16 +24,16 @@ namespace {
 std::string_view hint_at(int error) {
   switch (error) {
     case EBUSY:
-      return " (another program films with it)";
+      return "; another program uses the camera";
     case ENODEV:
-      return " (unplugged)";
+      return "; the camera is unplugged";
     default:
       return "";
   }
 }
 
 std::string_view hint_at_opening(int error) {
-  if (error == EACCES) return " (who films must be root or in the group `video`)";
+  if (error == EACCES) return "; add the user to group video";
   return error == ENODEV ? "" : hint_at(error);
 }
 
@@ -99,25 +99,26 @@ V4l2Device::V4l2Device(std::string path) : path_(std::move(path)) {
     const auto text =
         fmt::format("cannot open camera {}: {}{}; {}", path_,
                     std::generic_category().message(error), hint_at_opening(error),
-                    nodes.empty() ? "there is no /dev/video*"
-                                  : fmt::format("there is {}", fmt::join(nodes, ", ")));
+                    nodes.empty() ? "this machine has no /dev/video*"
+                                  : fmt::format("this machine has {}", fmt::join(nodes, ", ")));
     if (error == ENOENT || error == ENODEV || error == ENXIO) throw CameraGone(text);
     throw std::runtime_error(text);
   }
   v4l2_capability capability{};
   const int error = call(VIDIOC_QUERYCAP, &capability);
   if (error == ENOTTY || error == EINVAL) {
-    throw NoCamera(fmt::format("camera {}: it is not a V4L2 device", path_));
+    throw NoCamera(fmt::format("camera {}: not a V4L2 device", path_));
   }
-  if (error != 0) fail("ask what it can do", error);
+  if (error != 0) fail("query its capabilities", error);
   name_ = text_of(capability.card);
   bus_ = text_of(capability.bus_info);
   const bool has_own = (capability.capabilities & V4L2_CAP_DEVICE_CAPS) != 0;
   const auto can = has_own ? capability.device_caps : capability.capabilities;
   if ((can & V4L2_CAP_VIDEO_CAPTURE) == 0 || (can & V4L2_CAP_STREAMING) == 0) {
-    throw NoCamera(
-        fmt::format("camera {}: this node of {} does not capture images{}", path_, name_,
-                    (can & V4L2_CAP_VIDEO_CAPTURE_MPLANE) != 0 ? " but in several planes" : ""));
+    throw NoCamera(fmt::format("camera {}: this node of {} does not capture images{}", path_, name_,
+                               (can & V4L2_CAP_VIDEO_CAPTURE_MPLANE) != 0
+                                   ? " except multi-planar ones, which orbbufd does not read"
+                                   : ""));
   }
 }
 

@@ -11,17 +11,17 @@
 
 namespace orbbuf {
 
-/// What was opened does not film: another kind of device, or of node.
+/// The opened file is not a V4L2 capture node.
 class NoCamera : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
-/// An open V4L2 capture device, and what it says of itself. Thread-bound.
+/// An open V4L2 capture device and its capabilities. Thread-bound.
 class V4l2Device {
  public:
-  /// path: of a video node or of a link to one. Throws std::runtime_error saying why it cannot be
-  /// opened, and which nodes there are, and NoCamera if what is there does not capture.
+  /// path: of a video node or of a link to one. Throws std::runtime_error with the reason and a
+  /// list of the nodes if it cannot be opened, and NoCamera if it is not a capture node.
   explicit V4l2Device(std::string path);
 
   const std::string& path() const { return path_; }

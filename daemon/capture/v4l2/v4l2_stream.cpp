@@ -80,7 +80,7 @@ V4l2Stream::V4l2Stream(const SourceSettings& settings) : device_(settings.device
   set_controls(device_, settings.controls);
   map_buffers();
   int type = kType;
-  device_.must("start filming", VIDIOC_STREAMON, &type);
+  device_.must("start capturing", VIDIOC_STREAMON, &type);
 }
 
 V4l2Stream::~V4l2Stream() {
@@ -94,12 +94,12 @@ std::string V4l2Stream::description() const {
 
 /// Before the format, which says what size the part is brought to.
 void V4l2Stream::set_crop(const Crop& crop) {
-  const auto attempt = fmt::format("film {} of its sensor", to_string(crop));
+  const auto attempt = fmt::format("crop its sensor to {}", to_string(crop));
   v4l2_selection bounds = selection_of(V4L2_SEL_TGT_CROP_BOUNDS);
   const int error = device_.call(VIDIOC_G_SELECTION, &bounds);
   if (has_no_crop(error)) {
-    throw std::runtime_error(fmt::format("camera {}: cannot {}: it films all of it or nothing",
-                                         device_.path(), attempt));
+    throw std::runtime_error(fmt::format(
+        "camera {}: cannot {}: its driver does not support cropping", device_.path(), attempt));
   }
   if (error != 0) device_.fail(attempt, error);
   v4l2_selection wanted = bounds;
@@ -108,12 +108,12 @@ void V4l2Stream::set_crop(const Crop& crop) {
               static_cast<__u32>(crop.height_px)};
   device_.must(attempt, VIDIOC_S_SELECTION, &wanted);
   if (crop_of(wanted.r) == crop) return;
-  throw std::runtime_error(fmt::format("camera {}: cannot {}: it would be {}, of {}",
+  throw std::runtime_error(fmt::format("camera {}: cannot {}: its driver would use {} of {}",
                                        device_.path(), attempt, to_string(crop_of(wanted.r)),
                                        to_string(crop_of(bounds.r))));
 }
 
-/// The driver keeps the part of whoever filmed before, of this program or another.
+/// The driver keeps the crop of the last program that used the camera.
 void V4l2Stream::undo_crop() {
   v4l2_selection current = selection_of(V4L2_SEL_TGT_CROP);
   v4l2_selection all = selection_of(V4L2_SEL_TGT_CROP_DEFAULT);
@@ -124,7 +124,7 @@ void V4l2Stream::undo_crop() {
   all.target = V4L2_SEL_TGT_CROP;
   const int error = device_.call(VIDIOC_S_SELECTION, &all);
   if (error != 0 && !has_no_crop(error)) {
-    device_.fail(fmt::format("film {} of its sensor", to_string(wanted)), error);
+    device_.fail(fmt::format("crop its sensor to {}", to_string(wanted)), error);
   }
 }
 
@@ -141,16 +141,16 @@ void V4l2Stream::set_format(const SourceSettings& settings) {
   wanted.fmt.pix.width = static_cast<__u32>(settings.width_px);
   wanted.fmt.pix.height = static_cast<__u32>(settings.height_px);
   wanted.fmt.pix.field = V4L2_FIELD_NONE;
-  const auto attempt = fmt::format("film {} in {}x{}", to_string(format.value()), settings.width_px,
-                                   settings.height_px);
+  const auto attempt = fmt::format("capture {} at {}x{}", to_string(format.value()),
+                                   settings.width_px, settings.height_px);
   v4l2_format given = wanted;
   device_.must(attempt, VIDIOC_S_FMT, &given);
   const v4l2_pix_format& pixels = given.fmt.pix;
   if (pixels.pixelformat != wanted.fmt.pix.pixelformat || pixels.width != wanted.fmt.pix.width ||
       pixels.height != wanted.fmt.pix.height) {
-    throw std::runtime_error(fmt::format("camera {}: cannot {}: it would be {}x{}; it offers {}",
-                                         device_.path(), attempt, pixels.width, pixels.height,
-                                         describe(offers)));
+    throw std::runtime_error(
+        fmt::format("camera {}: cannot {}: its driver would use {}x{}; the camera offers {}",
+                    device_.path(), attempt, pixels.width, pixels.height, describe(offers)));
   }
   mode_.format = format.value();
   mode_.width_px = settings.width_px;
@@ -159,7 +159,7 @@ void V4l2Stream::set_format(const SourceSettings& settings) {
       std::max<std::size_t>(pixels.bytesperline, least_stride(mode_.format, mode_.width_px));
 }
 
-/// A driver that cannot be asked for a rate films at its own.
+/// A driver that takes no frame rate captures at its own.
 void V4l2Stream::set_rate(double fps) {
   v4l2_streamparm parameters{};
   parameters.type = kType;
@@ -167,7 +167,7 @@ void V4l2Stream::set_rate(double fps) {
   v4l2_captureparm& capture = parameters.parm.capture;
   if ((capture.capability & V4L2_CAP_TIMEPERFRAME) != 0) {
     capture.timeperframe = {1000, static_cast<__u32>(std::lround(fps * 1000))};
-    device_.must(fmt::format("film at {:.4g} fps", fps), VIDIOC_S_PARM, &parameters);
+    device_.must(fmt::format("set its frame rate to {:.4g} fps", fps), VIDIOC_S_PARM, &parameters);
   }
   if (capture.timeperframe.numerator == 0) return;
   mode_.fps =
@@ -179,15 +179,15 @@ void V4l2Stream::map_buffers() {
   request.count = kBuffers;
   request.type = kType;
   request.memory = V4L2_MEMORY_MMAP;
-  device_.must("get buffers", VIDIOC_REQBUFS, &request);
-  if (request.count < kLeastBuffers) device_.fail("get three buffers", ENOMEM);
+  device_.must("allocate buffers", VIDIOC_REQBUFS, &request);
+  if (request.count < kLeastBuffers) device_.fail("allocate three buffers", ENOMEM);
   for (__u32 i = 0; i < request.count; ++i) {
     v4l2_buffer buffer = buffer_of(i);
-    device_.must("find its buffers", VIDIOC_QUERYBUF, &buffer);
+    device_.must("query its buffers", VIDIOC_QUERYBUF, &buffer);
     if (!buffers_.emplace_back(device_.fd(), buffer.m.offset, buffer.length)) {
       device_.fail("map its buffers", errno);
     }
-    device_.must("hand it its buffers", VIDIOC_QBUF, &buffer);
+    device_.must("queue its buffers", VIDIOC_QBUF, &buffer);
   }
 }
 
@@ -195,8 +195,8 @@ Result<std::optional<CameraBuffer>> V4l2Stream::borrow() {
   v4l2_buffer buffer = buffer_of(0);
   const int error = device_.call(VIDIOC_DQBUF, &buffer);
   if (error == EAGAIN) return std::optional<CameraBuffer>();
-  if (error != 0) return system_error("cannot take an image from it", error);
-  if (buffer.index >= buffers_.size()) return Error{"its driver gave a buffer that is not there"};
+  if (error != 0) return system_error("cannot dequeue a buffer", error);
+  if (buffer.index >= buffers_.size()) return Error{"the driver returned an unknown buffer"};
   const auto memory = buffers_[buffer.index].bytes();
   CameraBuffer borrowed;
   borrowed.index = buffer.index;
@@ -211,7 +211,7 @@ std::optional<Error> V4l2Stream::give_back(const CameraBuffer& lent) {
   v4l2_buffer buffer = buffer_of(lent.index);
   const int error = device_.call(VIDIOC_QBUF, &buffer);
   if (error == 0) return std::nullopt;
-  return system_error("cannot hand it a buffer back", error);
+  return system_error("cannot queue a buffer", error);
 }
 
 }  // namespace orbbuf

@@ -40,15 +40,15 @@ TEST_F(TlsConfig, PathsAreTakenFromTheFilesFolder) {
 }
 
 TEST_F(TlsConfig, WantsAllThreeOrNone) {
-  EXPECT_THAT(error_with_lines("certificate = 'a'\nca = 'b'\n"), HasSubstr("tls.key: needed"));
-  EXPECT_THAT(error_with_lines("certificate = 'a'\nkey = 'b'\n"), HasSubstr("tls.ca: needed"));
-  EXPECT_THAT(error_with_lines("key = 'b'\n"), HasSubstr("tls.certificate: needed"));
+  EXPECT_THAT(error_with_lines("certificate = 'a'\nca = 'b'\n"), HasSubstr("tls.key: required"));
+  EXPECT_THAT(error_with_lines("certificate = 'a'\nkey = 'b'\n"), HasSubstr("tls.ca: required"));
+  EXPECT_THAT(error_with_lines("key = 'b'\n"), HasSubstr("tls.certificate: required"));
 }
 
 TEST_F(TlsConfig, CredentialsAreSystemds) {
   const std::string lines = "certificate = 'a'\nkey = 'credential:robot.key'\nca = 'b'\n";
   ::unsetenv("CREDENTIALS_DIRECTORY");
-  EXPECT_THAT(error_with_lines(lines), HasSubstr("FILE:3: tls.key: there are no credentials"));
+  EXPECT_THAT(error_with_lines(lines), HasSubstr("FILE:3: tls.key: no credentials"));
   ::setenv("CREDENTIALS_DIRECTORY", "/run/credentials/orbbufd.service", 1);
   EXPECT_EQ(error_with_lines(lines), "");
   EXPECT_EQ(tls_.key, "/run/credentials/orbbufd.service/robot.key");

@@ -59,9 +59,10 @@ TEST(CameraFormats, ColourComesFromFormatsThatAreReadInColour) {
   in_color.color = true;
   EXPECT_EQ(chosen(kWebcam, in_color), "MJPG");
   in_color.format = "YUYV";
-  EXPECT_EQ(chosen(kWebcam, in_color),
-            "no YUYV of 640x480 in colour (MJPG, BGR24 or RGB24); it offers MJPG 640x480 (30, 15 "
-            "fps), 1280x720 (30 fps); YUYV 640x480 (30, 15 fps), 1280x720 (10 fps)");
+  EXPECT_EQ(
+      chosen(kWebcam, in_color),
+      "no YUYV at 640x480 in colour (MJPG, BGR24 or RGB24); the camera offers MJPG 640x480 (30, 15 "
+      "fps), 1280x720 (30 fps); YUYV 640x480 (30, 15 fps), 1280x720 (10 fps)");
 }
 
 TEST(CameraFormats, AFormatThatIsNamedIsTakenAtAnyRate) {
@@ -69,19 +70,21 @@ TEST(CameraFormats, AFormatThatIsNamedIsTakenAtAnyRate) {
   named.format = "YUYV";
   EXPECT_EQ(chosen(kWebcam, named), "YUYV");
   named.format = "NV12";
-  EXPECT_THAT(chosen(kWebcam, named), HasSubstr("no NV12 of 1280x720; it offers MJPG 640x480"));
+  EXPECT_THAT(chosen(kWebcam, named),
+              HasSubstr("no NV12 at 1280x720; the camera offers MJPG 640x480"));
 }
 
 TEST(CameraFormats, ASizeThatIsNotOfferedFails) {
   EXPECT_THAT(
       chosen(kWebcam, request(800, 600, 30)),
-      HasSubstr("no format that is read of 800x600; it offers MJPG 640x480 (30, 15 fps), "));
-  EXPECT_THAT(chosen({}, request(640, 480, 30)), HasSubstr("it offers nothing"));
+      HasSubstr("no supported format at 800x600; the camera offers MJPG 640x480 (30, 15 fps), "));
+  EXPECT_THAT(chosen({}, request(640, 480, 30)), HasSubstr("the camera offers nothing"));
   const std::vector<CameraOffer> raw_bayer = {{"RGGB", {exactly(640, 480, {})}}};
-  EXPECT_THAT(chosen(raw_bayer, request(640, 480, 30)), HasSubstr("it offers RGGB 640x480"));
+  EXPECT_THAT(chosen(raw_bayer, request(640, 480, 30)),
+              HasSubstr("the camera offers RGGB 640x480"));
   const std::vector<CameraOffer> both = {raw_bayer[0], {"GREY", {exactly(320, 240, {})}}};
   EXPECT_EQ(chosen(both, request(640, 480, 30)),
-            "no format that is read of 640x480; it offers GREY 320x240");
+            "no supported format at 640x480; the camera offers GREY 320x240");
 }
 
 TEST(CameraFormats, WhatADriverDoesNotSayIsNotHeldAgainstIt) {

@@ -137,8 +137,8 @@ TEST(CameraSource, CorruptAndCutShortIsADefect) {
   auto cut = buffer(2);
   cut.data = cut.data.first(1);
   auto source = source_of({films({corrupt, cut, buffer(3)})});
-  EXPECT_THAT(source.next({})->defect, HasSubstr("calls this image corrupt"));
-  EXPECT_THAT(source.next({})->defect, HasSubstr("cut short"));
+  EXPECT_THAT(source.next({})->defect, HasSubstr("marked the image as corrupt"));
+  EXPECT_THAT(source.next({})->defect, HasSubstr("truncated"));
   EXPECT_EQ(source.next({})->defect, "");
 }
 
@@ -159,9 +159,10 @@ TEST(CameraSource, ACameraThatIsBackInAnotherSizeIsOpenedUntilItHasTheFirst) {
   auto source = source_of({films({buffer(1)}), wide, wide, films({buffer(1)})});
   source.next({});
   EXPECT_EQ(source.next({})->width_px, 2);
-  EXPECT_THAT(log.lines("cannot open"),
-              testing::ElementsAre("warning camera 7: cannot open it again: it would film GREY 4x1 "
-                                   "px, 1000 fps now, not GREY 2x1 px, 1000 fps; trying on"));
+  EXPECT_THAT(
+      log.lines("cannot reopen"),
+      testing::ElementsAre("warning camera 7: cannot reopen it: its mode is now GREY 4x1 px, "
+                           "1000 fps, not GREY 2x1 px, 1000 fps; retrying"));
 }
 
 TEST(CameraSource, WhyItDoesNotOpenIsToldOnceUnlessItIsGone) {
@@ -176,7 +177,7 @@ TEST(CameraSource, WhyItDoesNotOpenIsToldOnceUnlessItIsGone) {
   source.next({});
   source.next({});
   EXPECT_EQ(log.lines("no such camera").size(), 0U);
-  EXPECT_EQ(log.lines("warning camera 7: cannot open it again: not allowed; trying on").size(), 1U);
+  EXPECT_EQ(log.lines("warning camera 7: cannot reopen it: not allowed; retrying").size(), 1U);
 }
 
 TEST(CameraSource, ACameraThatStandsStillIsOpenedAgain) {

@@ -57,7 +57,7 @@ TEST(CameraUnpack, PaddingOfRowsIsLeftOut) {
 TEST(CameraUnpack, TheLastRowNeedsNoPadding) {
   EXPECT_EQ(unpack(mode(CameraFormat::kGrey, 6), counting(10)).defect, "");
   EXPECT_THAT(unpack(mode(CameraFormat::kGrey, 6), counting(9)).defect,
-              HasSubstr("cut short: 9 bytes of 10"));
+              HasSubstr("truncated image: 9 of 10 bytes"));
 }
 
 TEST(CameraUnpack, ColourIsBlueGreenRed) {
@@ -87,11 +87,11 @@ TEST(CameraUnpack, TheFrameOutlivesTheBuffer) {
 TEST(CameraUnpack, AnImageThatIsNotThereIsADefect) {
   for (std::size_t i = 0; i < kCameraFormats.size(); ++i) {
     const auto frame = unpack(mode(static_cast<CameraFormat>(i), 12), {});
-    EXPECT_EQ(frame.defect, "the camera gave an empty buffer");
+    EXPECT_EQ(frame.defect, "the camera's driver returned an empty buffer");
     EXPECT_TRUE(frame.data.empty());
   }
   EXPECT_THAT(unpack(mode(CameraFormat::kYuyv, 8), counting(15)).defect,
-              HasSubstr("15 bytes of 16"));
+              HasSubstr("15 of 16 bytes"));
   EXPECT_THAT(unpack(mode(CameraFormat::kRgb24, 12), counting(23)).defect, HasSubstr("of 24"));
 }
 

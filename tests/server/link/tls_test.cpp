@@ -77,7 +77,7 @@ TEST_F(TlsServer, AnExpiredCertificateIsRefused) {
   const auto said = warnings();
   ASSERT_THAT(said, SizeIs(1));
   EXPECT_THAT(said[0],
-              HasSubstr("the certificate of \"turtlebot1\" is refused: certificate has expired"));
+              HasSubstr("the certificate of \"turtlebot1\" was rejected: certificate has expired"));
 }
 
 TEST_F(TlsServer, AServersCertificateIsNotARobots) {
@@ -91,7 +91,7 @@ TEST_F(TlsServer, Tls12IsRefused) {
   come(keys_.robot(), {"-tls1_2"});
   const auto said = warnings();
   ASSERT_THAT(said, SizeIs(1));
-  EXPECT_THAT(said[0], HasSubstr("does not speak TLS 1.3"));
+  EXPECT_THAT(said[0], HasSubstr("does not support TLS 1.3"));
 }
 
 TEST_F(TlsServer, WhoeverShowsNoCertificateIsRefused) {
@@ -99,7 +99,7 @@ TEST_F(TlsServer, WhoeverShowsNoCertificateIsRefused) {
              "-ign_eof"});
   const auto said = warnings();
   ASSERT_THAT(said, SizeIs(1));
-  EXPECT_THAT(said[0], HasSubstr("the other end shows no certificate"));
+  EXPECT_THAT(said[0], HasSubstr("the peer sent no certificate"));
 }
 
 TEST_F(TlsServer, APlainRobotIsRefused) {
@@ -107,7 +107,7 @@ TEST_F(TlsServer, APlainRobotIsRefused) {
   EXPECT_FALSE(robot.hello("turtlebot1", "s"));
   const auto said = warnings();
   ASSERT_THAT(said, SizeIs(1));
-  EXPECT_THAT(said[0], HasSubstr("the other end does not speak TLS"));
+  EXPECT_THAT(said[0], HasSubstr("the peer does not use TLS"));
 }
 
 TEST_F(TlsServer, ThePageIsForWhoeverShowsACertificateOfTheCa) {

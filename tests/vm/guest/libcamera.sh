@@ -36,34 +36,34 @@ expect 'none missed by the camera' logged 1 ' 0 missed by the camera, 0 corrupt,
 verdict 'libcamera: 100 frames in a row, none lost'
 
 film adjusted kind=libcamera width=200 height=150 format=GREY 'camera=platform/vimc.0 Sensor B'
-expect 'adjusted' wait_for 20 logged 1 'films RGB24 198x150 px instead of GREY 200x150 px'
+expect 'adjusted' wait_for 20 logged 1 'captures RGB24 198x150 px instead of GREY 200x150 px'
 expect 'frames' wait_for 30 has_frames adjusted 5
 end_film
 expect 'size' [ "$(size_of "$(find $frames/adjusted -name '*.jpg' | head -n 1)")" = 198x150 ]
 settings=()
 for setting in "${mode[@]}"; do settings+=(--set "source.$setting"); done
 orbbufd --probe "${settings[@]}" >probe.txt 2>&1
-expect 'rate and size' grep -qE '^filmed: .* fps, 192x144 px$' probe.txt
+expect 'rate and size' grep -qE '^captured: .* fps, 192x144 px$' probe.txt
 sed '1,/^suggested:/d' probe.txt >suggested.toml
 expect 'a suggestion that holds' orbbufd --check-config --config suggested.toml
 cat probe.txt >>"$log"
 verdict 'libcamera: as adjusted, and --probe'
 
-refuses 'libcamera has no camera 1: there is 0: platform/vimc.0 Sensor B' "${mode[@]}" camera=1
-refuses 'it has no control zoom; it has brightness, ' "${mode[@]}" controls.zoom=1
-refuses 'brightness takes -1 to .*, not 7' "${mode[@]}" controls.brightness=7
+refuses 'libcamera has no camera 1: this machine has 0: platform/vimc.0 Sensor B' "${mode[@]}" camera=1
+refuses 'no control zoom; its controls: brightness, ' "${mode[@]}" controls.zoom=1
+refuses 'control brightness: must be -1 to .*, got 7' "${mode[@]}" controls.brightness=7
 film taken "${mode[@]}"
 expect 'frames' wait_for 30 has_frames taken 5
 first=$daemon
 log=/tmp/refused.log
-refuses 'none that it can use (one that another program films with may be left out)' "${mode[@]}"
+refuses 'no camera that it can open; it may hide a camera that another program uses' "${mode[@]}"
 log=/tmp/daemon.log
 daemon=$first
 end_film
 cat "$log" >>refusals.log
 chmod 660 /dev/media* /dev/video*
 as=(chroot --userspec=65534:65534 --groups=65534 /)
-refuses 'Permission denied; who films must be root or in the group' "${mode[@]}"
+refuses 'Permission denied; add the user to group video' "${mode[@]}"
 as=()
 mv refusals.log "$log"
 verdict 'libcamera: what cannot be filmed is refused by name'

@@ -58,7 +58,7 @@ for cycle in {1..10}; do
   unplug
   expect "unplugged $cycle" wait_for 10 logged "$cycle" ': lost: '
   plug_in
-  expect "plugged in $cycle" wait_for 20 logged "$cycle" ': back after '
+  expect "plugged in $cycle" wait_for 20 logged "$cycle" ': recovered after '
 done
 before=$(frame_count plugged)
 expect 'films on' wait_for 10 has_frames plugged $((before + 5))
@@ -66,7 +66,7 @@ end_film
 expect 'one session' [ "$(find $frames/plugged -mindepth 1 -maxdepth 1 | wc -l)" = 1 ]
 expect 'times increase' times_increase plugged
 expect 'every frame accounted for' all_accounted
-expect 'two lines for each' [ "$(grep -cE ': (lost: |back after )' "$log")" = 20 ]
+expect 'two lines for each' [ "$(grep -cE ': (lost: |recovered after )' "$log")" = 20 ]
 verdict 'USB: ten times unplugged and plugged in again in one run'
 
 film bad "${mode[@]}" format=MJPG
@@ -74,11 +74,11 @@ expect 'frames' wait_for 30 has_frames bad 5
 kill -STOP $usb
 expect 'a camera that stands still is noticed' wait_for 10 logged 1 ': lost: no frame for '
 kill -CONT $usb
-expect 'and back' wait_for 20 logged 1 ': back after '
+expect 'and back' wait_for 20 logged 1 ': recovered after '
 unplug
 plug_in /tmp broken
 expect 'broken images are counted' wait_for 30 logged 1 'failed [3-9][0-9] '
-expect 'and not all logged' [ "$(grep -c 'JPEG is cut short' "$log")" -le 2 ]
+expect 'and not all logged' [ "$(grep -c 'JPEG is truncated' "$log")" -le 2 ]
 unplug
 plug_in
 before=$(frame_count bad)
@@ -105,25 +105,25 @@ film libcamera "${mode[@]}"
 expect 'frames' wait_for 30 has_frames libcamera 5
 first=$daemon
 log=/tmp/refused.log
-refuses 'another program films with it' "${mode[@]}"
+refuses 'another program uses the camera' "${mode[@]}"
 log=/tmp/daemon.log
 daemon=$first
 for cycle in {1..3}; do
   unplug
-  expect "unplugged $cycle" wait_for 10 logged "$cycle" ': lost: unplugged'
+  expect "unplugged $cycle" wait_for 10 logged "$cycle" ': lost: the camera is unplugged'
   plug_in
-  expect "plugged in $cycle" wait_for 20 logged "$cycle" ': back after '
+  expect "plugged in $cycle" wait_for 20 logged "$cycle" ': recovered after '
 done
 before=$(frame_count libcamera)
 expect 'films on' wait_for 10 has_frames libcamera $((before + 5))
 kill -STOP $usb
 expect 'a camera that stands still is noticed' wait_for 10 logged 1 ': lost: no frame for '
 kill -CONT $usb
-expect 'and back' wait_for 30 logged 4 ': back after '
+expect 'and back' wait_for 30 logged 4 ': recovered after '
 end_film
 as=()
 expect 'one session' [ "$(find $frames/libcamera -mindepth 1 -maxdepth 1 | wc -l)" = 1 ]
 expect 'times increase' times_increase libcamera
 expect 'every frame accounted for' all_accounted
-expect 'two lines for each' [ "$(grep -cE ': (lost: |back after )' "$log")" = 8 ]
+expect 'two lines for each' [ "$(grep -cE ': (lost: |recovered after )' "$log")" = 8 ]
 verdict 'libcamera: three times unplugged and plugged in again, and standing still, in one run'

@@ -25,7 +25,7 @@ expect 'controls' grep -qx '  control brightness: 0 to 255, default 128' list.tx
 settings=()
 for setting in kind=v4l2 "${mode[@]}"; do settings+=(--set "source.$setting"); done
 orbbufd --probe "${settings[@]}" >probe.txt 2>&1
-expect 'rate and size' grep -qE '^filmed: .* at 1[3-6][.0-9]* fps, 320x180 px$' probe.txt
+expect 'rate and size' grep -qE '^captured: .* at 1[3-6][.0-9]* fps, 320x180 px$' probe.txt
 sed '1,/^suggested:/d' probe.txt >suggested.toml
 expect 'a suggestion that holds' orbbufd --check-config --config suggested.toml
 cat list.txt probe.txt >"$log"
@@ -43,7 +43,7 @@ survives() {
   local before
   lost=$((lost + 1))
   expect "$1: noticed" wait_for 10 logged $lost ': lost: '
-  expect "$1: back" wait_for 20 logged $lost ': back after '
+  expect "$1: back" wait_for 20 logged $lost ': recovered after '
   before=$(frame_count faults)
   expect "$1: films on" wait_for 10 has_frames faults $((before + 5))
 }
@@ -56,7 +56,7 @@ v4l2-ctl -d $camera -c percentage_of_dropped_buffers=50
 expect 'missed frames are counted' wait_for 10 logged 1 'missed by the camera'
 v4l2-ctl -d $camera -c percentage_of_dropped_buffers=0
 cause inject_v4l2_buf_flag_error
-expect 'a corrupt image is named' wait_for 10 logged 1 'calls this image corrupt'
+expect 'a corrupt image is named' wait_for 10 logged 1 'marked the image as corrupt'
 cause inject_vidioc_qbuf_error
 survives 'failing QBUF'
 cause inject_vidioc_reqbufs_error inject_fatal_streaming_error
@@ -86,20 +86,20 @@ refuses() {
 }
 
 refuses 'cannot open camera /dev/video9: No such file or directory; there is /dev/video0' device=/dev/video9
-refuses 'no GREY of 321x180; it offers' "${mode[@]}" width=321 format=GREY
-refuses 'no MJPG of 320x180; it offers' "${mode[@]}" format=MJPG
-refuses 'it has no control zoom_zoom; it has brightness' "${mode[@]}" controls.zoom_zoom=1
-refuses 'brightness takes 0 to 255 in steps of 1 (default 128), not 256' "${mode[@]}" controls.brightness=256
+refuses 'no GREY at 321x180; the camera offers' "${mode[@]}" width=321 format=GREY
+refuses 'no MJPG at 320x180; the camera offers' "${mode[@]}" format=MJPG
+refuses 'no control zoom_zoom; its controls: brightness' "${mode[@]}" controls.zoom_zoom=1
+refuses 'control brightness: must be 0 to 255 in steps of 1 (default 128), got 256' "${mode[@]}" controls.brightness=256
 refuses 'test_pattern takes 0 75% Colorbar, ' "${mode[@]}" controls.test_pattern=99
-refuses 'cannot film 64x64+0+0 of its sensor: it films all of it or nothing' "${mode[@]}" crop=64x64+0+0
+refuses 'cannot crop its sensor to 64x64+0+0: its driver does not support cropping' "${mode[@]}" crop=64x64+0+0
 as=(chroot --userspec=65534:65534 --groups=65534 /)
 chmod 660 $camera
-refuses 'Permission denied (who films must be root or in the group' "${mode[@]}"
+refuses 'Permission denied; add the user to group video' "${mode[@]}"
 as=()
 film busy "${mode[@]}" format=GREY
 expect 'frames' wait_for 30 has_frames busy 5
 first=$daemon
-refuses 'another program films with it' "${mode[@]}" format=GREY
+refuses 'another program uses the camera' "${mode[@]}" format=GREY
 daemon=$first
 end_film
 modprobe -r vivid
@@ -123,7 +123,7 @@ expect 'frames' wait_for 60 has_frames all 5
 v4l2-ctl -d $camera --get-selection target=crop >part.txt 2>&1
 expect "all again, not $(cat part.txt)" grep -q 'Left 0, Top 0, Width 1280, Height 720' part.txt
 end_film
-refuses 'cannot film 320x180+1200+0 of its sensor: it would be 320x180+960+0, of 1280x720+0+0' \
+refuses 'cannot crop its sensor to 320x180+1200+0: its driver would use 320x180+960+0 of 1280x720+0+0' \
   "${mode[@]}" crop=320x180+1200+0
 modprobe -r vivid
 mv refusals.log "$log"
@@ -142,7 +142,7 @@ expect 'images without a partner' wait_for 20 logged 1 'stereo: .* images withou
 v4l2-ctl -d $camera -c percentage_of_dropped_buffers=0
 cause disconnect
 expect 'right camera: lost' wait_for 10 logged 1 "camera $camera: lost: "
-expect 'right camera: back' wait_for 20 logged 1 "camera $camera .* back after "
+expect 'right camera: back' wait_for 20 logged 1 "camera $camera .* recovered after "
 before=$(frame_count stereo)
 expect 'films on' wait_for 20 has_frames stereo $((before + 20))
 end_film

@@ -49,21 +49,22 @@ TEST(LibcameraControls, EachIsSetInItsType) {
 
 TEST(LibcameraControls, WhatItDoesNotTakeIsRefusedWithTheRange) {
   EXPECT_EQ(refusal("exposure_time", 99),
-            "exposure_time takes 100 to 66666, default 20000, not 99");
+            "control exposure_time: must be 100 to 66666, default 20000, got 99");
   EXPECT_EQ(refusal("exposure_time", 100.5),
-            "exposure_time takes 100 to 66666, default 20000, not 100.5");
-  EXPECT_EQ(refusal("analogue_gain", 16.5), "analogue_gain takes 1 to 16, default 1, not 16.5");
-  EXPECT_EQ(refusal("ae_enable", 2), "ae_enable takes 0 to 1, default 1, not 2");
+            "control exposure_time: must be 100 to 66666, default 20000, got 100.5");
+  EXPECT_EQ(refusal("analogue_gain", 16.5),
+            "control analogue_gain: must be 1 to 16, default 1, got 16.5");
+  EXPECT_EQ(refusal("ae_enable", 2), "control ae_enable: must be 0 to 1, default 1, got 2");
 }
 
 TEST(LibcameraControls, OneThatIsNotThereIsRefusedWithThoseThatCanBeSet) {
-  const auto names = "it has ae_enable, analogue_gain, exposure_time";
-  EXPECT_EQ(refusal("zoom", 1), std::string("it has no control zoom; ") + names);
-  EXPECT_EQ(refusal("colour_gains", 1), std::string("it has no control colour_gains; ") + names);
+  const auto names = "its controls: ae_enable, analogue_gain, exposure_time";
+  EXPECT_EQ(refusal("zoom", 1), std::string("no control zoom; ") + names);
+  EXPECT_EQ(refusal("colour_gains", 1), std::string("no control colour_gains; ") + names);
   EXPECT_EQ(test::error_of([] {
               control_list(ControlInfoMap(), {{"zoom", 1}});
             }),
-            "it has no control zoom; it has none");
+            "no control zoom; its controls: none");
 }
 
 TEST(LibcameraControls, APartOfTheSensorIsFilmedWhereThereIsOne) {
@@ -77,11 +78,11 @@ TEST(LibcameraControls, APartOfTheSensorIsFilmedWhereThereIsOne) {
   EXPECT_EQ(test::error_of([&] {
               set_crop(list, cropping, {1640, 1232, 1641, 1232});
             }),
-            "cannot film 1640x1232+1641+1232 of its sensor, which is (0, 0)/3280x2464");
+            "cannot crop its sensor to 1640x1232+1641+1232: the sensor is (0, 0)/3280x2464");
   EXPECT_EQ(test::error_of([&] {
               set_crop(list, offered(), {64, 64, 0, 0});
             }),
-            "cannot film 64x64+0+0 of its sensor: it films all of it or nothing");
+            "cannot crop its sensor to 64x64+0+0: the camera does not support cropping");
 }
 
 TEST(LibcameraControls, TheRateIsTheNearestThatTheCameraHas) {

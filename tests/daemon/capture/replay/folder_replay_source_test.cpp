@@ -171,7 +171,7 @@ TEST_F(FolderReplaySourceTest, WhatIsCutShortOrNoImageIsADefectInItsPlace) {
     EXPECT_THAT(frames[i].data, IsEmpty());
     EXPECT_EQ(frames[i].capture_time_ns, static_cast<std::int64_t>(i) * 100'000'000);
   }
-  EXPECT_THAT(frames[3].defect, EndsWith("4.pgm: it is empty"));
+  EXPECT_THAT(frames[3].defect, EndsWith("4.pgm: the file is empty"));
   EXPECT_THAT(frames[6].defect, EndsWith("7.png: No such file or directory"));
   EXPECT_EQ(frames[7].defect, "");
 }
@@ -219,12 +219,12 @@ TEST_F(FolderReplaySourceTest, WhatIsNoFolderOfImagesStopsTheStartWithTheReason)
   write("empty/readme.txt", "x");
   write("odd/images", "a file");
   EXPECT_THAT(error(settings("none")), EndsWith("none: No such file or directory"));
-  EXPECT_THAT(error(settings("file")), EndsWith("file: it is not a folder"));
+  EXPECT_THAT(error(settings("file")), EndsWith("file: not a folder"));
   for (const auto* path : {"empty", "odd"}) {
     EXPECT_THAT(error(settings(path)), AllOf(HasSubstr((folder_ / path).string()),
                                              HasSubstr("no png, jpg, jpeg or pgm file")));
   }
-  EXPECT_THAT(error({}), HasSubstr("no path is set"));
+  EXPECT_THAT(error({}), HasSubstr("source.path is not set"));
 }
 
 TEST_F(FolderReplaySourceTest, TwoFoldersGivePairsInTheOrderOfTheirNames) {
@@ -252,10 +252,10 @@ TEST_F(FolderReplaySourceTest, RightImagesThatCannotBePairsStopTheStart) {
   write_image("right/2.png", pattern(8, 4, CV_8UC1));
   auto stereo = settings("left");
   stereo.path_right = folder_ / "right";
-  EXPECT_THAT(error(stereo), AllOf(HasSubstr("right as the right ones of "),
-                                   EndsWith("left: they are 2, those are 1")));
+  EXPECT_THAT(error(stereo), AllOf(HasSubstr("right as the right images of "),
+                                   EndsWith("left: 2 right images, 1 left images")));
   stereo.path_right = folder_ / "left/";
-  EXPECT_THAT(error(stereo), EndsWith("they are the same folder"));
+  EXPECT_THAT(error(stereo), EndsWith("both are the same folder"));
   stereo.path_right = folder_ / "none";
   EXPECT_THAT(error(stereo), EndsWith("none: No such file or directory"));
 }

@@ -126,7 +126,8 @@ TEST(ReplaySource, ASourceThatIsGoneAtTheRepeatIsAnError) {
   ReplaySource source(open, {.is_realtime = false, .is_looped = true});
   EXPECT_THAT(take(source, 1), ElementsAre(1));
   is_gone = true;
-  EXPECT_THAT(error_of([&] { source.next({}); }), HasSubstr("cannot repeat fake: it is empty now"));
+  EXPECT_THAT(error_of([&] { source.next({}); }),
+              HasSubstr("cannot loop fake: it has no frames now"));
 }
 
 }  // namespace

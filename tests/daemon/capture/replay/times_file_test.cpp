@@ -131,13 +131,13 @@ TEST_F(TimesFile, ALineWithAnotherNumberOfFieldsIsRefused) {
 
 TEST_F(TimesFile, TwoLinesForOneImageAreRefused) {
   EXPECT_THAT(error("1.0 a.png\n2.0 x/a.png\n", {"a.png"}),
-              EndsWith("line 2: a.png is on line 1 already"));
-  EXPECT_THAT(error("7 1.0\n007 2.0\n", {"7.png"}), EndsWith("line 2: 7 is on line 1 already"));
+              EndsWith("line 2: a.png is already on line 1"));
+  EXPECT_THAT(error("7 1.0\n007 2.0\n", {"7.png"}), EndsWith("line 2: 7 is already on line 1"));
 }
 
 TEST_F(TimesFile, AnEmptyOrUnreadableFileIsRefused) {
-  EXPECT_THAT(error("", {"a.png"}), EndsWith("there are none in it"));
-  EXPECT_THAT(error("# nothing\n\n", {"a.png"}), EndsWith("there are none in it"));
+  EXPECT_THAT(error("", {"a.png"}), EndsWith("the file has none"));
+  EXPECT_THAT(error("# nothing\n\n", {"a.png"}), EndsWith("the file has none"));
   const auto read_folder = [&] { read_times_file(folder_.path(), {"a.png"}); };
   EXPECT_THAT(error_of(read_folder), EndsWith("Is a directory"));
   const auto read_nothing = [&] { read_times_file(folder_ / "none", {"a.png"}); };

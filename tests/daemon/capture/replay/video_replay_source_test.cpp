@@ -76,12 +76,13 @@ TEST_F(VideoReplaySourceTest, ColourIsKeptWhereAskedForAndFramesOutliveTheSource
 TEST_F(VideoReplaySourceTest, WhatIsNoVideoStopsTheStartWithTheReason) {
   write_file(folder_ / "text.avi", "no video at all");
   write_file(folder_ / "empty.avi", "");
-  EXPECT_THAT(error(settings("text.avi")), HasSubstr("text.avi: neither FFmpeg nor OpenCV finds"));
+  EXPECT_THAT(error(settings("text.avi")),
+              HasSubstr("text.avi: neither FFmpeg nor OpenCV recognises"));
   EXPECT_THAT(error(settings("empty.avi")),
-              HasSubstr("empty.avi: neither FFmpeg nor OpenCV finds"));
+              HasSubstr("empty.avi: neither FFmpeg nor OpenCV recognises"));
   EXPECT_THAT(error(settings("none.avi")), EndsWith("none.avi: No such file or directory"));
-  EXPECT_THAT(error(settings(".")), EndsWith("it is not a file"));
-  EXPECT_THAT(error({}), HasSubstr("no path is set"));
+  EXPECT_THAT(error(settings(".")), EndsWith("not a regular file"));
+  EXPECT_THAT(error({}), HasSubstr("source.path is not set"));
 }
 
 TEST_F(VideoReplaySourceTest, AVideoThatBreaksOffEndsThere) {

@@ -104,7 +104,7 @@ TEST(SideBySideSource, WhatHasNoEqualHalvesIsADefect) {
   RawFrame odd = pixels(PixelFormat::kGray8);
   odd.width_px = 3;
   const RawFrame frame = split(odd);
-  EXPECT_EQ(frame.defect, "an image of 3x2 px has no two equal halves");
+  EXPECT_EQ(frame.defect, "cannot split an image of 3x2 px: its width is odd or too small");
   EXPECT_EQ(frame.capture_time_ns, 7);
   EXPECT_THAT(frame.data, IsEmpty());
   EXPECT_FALSE(frame.right);

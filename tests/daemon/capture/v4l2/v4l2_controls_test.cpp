@@ -24,9 +24,12 @@ TEST(V4l2Controls, ANumberOutOfTheRangeIsRefusedWithTheRange) {
   gain.fallback = 16;
   EXPECT_EQ(why_refused(gain, -8), "");
   EXPECT_EQ(why_refused(gain, 64), "");
-  EXPECT_EQ(why_refused(gain, 65), "gain takes -8 to 64 in steps of 2 (default 16), not 65");
-  EXPECT_EQ(why_refused(gain, -9), "gain takes -8 to 64 in steps of 2 (default 16), not -9");
-  EXPECT_EQ(why_refused(gain, 2.5), "gain takes -8 to 64 in steps of 2 (default 16), not 2.5");
+  EXPECT_EQ(why_refused(gain, 65),
+            "control gain: must be -8 to 64 in steps of 2 (default 16), got 65");
+  EXPECT_EQ(why_refused(gain, -9),
+            "control gain: must be -8 to 64 in steps of 2 (default 16), got -9");
+  EXPECT_EQ(why_refused(gain, 2.5),
+            "control gain: must be -8 to 64 in steps of 2 (default 16), got 2.5");
 }
 
 TEST(V4l2Controls, WhatIsNotInTheMenuIsRefusedWithTheMenu) {
@@ -37,7 +40,7 @@ TEST(V4l2Controls, WhatIsNotInTheMenuIsRefusedWithTheMenu) {
   EXPECT_EQ(why_refused(exposure, 1), "");
   EXPECT_EQ(why_refused(exposure, 3), "");
   EXPECT_EQ(why_refused(exposure, 2),
-            "auto_exposure takes 1 Manual Mode, 3 Aperture Priority Mode, not 2");
+            "control auto_exposure: must be one of 1 Manual Mode, 3 Aperture Priority Mode, got 2");
 }
 
 TEST(V4l2Controls, AutomaticsAreSwitchedBeforeTheirNumbersAreSet) {
