@@ -1,0 +1,257 @@
+// SPDX-License-Identifier: Apache-2.0
+// Outages of a link that is otherwise fast enough: who survives, and how much buffer that takes.
+#include <spdlog/fmt/fmt.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <fstream>
+#include <map>
+#include <random>
+#include <stdexcept>
+#include <string_view>
+
+#include "bench/sim/simulation.hpp"
+#include "bench/sim/trial.hpp"
+#include "evaluation/random.hpp"
+#include "evaluation/trial/experiments.hpp"
+#include "evaluation/trial/report.hpp"
+
+namespace orbbuf::evaluation {
+namespace {
+
+constexpr double kLeadS = 2;  // until the judge has its first map, and some more
+constexpr double kSurvive = 0.95;
+constexpr double kBufferOutageS = 3;
+constexpr std::size_t kBufferStep = 5;
+constexpr std::size_t kLargestBuffer = 95;
+
+struct Place {
+  double begin_s = 0;
+  double outage_s = 0;
+  std::uint64_t seed = 0;
+};
+
+/// Evenly along the way, each up to half a step aside.
+std::vector<Place> draw_places(const Scene& scene, const TrialOptions& options, double outage_s) {
+  std::mt19937_64 random(options.seed);
+  const double first_s = kLeadS;
+  const double length_s = static_cast<double>(scene.size()) / scene.fps();
+  const double step_s =
+      (length_s - outage_s - kJudgedAfterS - first_s) / static_cast<double>(options.places);
+  if (step_s <= 0) {
+    throw std::runtime_error(fmt::format("an outage of {} s needs more than {} s, not {:.1f}",
+                                         outage_s, first_s + outage_s + kJudgedAfterS, length_s));
+  }
+  std::vector<Place> places;
+  for (std::size_t i = 0; i < options.places; ++i) {
+    const double begin_s = first_s + step_s * (static_cast<double>(i) + uniform(random, 0, 1));
+    places.push_back({begin_s, outage_s, random()});
+  }
+  return places;
+}
+
+sim::Contender contender(std::string_view name) {
+  for (sim::Contender& candidate : sim::contenders()) {
+    if (candidate.name == name) return candidate;
+  }
+  throw std::invalid_argument("no policy " + std::string(name));
+}
+
+/// One simulated outage, to be judged.
+struct Run {
+  std::string policy;
+  Place place;
+  std::vector<std::size_t> received;
+  Stretch stretch;
+  std::size_t gap = 0;  ///< most frames in a row that are missing; to the end if nobody came back
+  int smallest = 0;     ///< similarity between neighbours
+  bool survived = false;
+};
+
+Run simulate_run(Scene& scene, std::string_view policy, const Place& place, std::size_t capacity,
+                 double rate) {
+  sim::RecordedSequence& sequence = scene.sequence();
+  const sim::LinkModel link{rate * sequence.mean_jpeg_bytes() * scene.fps(),
+                            std::llround(place.begin_s * 1e9),
+                            std::llround((place.begin_s + place.outage_s) * 1e9)};
+  sim::Setup setup;
+  setup.capacity = capacity;
+  setup.seed = place.seed;
+  setup.similarity = [&](std::size_t i, std::size_t j) { return sequence.similarity(i, j); };
+  const auto delivery = sim::simulate(sequence.frames(), link, contender(policy).make(setup));
+  Run run{std::string(policy), place, {}, {}, 0, 0, false};
+  run.stretch.begin =
+      static_cast<std::size_t>(std::max(0.0, (place.begin_s - kJudgedBeforeS) * scene.fps()));
+  run.stretch.end = std::min(
+      scene.size(),
+      static_cast<std::size_t>((place.begin_s + place.outage_s + kJudgedAfterS) * scene.fps()));
+  run.received = scene.only_in(delivery.received, run.stretch);
+  run.gap = longest_gap(run.received, run.stretch);
+  run.smallest = 1000;
+  for (std::size_t k = run.stretch.begin + 1; k < run.received.size(); ++k) {
+    run.smallest =
+        std::min(run.smallest, sequence.similarity(run.received[k - 1], run.received[k]));
+  }
+  return run;
+}
+
+void judge_all(const Scene& scene, const std::string& name, std::vector<Run>& runs) {
+  for_each_parallel(name, runs.size(), [&](std::size_t i) {
+    runs[i].survived = scene.survives(runs[i].received, runs[i].stretch);
+  });
+}
+
+Share survivors(const std::vector<Run>& runs, std::string_view policy, double outage_s) {
+  Share share;
+  for (const Run& run : runs) {
+    if (run.policy != policy || (outage_s > 0 && run.place.outage_s != outage_s)) continue;
+    ++share.all;
+    share.some += run.survived ? 1 : 0;
+  }
+  return share;
+}
+
+/// Rows are policies, columns outages.
+std::string table(const std::vector<Run>& runs, const TrialOptions& options) {
+  std::string text = "| policy |";
+  std::string line = "\n|---|";
+  for (const double outage_s : options.outages_s) {
+    text += fmt::format(" {} s |", outage_s);
+    line += "---|";
+  }
+  text += " all |" + line + "---|\n";
+  for (const std::string& policy : options.policies) {
+    text += fmt::format("| {} |", policy);
+    for (const double outage_s : options.outages_s) {
+      text += fmt::format(" {} |", to_text(survivors(runs, policy, outage_s)));
+    }
+    text += fmt::format(" {} |\n", to_text(survivors(runs, policy, 0)));
+  }
+  return text;
+}
+
+/// True if enough of the places survive with a buffer of so many frames.
+bool is_enough(Scene& scene, std::string_view policy, const std::vector<Place>& places,
+               std::size_t capacity, double rate) {
+  std::vector<Run> runs;
+  runs.reserve(places.size());
+  for (const Place& place : places) {
+    runs.push_back(simulate_run(scene, policy, place, capacity, rate));
+  }
+  const double may_fail = (1 - kSurvive) * static_cast<double>(places.size()) + 1e-9;
+  std::atomic<int> failed = 0;
+  for_each_parallel(fmt::format("buffer of {} under {}", capacity, policy), runs.size(),
+                    [&](std::size_t i) {
+                      if (failed > may_fail) return;  // that is decided
+                      if (!scene.survives(runs[i].received, runs[i].stretch)) ++failed;
+                    });
+  return failed <= may_fail;
+}
+
+}  // namespace
+
+std::string try_interruptions(Scene& scene, const TrialOptions& options) {
+  std::vector<Run> runs;
+  for (const double outage_s : options.outages_s) {
+    for (const Place& place : draw_places(scene, options, outage_s)) {
+      for (const std::string& policy : options.policies) {
+        runs.push_back(simulate_run(scene, policy, place, options.capacity, options.rate));
+      }
+    }
+  }
+  judge_all(scene, "interruptions", runs);
+  std::string csv = "policy,outage_s,begin_s,longest_gap,smallest_similarity,survived\n";
+  for (const Run& run : runs) {
+    csv += fmt::format("{},{},{:.3f},{},{},{}\n", run.policy, run.place.outage_s, run.place.begin_s,
+                       run.gap, run.smallest, run.survived ? 1 : 0);
+  }
+  write_text(options.out / "interruption.csv", csv);
+  write_text(options.out / "interruption.md", table(runs, options));
+  std::string results;
+  std::string plot;
+  for (const std::string& policy : options.policies) {
+    const Share share = survivors(runs, policy, 0);
+    const auto [low, high] = share.interval();
+    plot += fmt::format("{} {:.4f} {:.4f} {:.4f}\n", policy, share.value(), low, high);
+    results +=
+        fmt::format("RESULT paper.interruption.{}.survived_share {:.4f}\n", policy, share.value());
+  }
+  write_text(options.out / "interruption.dat", plot);
+  return results;
+}
+
+std::string try_buffers(Scene& scene, const TrialOptions& options) {
+  const std::vector<Place> places = draw_places(scene, options, kBufferOutageS);
+  std::string csv = "policy,capacity,is_enough\n";
+  std::string markdown = fmt::format(
+      "| policy | buffer needed for an outage of {} s, frames |\n|---|---|\n", kBufferOutageS);
+  std::string results;
+  for (const std::string& policy : options.policies) {
+    // Halving: more buffer is taken to be no worse.
+    std::size_t too_small = 0;
+    std::size_t enough = kLargestBuffer + kBufferStep;
+    while (enough - too_small > kBufferStep) {
+      const std::size_t middle = too_small + (enough - too_small) / 2 / kBufferStep * kBufferStep;
+      const std::size_t capacity = middle == too_small ? too_small + kBufferStep : middle;
+      const bool suffices = is_enough(scene, policy, places, capacity, options.rate);
+      csv += fmt::format("{},{},{}\n", policy, capacity, suffices ? 1 : 0);
+      (suffices ? enough : too_small) = capacity;
+    }
+    if (enough > kLargestBuffer) {
+      markdown += fmt::format("| {} | over {} |\n", policy, kLargestBuffer);
+      continue;
+    }
+    markdown += fmt::format("| {} | {} |\n", policy, enough);
+    results += fmt::format("RESULT paper.buffer.{}.needed {}\n", policy, enough);
+  }
+  write_text(options.out / "buffer.csv", csv);
+  write_text(options.out / "buffer.md", markdown);
+  return results;
+}
+
+std::string judge_sessions(Scene& scene, const TrialOptions& options,
+                           const std::filesystem::path& outages,
+                           const std::vector<std::string>& sessions) {
+  std::vector<Run> runs;
+  for (const std::string& named : sessions) {
+    const Session session = read_session(named);
+    std::ifstream in(outages);
+    std::string name;
+    for (double begin = 0, end = 0; in >> name >> begin >> end;) {
+      if (name != session.name) continue;
+      Run& run = runs.emplace_back();
+      run.policy = session.contender;
+      run.place = {begin / scene.fps(), std::round(2 * (end - begin) / scene.fps()) / 2, 0};
+      const auto stretch =
+          stretch_around({begin, end}, session.received, scene.fps(), scene.size());
+      if (!stretch) {
+        run.gap = longest_gap(session.received,
+                              {static_cast<std::size_t>(std::max(0.0, begin)), scene.size()});
+        continue;
+      }
+      run.stretch = *stretch;
+      run.received = scene.only_in(session.received, run.stretch);
+      run.gap = longest_gap(run.received, run.stretch);
+    }
+  }
+  judge_all(scene, "sessions", runs);
+  std::string csv = "name,begin_s,outage_s,longest_gap,survived\n";
+  for (const Run& run : runs) {
+    csv += fmt::format("{},{:.2f},{},{},{}\n", run.policy, run.place.begin_s, run.place.outage_s,
+                       run.gap, run.survived ? 1 : 0);
+  }
+  write_text(options.out / "sessions.csv", csv);
+  std::string markdown = "| | outages survived | longest gap, frames |\n|---|---|---|\n";
+  std::map<std::string, std::size_t> gaps;  // by contender
+  for (const Run& run : runs) gaps[run.policy] = std::max(gaps[run.policy], run.gap);
+  for (const auto& [name, gap] : gaps) {
+    const Share share = survivors(runs, name, 0);
+    markdown += fmt::format("| {} | {} of {}: {} | {} |\n", name, share.some, share.all,
+                            to_text(share), gap);
+  }
+  write_text(options.out / "sessions.md", markdown);
+  return markdown;
+}
+
+}  // namespace orbbuf::evaluation
