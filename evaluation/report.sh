@@ -46,8 +46,6 @@ PAGE
   table real/sessions.md
   table peers.md
   [ ${#failed[@]} -eq 0 ] || printf 'Failed, and stand in no table: %s.\n\n' "${failed[*]}"
-  printf 'Of 4 s:\n\n'
-  table long/sessions.md full
   printf '### The same, 50 frames 1000 ms late instead (sec. IV-A)\n\n'
   table latency/sessions.md
   printf '### Links of moving cars, simulated (sec. IV-B)\n\n'

@@ -39,24 +39,24 @@ finish() {
 trap finish EXIT
 # shellcheck source=evaluation/real/contend.sh
 . "$here/real/contend.sh"
-POLICIES=(orbbuf uniform drop-oldest drop-youngest random)
+POLICIES=(catch-up orbbuf uniform drop-oldest drop-youngest random)
 PEERS=(roscpp gstreamer jpegenc plain)
 TRACES=(ghent/report_car_000{1,2,3,4}.json
   mahimahi/{ATT-LTE-driving-2016,TMobile-LTE-short,Verizon-LTE-short}.up)
 
 if [ -n "$full" ]; then
-  street_frames=600 outages=(1 2 3 4)
+  street_frames=600 outages=(1 2 3 4 5 10) real_begins=(7 4)
   mobile=(--needs 0.5 1 2 --repeats 10 --buffers 20 5 10 15 25 30 35)
   mobile_traces=("${TRACES[@]}")
 else
-  street_frames=400 outages=(2 3)
-  mobile=(--needs 1 --repeats 4 --policies orbbuf drop-oldest)
+  street_frames=400 outages=(2 3 5) real_begins=(7)
+  mobile=(--needs 1 --repeats 4 --policies catch-up orbbuf drop-oldest)
   mobile_traces=(ghent/report_car_0002.json)
 fi
 wants() { [ -z "$only" ] || [ "$only" = "$1" ]; }
 began=$EPOCHSECONDS
 # Nothing of an earlier run is to be taken for this one's.
-rm -rf "$out"/{real,long,latency,mobile,quality10} "$out"/*.{log,md,csv,dat,svg}
+rm -rf "$out"/{real,latency,mobile,quality10} "$out"/*.{log,md,csv,dat,svg}
 world=$build/evaluation/orbbuf-world trial=$build/evaluation/orbbuf-trial
 "$world" "$work/corridor" --seed "$seed"
 
@@ -71,27 +71,27 @@ try() { # LOG WORLD ARGUMENT...: prints what orbbuf-trial does but the results, 
   "$trial" "$work/$2" --seed "$seed" --out "${results:-$out}" "${@:3}" >"$out/$1.log"
   grep -v ^RESULT "$out/$1.log"
 }
-judge_outages() { # GROUP
+score_outages() { # GROUP RESULT_NAME
   sessions_of "$1"
   [ ${#sessions[@]} -gt 0 ] || return 0
   outages_of "$1" >"$work/outages"
-  results=$out/$1 try "$1" corridor --run sessions --outage-list "$work/outages" "${sessions[@]}"
+  results=$out/$1 try "$1" corridor --run sessions --result "$2" --outage-list "$work/outages" \
+    "${sessions[@]}"
 }
 real_link() {
-  local everybody=("${POLICIES[@]}" "${PEERS[@]}") name stream bytes_per_s first
+  local contenders=("${POLICIES[@]}" "${PEERS[@]}") name stream bytes_per_s first outage
   encode_for_jpegenc "$work/corridor"
-  contend real 7 "$work/corridor" cut 25 2 6 7 "${everybody[@]}"
-  [ -z "$full" ] || contend real 4 "$work/corridor" cut 25 2 6 4 "${everybody[@]}"
-  judge_outages real
+  for first in "${real_begins[@]}"; do
+    for outage in 2 3 5; do
+      contend real "${outage}s-from-$first" "$work/corridor" cut 25 $outage $((outage + 4)) "$first" "${contenders[@]}"
+    done
+  done
+  score_outages real paper.real
   peer_table real >"$out/peers.md"
-  peer_results 7 >>"$out/real.log"
-  if [ -n "$full" ]; then
-    for first in 4 8; do contend long $first "$work/corridor" cut 25 4 8 $first "${everybody[@]}"; done
-    judge_outages long
-  fi
+  peer_results 2s-from-7 >>"$out/real.log"
   # Sec. IV-A: 50 frames at 25 fps are 1000 ms late.
-  contend latency 7 "$work/corridor" delay 25 2 6 7 "${everybody[@]}"
-  judge_outages latency
+  contend latency 2s-from-7 "$work/corridor" delay 25 2 6 7 "${contenders[@]}"
+  score_outages latency paper.late
 
   street
   stream=$(find "$work"/street/images* -name '*.jpg' -printf '%s\n' |

@@ -24,6 +24,7 @@ struct TrialOptions {
   std::vector<std::filesystem::path> traces;  ///< as read_trace() takes them; Ghent's are scaled
   std::vector<std::string> policies{kPolicies.begin(), kPolicies.end()};
   std::vector<std::size_t> buffers = {20};  ///< traces: frames; the tables are of the first
+  std::string result = "paper.real";        ///< sessions: first words of the RESULT lines
 };
 
 /// Each runs an experiment on a simulated link with the policies of orbbufd, judges what came
@@ -32,20 +33,21 @@ struct TrialOptions {
 /// Sec. IV-A: one outage, its beginning at `places` evenly along the way.
 std::string try_interruptions(Scene& scene, const TrialOptions& options);
 /// Sec. IV-B, fig. "buf": the smallest buffer with which 95 % of the places survive an outage of 3
-/// s; no result for who does not with 95 frames.
+/// s; no result for a policy that needs more than 95 frames. `catch-up` has no limit in frames: it
+/// gets the lateness that such a buffer makes on this link, and may take any step for it.
 std::string try_buffers(Scene& scene, const TrialOptions& options);
 /// Sec. IV-B: the links of moving cars.
 std::string try_traces(Scene& scene, const TrialOptions& options);
-/// Sec. IV-B: how long each frame's push takes on the link of the first trace, the default policy
+/// Sec. IV-B: how long each frame's push takes on the link of the first trace, under `orbbuf`
 /// with its own features. The one experiment that is not the same for the same seed.
 std::string time_enqueue(Scene& scene, const TrialOptions& options);
 /// Sec. III-F: similarity by distance, and how many missing frames in a row the judge does not
 /// stand, by the first.
 std::string try_tolerance(Scene& scene, const TrialOptions& options);
 
-/// What real processes have delivered: judged around each outage. outages: a file with a line
+/// What real processes have delivered: scored around each outage. outages: a file with a line
 /// NAME FIRST LAST for each, frames captured as the link went and came back. `sessions`: as
-/// read_session() takes them. Returns no results.
+/// read_session() takes them.
 std::string judge_sessions(Scene& scene, const TrialOptions& options,
                            const std::filesystem::path& outages,
                            const std::vector<std::string>& sessions);

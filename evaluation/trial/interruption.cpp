@@ -4,12 +4,14 @@
 
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <cmath>
 #include <fstream>
-#include <map>
 #include <random>
+#include <set>
 #include <stdexcept>
 #include <string_view>
+#include <utility>
 
 #include "bench/sim/simulation.hpp"
 #include "bench/sim/trial.hpp"
@@ -69,14 +71,12 @@ struct Run {
   bool survived = false;
 };
 
-Run simulate_run(Scene& scene, std::string_view policy, const Place& place, std::size_t capacity,
-                 double rate) {
+Run simulate_run(Scene& scene, std::string_view policy, const Place& place, double rate,
+                 sim::Setup setup) {
   sim::RecordedSequence& sequence = scene.sequence();
   const sim::LinkModel link{rate * sequence.mean_jpeg_bytes() * scene.fps(),
                             std::llround(place.begin_s * 1e9),
                             std::llround((place.begin_s + place.outage_s) * 1e9)};
-  sim::Setup setup;
-  setup.capacity = capacity;
   setup.seed = place.seed;
   setup.similarity = [&](std::size_t i, std::size_t j) { return sequence.similarity(i, j); };
   const auto delivery = sim::simulate(sequence.frames(), link, contender(policy).make(setup));
@@ -134,10 +134,16 @@ std::string table(const std::vector<Run>& runs, const TrialOptions& options) {
 /// True if enough of the places survive with a buffer of so many frames.
 bool is_enough(Scene& scene, std::string_view policy, const std::vector<Place>& places,
                std::size_t capacity, double rate) {
+  sim::Setup setup;
+  setup.capacity = capacity;
+  // So long a full buffer takes to empty while the camera goes on.
+  setup.live_again = std::chrono::nanoseconds(
+      std::llround(static_cast<double>(capacity) / scene.fps() / (rate - 1) * 1e9));
+  setup.largest_step = std::chrono::hours(1);
   std::vector<Run> runs;
   runs.reserve(places.size());
   for (const Place& place : places) {
-    runs.push_back(simulate_run(scene, policy, place, capacity, rate));
+    runs.push_back(simulate_run(scene, policy, place, rate, setup));
   }
   const double may_fail = (1 - kSurvive) * static_cast<double>(places.size()) + 1e-9;
   std::atomic<int> failed = 0;
@@ -149,14 +155,56 @@ bool is_enough(Scene& scene, std::string_view policy, const std::vector<Place>& 
   return failed <= may_fail;
 }
 
+/// One outage of a real session. The outage's length is known to the half second.
+Run run_of(const Scene& scene, const Session& session, const Outage& outage) {
+  Run run;
+  run.policy = session.contender;
+  run.place = {outage.begin / scene.fps(),
+               std::round(2 * (outage.end - outage.begin) / scene.fps()) / 2, 0};
+  const auto stretch = stretch_around(outage, session.received, scene.fps(), scene.size());
+  if (!stretch) {
+    const auto begin = static_cast<std::size_t>(std::max(0.0, outage.begin));
+    run.gap = longest_gap(session.received, {begin, scene.size()});
+    return run;
+  }
+  run.stretch = *stretch;
+  run.received = scene.only_in(session.received, run.stretch);
+  run.gap = longest_gap(run.received, run.stretch);
+  return run;
+}
+
+/// Each pair that there are runs of, in order.
+std::set<std::pair<std::string, double>> policies_and_outages(const std::vector<Run>& runs) {
+  std::set<std::pair<std::string, double>> pairs;
+  for (const Run& run : runs) pairs.emplace(run.policy, run.place.outage_s);
+  return pairs;
+}
+
+/// A row for each policy and each length of outage.
+std::string session_table(const std::vector<Run>& runs) {
+  std::string text = "| | outages of | survived | longest gap, frames |\n|---|---|---|---|\n";
+  for (const auto& [policy, outage_s] : policies_and_outages(runs)) {
+    std::size_t gap = 0;
+    for (const Run& run : runs) {
+      if (run.policy == policy && run.place.outage_s == outage_s) gap = std::max(gap, run.gap);
+    }
+    const Share share = survivors(runs, policy, outage_s);
+    text += fmt::format("| {} | {} s | {} of {}: {} | {} |\n", policy, outage_s, share.some,
+                        share.all, to_text(share), gap);
+  }
+  return text;
+}
+
 }  // namespace
 
 std::string try_interruptions(Scene& scene, const TrialOptions& options) {
+  sim::Setup setup;
+  setup.capacity = options.capacity;
   std::vector<Run> runs;
   for (const double outage_s : options.outages_s) {
     for (const Place& place : draw_places(scene, options, outage_s)) {
       for (const std::string& policy : options.policies) {
-        runs.push_back(simulate_run(scene, policy, place, options.capacity, options.rate));
+        runs.push_back(simulate_run(scene, policy, place, options.rate, setup));
       }
     }
   }
@@ -219,20 +267,7 @@ std::string judge_sessions(Scene& scene, const TrialOptions& options,
     std::ifstream in(outages);
     std::string name;
     for (double begin = 0, end = 0; in >> name >> begin >> end;) {
-      if (name != session.name) continue;
-      Run& run = runs.emplace_back();
-      run.policy = session.contender;
-      run.place = {begin / scene.fps(), std::round(2 * (end - begin) / scene.fps()) / 2, 0};
-      const auto stretch =
-          stretch_around({begin, end}, session.received, scene.fps(), scene.size());
-      if (!stretch) {
-        run.gap = longest_gap(session.received,
-                              {static_cast<std::size_t>(std::max(0.0, begin)), scene.size()});
-        continue;
-      }
-      run.stretch = *stretch;
-      run.received = scene.only_in(session.received, run.stretch);
-      run.gap = longest_gap(run.received, run.stretch);
+      if (name == session.name) runs.push_back(run_of(scene, session, {begin, end}));
     }
   }
   judge_all(scene, "sessions", runs);
@@ -242,16 +277,13 @@ std::string judge_sessions(Scene& scene, const TrialOptions& options,
                        run.gap, run.survived ? 1 : 0);
   }
   write_text(options.out / "sessions.csv", csv);
-  std::string markdown = "| | outages survived | longest gap, frames |\n|---|---|---|\n";
-  std::map<std::string, std::size_t> gaps;  // by contender
-  for (const Run& run : runs) gaps[run.policy] = std::max(gaps[run.policy], run.gap);
-  for (const auto& [name, gap] : gaps) {
-    const Share share = survivors(runs, name, 0);
-    markdown += fmt::format("| {} | {} of {}: {} | {} |\n", name, share.some, share.all,
-                            to_text(share), gap);
+  write_text(options.out / "sessions.md", session_table(runs));
+  std::string results;
+  for (const auto& [policy, outage_s] : policies_and_outages(runs)) {
+    results += fmt::format("RESULT {}.{}.survived_share.{} {:.4f}\n", options.result, policy,
+                           outage_s, survivors(runs, policy, outage_s).value());
   }
-  write_text(options.out / "sessions.md", markdown);
-  return markdown;
+  return results;
 }
 
 }  // namespace orbbuf::evaluation

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <fstream>
 #include <stdexcept>
+#include <vector>
 
 namespace orbbuf::evaluation {
 
@@ -23,6 +24,22 @@ std::pair<double, double> Share::interval() const {
 std::string to_text(const Share& share) {
   const auto [low, high] = share.interval();
   return fmt::format("{:.0f} % ({:.0f} to {:.0f})", 100 * share.value(), 100 * low, 100 * high);
+}
+
+Median median_of(std::vector<double> values) {
+  if (values.empty()) return {};
+  constexpr double kTail = 0.025;
+  std::ranges::sort(values);
+  const std::size_t n = values.size();
+  // The number of values below the true median is that of heads in n throws of a coin: fewer than
+  // `rank` of them with a probability of at most kTail.
+  std::size_t rank = 0;
+  double cumulative = std::pow(0.5, n);
+  for (double term = cumulative; cumulative <= kTail; ++rank, cumulative += term) {
+    term *= static_cast<double>(n - rank) / static_cast<double>(rank + 1);
+  }
+  const std::size_t outside = rank == 0 ? 0 : rank - 1;
+  return {values[outside], values[n / 2], values[n - 1 - outside]};
 }
 
 std::string ratio_text(double ratio) {

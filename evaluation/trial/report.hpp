@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <string>
 #include <utility>
+#include <vector>
 
 namespace orbbuf::evaluation {
 
@@ -21,6 +22,16 @@ struct Share {
 
 /// "95 % (84 to 99)".
 std::string to_text(const Share& share);
+
+/// The median of values and its 95 % interval, from their order alone.
+struct Median {
+  double low = 0;
+  double middle = 0;  ///< of an even number the larger of the two in the middle
+  double high = 0;
+};
+
+/// With fewer than 6 values the interval has all of them.
+Median median_of(std::vector<double> values);
 
 /// "1.07"; "lost" if it is infinite.
 std::string ratio_text(double ratio);

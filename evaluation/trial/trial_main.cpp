@@ -66,6 +66,8 @@ int main(int argc, char** argv) {
       ->check(CLI::IsMember(std::vector(options.trial.policies)));
   app.add_option("--buffers", options.trial.buffers, "traces: frames; the first: for the tables")
       ->capture_default_str();
+  app.add_option("--result", options.trial.result, "sessions: first words of the RESULT lines")
+      ->capture_default_str();
   app.add_option("--outage-list", options.outages, "sessions: lines NAME FIRST LAST (frames)");
   app.add_option("--session", options.sessions, "sessions, paths: CONTENDER@RUN=FOLDER");
   CLI11_PARSE(app, argc, argv);

@@ -17,8 +17,9 @@ grep -q '^| run | half | 65 of 130 | 65 | lost |$' "$work/paths.md"
 
 echo 'half@run 50 100' >"$work/outages"
 "$1/orbbuf-trial" "$work/world" --out "$work" --run sessions --outage-list "$work/outages" \
-  --session "half@run=$work/half" >/dev/null
-grep -q '^| half | 0 of 1: .* | 65 |$' "$work/sessions.md"
+  --result paper.real --session "half@run=$work/half" >"$work/said"
+grep -q '^RESULT paper.real.half.survived_share.2 0.0000$' "$work/said"
+grep -q '^| half | 2 s | 0 of 1: .* | 65 |$' "$work/sessions.md"
 
 refuses() { # PROGRAMS EXPERIMENT WORDS
   "$1/orbbuf-trial" "$work/world" --out "$work" --run "$2" >/dev/null 2>"$work/why" && return 1
