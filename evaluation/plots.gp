@@ -19,7 +19,7 @@ if (there("interruption.dat")) {
 
 set datafile separator comma
 set xlabel "first missing frame"
-set ylabel "missing frames in a row that lose the judge"
+set ylabel "missing frames in a row that lose the reference VO"
 set yrange [0:80]
 if (there("tolerance.csv")) {
   set output out . "/paper_tolerance.svg"

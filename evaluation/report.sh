@@ -33,7 +33,7 @@ Unbroken, mono corridor and stereo street:
 
 PAGE
   table tolerance.md
-  plot paper_tolerance.svg 'frames in a row that lose the judge'
+  plot paper_tolerance.svg 'frames in a row that lose the reference VO'
   plot paper_similarity.svg 'similarity by distance'
   printf '### Outages along the way, simulated (sec. IV-A)\n\n'
   table interruption.md

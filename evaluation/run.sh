@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# The paper's evaluation (sec. III-F and IV): renders a world, lets contenders send it over real TCP
-# and over simulated links, and judges what arrived.
+# The paper's evaluation (sec. III-F and IV): renders a world, sends it over real TCP and over
+# simulated links under each policy, and tracks the camera with the frames that arrived.
 # Usage: evaluation/run.sh BUILD_FOLDER OUT_FOLDER [--full] [--seed N] [--traces FOLDER]
 #          [--only real|simulated]
 # OUT_FOLDER loses what an earlier run left there, all CSV, Markdown, SVG and logs, and gets such anew, with
@@ -127,7 +127,7 @@ if wants simulated; then
   try street street --run traces --run enqueue --traces "${TRACES[@]/#/$traces/}" "${mobile[@]}"
 fi
 # Sec. IV-A: smaller images through compression do not help. Here the link is slower by as much, so it is no
-# news that they do not; what is seen is whether the judge stands such images, and with them the outages.
+# news that they do not; what is seen is whether the reference VO tracks such images, and survives the outages.
 if wants simulated && [ -n "$full" ]; then
   "$world" "$work/poor" --seed "$seed" --quality 10
   results=$out/quality10 try poor poor --run interruption --outages "${outages[@]}"

@@ -57,10 +57,10 @@ std::vector<ListedFrame> list_frames(const std::filesystem::path& folder) {
   return frames;
 }
 
-JudgedFrame load_frame(const std::filesystem::path& folder, const ListedFrame& frame,
-                       bool with_right) {
+GrayFrame load_frame(const std::filesystem::path& folder, const ListedFrame& frame,
+                     bool with_right) {
   const auto name = fmt::format("{:06}.jpg", frame.id);
-  JudgedFrame loaded{frame.time_s, load_image(folder / "images" / name), {}};
+  GrayFrame loaded{frame.time_s, load_image(folder / "images" / name), {}};
   if (with_right) loaded.right = load_image(folder / "images_right" / name);
   return loaded;
 }

@@ -26,12 +26,12 @@ std::vector<ListedFrame> list_frames(const std::filesystem::path& folder);
 
 /// Reads images/ID.jpg and, if asked for, images_right/ID.jpg. Throws std::runtime_error.
 /// Reentrant.
-JudgedFrame load_frame(const std::filesystem::path& folder, const ListedFrame& frame,
-                       bool with_right);
+GrayFrame load_frame(const std::filesystem::path& folder, const ListedFrame& frame,
+                     bool with_right);
 
 struct PipedFrame {
   std::uint64_t id = 0;  ///< its sequence number
-  JudgedFrame frame;
+  GrayFrame frame;
 };
 
 /// What orbbuf-server writes to a SLAM program.

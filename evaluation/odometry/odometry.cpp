@@ -44,7 +44,7 @@ double moved_px(const Track& track) {
 
 }  // namespace
 
-std::optional<Eigen::Isometry3d> Odometry::track(const JudgedFrame& frame) {
+std::optional<Eigen::Isometry3d> Odometry::track(const GrayFrame& frame) {
   if (state_ == State::kLost) return std::nullopt;
   Pyramid pyramid = make_pyramid(frame.left);
   if (tracks_.empty()) {
@@ -67,7 +67,7 @@ std::optional<Eigen::Isometry3d> Odometry::track(const JudgedFrame& frame) {
   return pose_.inverse();
 }
 
-void Odometry::begin(const JudgedFrame& frame, Pyramid pyramid) {
+void Odometry::begin(const GrayFrame& frame, Pyramid pyramid) {
   last_ = std::move(pyramid);
   last_image_ = frame.left;
   keyframes_.clear();
@@ -77,7 +77,7 @@ void Odometry::begin(const JudgedFrame& frame, Pyramid pyramid) {
   if (camera_.is_stereo() && points() >= kFirstMapPoints) state_ = State::kTracking;
 }
 
-void Odometry::start_mono(const JudgedFrame& frame, Pyramid pyramid) {
+void Odometry::start_mono(const GrayFrame& frame, Pyramid pyramid) {
   keep(follow(last_, pyramid, pixels_of(tracks_), pixels_of(tracks_)));
   last_ = std::move(pyramid);
   last_image_ = frame.left;
@@ -155,7 +155,7 @@ bool Odometry::locate(const Pyramid& pyramid, const Eigen::Isometry3d& expected)
   return true;
 }
 
-bool Odometry::locate_anywhere(const JudgedFrame& frame) {
+bool Odometry::locate_anywhere(const GrayFrame& frame) {
   std::vector<Track> known;
   std::ranges::copy_if(tracks_, std::back_inserter(known), &Track::has_point);
   std::vector<Track> found;
@@ -223,7 +223,7 @@ bool Odometry::wants_keyframe() const {
   return sum > kKeyframeMotion * camera_.fx * static_cast<double>(tracks_.size());
 }
 
-void Odometry::add_keyframe(const JudgedFrame& frame) {
+void Odometry::add_keyframe(const GrayFrame& frame) {
   keyframes_.push_back(pose_);
   for (Track& track : tracks_) {
     track.seen.push_back({keyframes_.size() - 1, to_eigen(track.pixel), -1});
@@ -252,7 +252,7 @@ void Odometry::add_corners(const cv::Mat& image) {
   }
 }
 
-void Odometry::add_points_by_stereo(const JudgedFrame& frame) {
+void Odometry::add_points_by_stereo(const GrayFrame& frame) {
   const auto flows =
       follow(last_, make_pyramid(frame.right), pixels_of(tracks_), pixels_of(tracks_));
   for (std::size_t i = 0; i < tracks_.size(); ++i) {

@@ -14,8 +14,8 @@
 
 namespace orbbuf::evaluation {
 
-/// One frame as the judge gets it: 8-bit gray, rectified.
-struct JudgedFrame {
+/// One frame as the odometry gets it: 8-bit gray, rectified.
+struct GrayFrame {
   double time_s = 0;
   cv::Mat left;
   cv::Mat right;  ///< empty: mono
@@ -39,23 +39,23 @@ class Odometry {
 
   /// The camera's place and axes in the world, which are those of the first frame; nothing while it
   /// is starting, and for frames that it could not place.
-  std::optional<Eigen::Isometry3d> track(const JudgedFrame& frame);
+  std::optional<Eigen::Isometry3d> track(const GrayFrame& frame);
 
   State state() const { return state_; }
 
  private:
-  void begin(const JudgedFrame& frame, Pyramid pyramid);
-  void start_mono(const JudgedFrame& frame, Pyramid pyramid);
+  void begin(const GrayFrame& frame, Pyramid pyramid);
+  void start_mono(const GrayFrame& frame, Pyramid pyramid);
   bool make_first_map();
   void keep(const std::vector<Flow>& flows);
   bool locate(const Pyramid& pyramid, const Eigen::Isometry3d& expected);
-  bool locate_anywhere(const JudgedFrame& frame);
+  bool locate_anywhere(const GrayFrame& frame);
   bool take_pose(std::size_t least_inliers, double least_share);
   void forget_outliers();
   void add_points_by_motion();
   bool wants_keyframe() const;
-  void add_keyframe(const JudgedFrame& frame);
-  void add_points_by_stereo(const JudgedFrame& frame);
+  void add_keyframe(const GrayFrame& frame);
+  void add_points_by_stereo(const GrayFrame& frame);
   void add_corners(const cv::Mat& image);
   std::size_t points() const;
 

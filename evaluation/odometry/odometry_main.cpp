@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // orbbuf-odometry: does SLAM survive on these frames? Runs a visual odometry over a folder of
 // orbbuf-world or a session of orbbuf-server, or live on the standard input as [slam] command; or
-// has any SLAM program do it (--slam). Prints a verdict, then RESULT lines.
+// has any SLAM program do it (--slam). Prints a result, then RESULT lines.
 #include <spdlog/fmt/fmt.h>
 
 #include <CLI/CLI.hpp>
@@ -17,7 +17,7 @@
 
 #include "common/progress.hpp"
 #include "evaluation/odometry/frames.hpp"
-#include "evaluation/odometry/verdict.hpp"
+#include "evaluation/odometry/reference_vo.hpp"
 
 namespace orbbuf::evaluation {
 namespace {
@@ -31,14 +31,14 @@ struct Options {
   std::vector<std::uint64_t> without;
 };
 
-Verdict judge_pipe(const Camera& camera) {
-  Judge judge(camera);
+TrackingResult track_pipe(const Camera& camera) {
+  ReferenceVo vo(camera);
   Pipe pipe(stdin);
-  while (const auto next = pipe.next(camera.is_stereo())) judge.see(next->frame, next->id);
-  return judge.verdict();
+  while (const auto next = pipe.next(camera.is_stereo())) vo.track(next->frame, next->id);
+  return vo.result();
 }
 
-Verdict judge_folder(const Options& options, const Camera& camera) {
+TrackingResult track_folder(const Options& options, const Camera& camera) {
   auto frames = list_frames(options.folder);
   if (!options.without.empty()) {
     const std::uint64_t first = options.without[0];
@@ -46,13 +46,13 @@ Verdict judge_folder(const Options& options, const Camera& camera) {
       return frame.id >= first && frame.id - first < options.without[1];
     });
   }
-  Judge judge(camera);
-  Progress progress("judge", "frames", frames.size());
+  ReferenceVo vo(camera);
+  Progress progress("track", "frames", frames.size());
   for (const ListedFrame& frame : frames) {
-    judge.see(load_frame(options.folder, frame, camera.is_stereo()), frame.id);
+    vo.track(load_frame(options.folder, frame, camera.is_stereo()), frame.id);
     progress.add();
   }
-  return judge.verdict();
+  return vo.result();
 }
 
 /// One word for a shell, whatever is in it.
@@ -71,7 +71,7 @@ void replace(std::string& text, const std::string& name, const std::filesystem::
   }
 }
 
-Verdict judge_other(const Options& options, const std::filesystem::path& camera) {
+TrackingResult track_other(const Options& options, const std::filesystem::path& camera) {
   std::string command = options.slam;
   replace(command, "{images}", options.folder / "images");
   replace(command, "{calib}", camera);
@@ -79,31 +79,32 @@ Verdict judge_other(const Options& options, const std::filesystem::path& camera)
   replace(command, "{trajectory}", options.trajectory);
   std::filesystem::remove(options.trajectory);
   if (std::system(command.c_str()) != 0) throw std::runtime_error("failed: " + command);
-  return verdict_of(read_trajectory(options.trajectory), list_frames(options.folder));
+  return result_of(read_trajectory(options.trajectory), list_frames(options.folder));
 }
 
 void run(Options options) {
   if (options.camera.empty()) options.camera = options.folder / "camera.txt";
   const Camera camera = read_camera(options.camera);
-  Verdict verdict;
+  TrackingResult result;
   if (!options.slam.empty()) {
     if (options.trajectory.empty()) throw std::runtime_error("--slam needs --trajectory");
-    verdict = judge_other(options, options.camera);
+    result = track_other(options, options.camera);
   } else {
-    verdict = options.folder.empty() ? judge_pipe(camera) : judge_folder(options, camera);
-    if (!options.trajectory.empty()) write_trajectory(options.trajectory, verdict.trajectory);
+    result = options.folder.empty() ? track_pipe(camera) : track_folder(options, camera);
+    if (!options.trajectory.empty()) write_trajectory(options.trajectory, result.trajectory);
   }
   TrajectoryError error;
   if (!options.truth.empty()) {
-    error = compare(verdict.trajectory, read_trajectory(options.truth), !camera.is_stereo());
+    error = compare(result.trajectory, read_trajectory(options.truth), !camera.is_stereo());
   }
-  fmt::print("{}\n", to_text(verdict, error));
-  fmt::print("RESULT judge.tracked_share {:.4f}\nRESULT judge.lost_at {}\n",
-             verdict.tracked_share(),
-             verdict.lost_at ? static_cast<std::int64_t>(*verdict.lost_at) : -1);
+  fmt::print("{}\n", to_text(result, error));
+  fmt::print("RESULT odometry.tracked_share {:.4f}\nRESULT odometry.lost_at {}\n",
+             result.tracked_share(),
+             result.lost_at ? static_cast<std::int64_t>(*result.lost_at) : -1);
   if (error.poses >= 3) {
     fmt::print(
-        "RESULT judge.ate_m {:.4f}\nRESULT judge.ate_share {:.5f}\nRESULT judge.rpe_m {:.4f}\n",
+        "RESULT odometry.ate_m {:.4f}\nRESULT odometry.ate_share {:.5f}\nRESULT odometry.rpe_m "
+        "{:.4f}\n",
         error.ate_m, error.path_m > 0 ? error.ate_m / error.path_m : 0, error.rpe_m);
   }
 }
@@ -119,11 +120,12 @@ int main(int argc, char** argv) {
   app.add_option("--camera", options.camera, "camera.txt, if not the folder's");
   app.add_option("--truth", options.truth, "the true path (TUM)");
   app.add_option("--trajectory", options.trajectory, "to write what was found to (TUM)");
-  app.add_option(
-      "--slam", options.slam,
-      "a shell command to judge instead; it reads {images}, {calib} and {times} and "
-      "writes {trajectory} (TUM, the camera's pose in the world); these are put in "
-      "quoted. Poses of keyframes are enough; without one in the last second it is lost");
+  app.add_option("--slam", options.slam,
+                 "a shell command to run in place of the reference VO; it reads {images}, {calib} "
+                 "and {times}, "
+                 "and writes {trajectory} (TUM, the camera's pose in the world); these are put in "
+                 "quoted. Poses "
+                 "of keyframes are enough; without one in the last second it is lost");
   app.add_option("--without", options.without, "FIRST COUNT: frames to leave out")->expected(2);
   CLI11_PARSE(app, argc, argv);
   try {

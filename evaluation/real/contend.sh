@@ -10,7 +10,7 @@ failed=()
 # contend GROUP RUN WORLD LINK QUEUE OUTAGE_S EVERY_S FIRST_S CONTENDER...: runs all at once, each to a
 # folder $out/GROUP/CONTENDER@RUN; flow.sh says what the others are.
 contend() {
-  local group=$1 run=$2 world=$3 link=$4 queue=$5 outage=$6 every=$7 first=$8 contender status running=() rivals
+  local group=$1 run=$2 world=$3 link=$4 queue=$5 outage=$6 every=$7 first=$8 contender status running=() peers
   shift 8
   for contender in "$@"; do
     "$here/real/flow.sh" "$build" "$world" "$out/$group/$contender@$run" "$contender" "$link" "$queue" "$mbit" \
@@ -35,8 +35,8 @@ contend() {
     status=0
     wait "${running[0]}" || status=$?
     running=("${running[@]:1}")
-    rivals=" ${PEERS[*]} "
-    [ $status -eq 77 ] && [ "${rivals#* "$contender" }" != "$rivals" ] && continue
+    peers=" ${PEERS[*]} "
+    [ $status -eq 77 ] && [ "${peers#* "$contender" }" != "$peers" ] && continue
     [ $status -eq 0 ] || failed+=("$group/$contender@$run")
   done
 }

@@ -61,7 +61,7 @@ start_plain() {
   start robot "${on_robot[@]}" "$build/evaluation/orbbuf-evaluation-peer" send "$world" "$ADDRESS_cubic" 5001
 }
 
-# gstreamer FILM ELEMENT...: a camera, as orbbuf-evaluation-peer plays it, then a leaky queue and TCP.
+# gstreamer PLAY ELEMENT...: a camera, as orbbuf-evaluation-peer plays it, then a leaky queue and TCP.
 gstreamer() {
   mkfifo "$work/camera"
   "$build/evaluation/orbbuf-evaluation-peer" "$1" "$world" >"$work/camera" &
@@ -86,7 +86,7 @@ gstreamer_has() {
 start_gstreamer() {
   gstreamer_has multipartdemux
   start_receiver "$world"
-  gstreamer film multipartdemux boundary=part single-stream=true ! image/jpeg
+  gstreamer play multipartdemux boundary=part single-stream=true ! image/jpeg
 }
 
 start_jpegenc() {
@@ -94,7 +94,7 @@ start_jpegenc() {
   local encode
   mapfile -t encode <"$world/jpegenc/elements"
   start_receiver "$world/jpegenc"
-  gstreamer film-gray "${encode[@]}"
+  gstreamer play-gray "${encode[@]}"
 }
 
 start_roscpp() {
@@ -145,7 +145,7 @@ while awk -v t="$at" -v o="$outage" -v f="$frames" -v r="$fps" 'BEGIN { exit !(t
   begin_outage
   cut=$EPOCHREALTIME
   sleep_until "$(awk -v t="$at" -v o="$outage" 'BEGIN { print t + o }')"
-  mended=$EPOCHREALTIME # before the command that mends it: never to anybody's advantage
+  mended=$EPOCHREALTIME # before the command that mends it, so that no sender looks faster
   end_outage
   echo "$cut $mended" >>"$work/outages"
   at=$(awk -v t="$at" -v e="$every" 'BEGIN { print t + e }')

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The naive way to send a folder of orbbuf-world, and what counts the frames of any rival:
+// The naive way to send a folder of orbbuf-world, and what counts the frames of any baseline:
 //   send WORLD ADDRESS PORT      each JPEG when it is due, over one plain, blocking connection;
 //                                those that fall due while it blocks are lost
-//   film WORLD                   the same frames as multipart on the standard output, for
+//   play WORLD                   the same frames as multipart on the standard output, for
 //                                GStreamer, which never blocks it for long
-//   film-gray WORLD              decoded, for GStreamer to encode: gray pixels, image after image
+//   play-gray WORLD              decoded, for GStreamer to encode: gray pixels, image after image
 //   decode WORLD                 the same, all at once
 //   receive WORLD ADDRESS PORT   JPEG after JPEG from one connection, known by their bytes
 // For each frame `receive` prints a line, ID TIME, in seconds of the system's clock.
@@ -52,7 +52,7 @@ std::vector<Frame> read_world(const std::filesystem::path& folder) {
 
 /// Calls write(frame) for each when it is due, but for those that fell due during an earlier call.
 template <class Write>
-void film(const std::vector<Frame>& frames, const Write& write) {
+void play(const std::vector<Frame>& frames, const Write& write) {
   const auto begin = Clock::now();
   const auto due = [&](std::size_t i) {
     return begin + std::chrono::duration_cast<Clock::duration>(
@@ -66,13 +66,13 @@ void film(const std::vector<Frame>& frames, const Write& write) {
 }
 
 void send(const std::vector<Frame>& frames, int socket) {
-  film(frames, [socket](const Frame& frame) {
+  play(frames, [socket](const Frame& frame) {
     orbbuf::bench::send_all(socket, frame.jpeg.data(), frame.jpeg.size());
   });
 }
 
 void print_parts(const std::vector<Frame>& frames) {
-  film(frames, [](const Frame& frame) {
+  play(frames, [](const Frame& frame) {
     std::printf("--part\r\nContent-Type: image/jpeg\r\nContent-Length: %zu\r\n\r\n",
                 frame.jpeg.size());
     std::fwrite(frame.jpeg.data(), 1, frame.jpeg.size(), stdout);
@@ -120,17 +120,17 @@ void receive(const std::vector<Frame>& frames, const std::string& address,
 int run(const std::vector<std::string>& words) {
   if (words.size() == 4 && words[0] == "send") {
     send(read_world(words[1]), orbbuf::bench::connect_to(words[2], words[3]));
-  } else if (words.size() == 2 && words[0] == "film") {
+  } else if (words.size() == 2 && words[0] == "play") {
     print_parts(read_world(words[1]));
-  } else if (words.size() == 2 && words[0] == "film-gray") {
-    film(read_world(words[1]), print_gray);
+  } else if (words.size() == 2 && words[0] == "play-gray") {
+    play(read_world(words[1]), print_gray);
   } else if (words.size() == 2 && words[0] == "decode") {
     for (const Frame& frame : read_world(words[1])) print_gray(frame);
   } else if (words.size() == 4 && words[0] == "receive") {
     receive(read_world(words[1]), words[2], words[3]);
   } else {
     std::fputs(
-        "usage: orbbuf-evaluation-peer send|receive WORLD ADDRESS PORT | film|film-gray|decode "
+        "usage: orbbuf-evaluation-peer send|receive WORLD ADDRESS PORT | play|play-gray|decode "
         "WORLD\n",
         stderr);
     return 2;

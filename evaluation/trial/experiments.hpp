@@ -27,8 +27,9 @@ struct TrialOptions {
   std::string result = "paper.real";        ///< sessions: first words of the RESULT lines
 };
 
-/// Each runs an experiment on a simulated link with the policies of orbbufd, judges what came
-/// through, writes its files to options.out and returns RESULT lines. The same for the same seed.
+/// Each runs an experiment on a simulated link with the policies of orbbufd, tracks the camera with
+/// what came through, writes its files to options.out and returns RESULT lines. The same for the
+/// same seed.
 
 /// Sec. IV-A: one outage, its beginning at `places` evenly along the way.
 std::string try_interruptions(Scene& scene, const TrialOptions& options);
@@ -41,18 +42,18 @@ std::string try_traces(Scene& scene, const TrialOptions& options);
 /// Sec. IV-B: how long each frame's push takes on the link of the first trace, under `orbbuf`
 /// with its own features. The one experiment that is not the same for the same seed.
 std::string time_enqueue(Scene& scene, const TrialOptions& options);
-/// Sec. III-F: similarity by distance, and how many missing frames in a row the judge does not
-/// stand, by the first.
+/// Sec. III-F: similarity by distance, and how many missing frames in a row lose the reference
+/// VO, by the first.
 std::string try_tolerance(Scene& scene, const TrialOptions& options);
 
 /// What real processes have delivered: scored around each outage. outages: a file with a line
 /// NAME FIRST LAST for each, frames captured as the link went and came back. `sessions`: as
 /// read_session() takes them.
-std::string judge_sessions(Scene& scene, const TrialOptions& options,
+std::string score_sessions(Scene& scene, const TrialOptions& options,
                            const std::filesystem::path& outages,
                            const std::vector<std::string>& sessions);
-/// The same, judged as a whole; a session's run is named after its trace.
-std::string judge_paths(Scene& scene, const TrialOptions& options,
+/// The same, scored as a whole; a session's run is named after its trace.
+std::string score_paths(Scene& scene, const TrialOptions& options,
                         const std::vector<std::string>& sessions);
 
 }  // namespace orbbuf::evaluation

@@ -22,7 +22,7 @@
 namespace orbbuf::evaluation {
 namespace {
 
-constexpr double kLeadS = 2;  // until the judge has its first map, and some more
+constexpr double kLeadS = 2;  // until the reference VO has its first map, and some more
 constexpr double kSurvive = 0.95;
 constexpr double kBufferOutageS = 3;
 constexpr std::size_t kBufferStep = 5;
@@ -40,10 +40,10 @@ std::vector<Place> draw_places(const Scene& scene, const TrialOptions& options, 
   const double first_s = kLeadS;
   const double length_s = static_cast<double>(scene.size()) / scene.fps();
   const double step_s =
-      (length_s - outage_s - kJudgedAfterS - first_s) / static_cast<double>(options.places);
+      (length_s - outage_s - kScoredAfterS - first_s) / static_cast<double>(options.places);
   if (step_s <= 0) {
     throw std::runtime_error(fmt::format("an outage of {} s needs more than {} s, not {:.1f}",
-                                         outage_s, first_s + outage_s + kJudgedAfterS, length_s));
+                                         outage_s, first_s + outage_s + kScoredAfterS, length_s));
   }
   std::vector<Place> places;
   for (std::size_t i = 0; i < options.places; ++i) {
@@ -60,14 +60,15 @@ sim::Contender contender(std::string_view name) {
   throw std::invalid_argument("no policy " + std::string(name));
 }
 
-/// One simulated outage, to be judged.
+/// One outage, and what came of it.
 struct Run {
   std::string policy;
   Place place;
   std::vector<std::size_t> received;
   Stretch stretch;
-  std::size_t gap = 0;  ///< most frames in a row that are missing; to the end if nobody came back
-  int smallest = 0;     ///< similarity between neighbours
+  std::size_t gap =
+      0;             ///< most frames in a row that are missing; to the end if no frame came after
+  int smallest = 0;  ///< similarity between neighbours
   bool survived = false;
 };
 
@@ -82,10 +83,10 @@ Run simulate_run(Scene& scene, std::string_view policy, const Place& place, doub
   const auto delivery = sim::simulate(sequence.frames(), link, contender(policy).make(setup));
   Run run{std::string(policy), place, {}, {}, 0, 0, false};
   run.stretch.begin =
-      static_cast<std::size_t>(std::max(0.0, (place.begin_s - kJudgedBeforeS) * scene.fps()));
+      static_cast<std::size_t>(std::max(0.0, (place.begin_s - kScoredBeforeS) * scene.fps()));
   run.stretch.end = std::min(
       scene.size(),
-      static_cast<std::size_t>((place.begin_s + place.outage_s + kJudgedAfterS) * scene.fps()));
+      static_cast<std::size_t>((place.begin_s + place.outage_s + kScoredAfterS) * scene.fps()));
   run.received = scene.only_in(delivery.received, run.stretch);
   run.gap = longest_gap(run.received, run.stretch);
   run.smallest = 1000;
@@ -96,7 +97,7 @@ Run simulate_run(Scene& scene, std::string_view policy, const Place& place, doub
   return run;
 }
 
-void judge_all(const Scene& scene, const std::string& name, std::vector<Run>& runs) {
+void score_all(const Scene& scene, const std::string& name, std::vector<Run>& runs) {
   for_each_parallel(name, runs.size(), [&](std::size_t i) {
     runs[i].survived = scene.survives(runs[i].received, runs[i].stretch);
   });
@@ -208,7 +209,7 @@ std::string try_interruptions(Scene& scene, const TrialOptions& options) {
       }
     }
   }
-  judge_all(scene, "interruptions", runs);
+  score_all(scene, "interruptions", runs);
   std::string csv = "policy,outage_s,begin_s,longest_gap,smallest_similarity,survived\n";
   for (const Run& run : runs) {
     csv += fmt::format("{},{},{:.3f},{},{},{}\n", run.policy, run.place.outage_s, run.place.begin_s,
@@ -258,7 +259,7 @@ std::string try_buffers(Scene& scene, const TrialOptions& options) {
   return results;
 }
 
-std::string judge_sessions(Scene& scene, const TrialOptions& options,
+std::string score_sessions(Scene& scene, const TrialOptions& options,
                            const std::filesystem::path& outages,
                            const std::vector<std::string>& sessions) {
   std::vector<Run> runs;
@@ -270,7 +271,7 @@ std::string judge_sessions(Scene& scene, const TrialOptions& options,
       if (name == session.name) runs.push_back(run_of(scene, session, {begin, end}));
     }
   }
-  judge_all(scene, "sessions", runs);
+  score_all(scene, "sessions", runs);
   std::string csv = "name,begin_s,outage_s,longest_gap,survived\n";
   for (const Run& run : runs) {
     csv += fmt::format("{},{:.2f},{},{},{}\n", run.policy, run.place.begin_s, run.place.outage_s,

@@ -9,7 +9,7 @@
 
 namespace orbbuf::evaluation {
 
-std::string judge_paths(Scene& scene, const TrialOptions& options,
+std::string score_paths(Scene& scene, const TrialOptions& options,
                         const std::vector<std::string>& sessions) {
   struct Path {
     Session session;

@@ -64,14 +64,14 @@ Scene::Scene(const std::filesystem::path& folder)
   for_each_parallel("read", list_.size(), [&](std::size_t i) {
     images_[i] = load_frame(folder, list_[i], camera_.is_stereo());
   });
-  Progress progress("judge the unbroken sequence", "frames", images_.size());
-  Judge judge(camera_);
+  Progress progress("track the unbroken sequence", "frames", images_.size());
+  ReferenceVo vo(camera_);
   for (std::size_t i = 0; i < images_.size(); ++i) {
-    if (i % kCheckpoint == 0) checkpoints_.push_back(judge);
-    judge.see(images_[i], i);
+    if (i % kCheckpoint == 0) checkpoints_.push_back(vo);
+    vo.track(images_[i], i);
     progress.add();
   }
-  checkpoints_.push_back(judge);
+  checkpoints_.push_back(vo);
 }
 
 double Scene::motion_m(std::size_t i, std::size_t j) const {
@@ -80,16 +80,16 @@ double Scene::motion_m(std::size_t i, std::size_t j) const {
   return moved.translation().norm() + kMetresARadian * Eigen::AngleAxisd(moved.rotation()).angle();
 }
 
-Verdict Scene::judge(const std::vector<std::size_t>& received, std::size_t end) const {
+TrackingResult Scene::track(const std::vector<std::size_t>& received, std::size_t end) const {
   std::size_t same = 0;
   while (same < received.size() && received[same] == same) ++same;
   const std::size_t checkpoint = std::min(same / kCheckpoint, checkpoints_.size() - 2);
-  Judge judge = checkpoints_[checkpoint];
+  ReferenceVo vo = checkpoints_[checkpoint];
   for (std::size_t k = checkpoint * kCheckpoint; k < received.size() && received[k] < end; ++k) {
-    judge.see(images_[received[k]], received[k]);
-    if (judge.verdict().is_lost()) break;
+    vo.track(images_[received[k]], received[k]);
+    if (vo.result().is_lost()) break;
   }
-  return judge.verdict();
+  return vo.result();
 }
 
 TrajectoryError Scene::error(const Trajectory& trajectory, const Stretch& stretch) const {
@@ -103,12 +103,12 @@ TrajectoryError Scene::error(const Trajectory& trajectory, const Stretch& stretc
 }
 
 bool Scene::survives(const std::vector<std::size_t>& received, const Stretch& stretch) const {
-  const Verdict verdict = judge(received, stretch.end);
-  if (verdict.is_lost() || verdict.trajectory.empty()) return false;
+  const TrackingResult result = track(received, stretch.end);
+  if (result.is_lost() || result.trajectory.empty()) return false;
   const auto after = std::ranges::lower_bound(received, stretch.end);
   if (after == received.begin()) return false;
-  if (verdict.trajectory.back().time_s < list_[*std::prev(after)].time_s - 1e-6) return false;
-  const TrajectoryError own = error(verdict.trajectory, stretch);
+  if (result.trajectory.back().time_s < list_[*std::prev(after)].time_s - 1e-6) return false;
+  const TrajectoryError own = error(result.trajectory, stretch);
   const TrajectoryError best = error(unbroken().trajectory, stretch);
   return own.ate_m <= std::max(kTimesAsWrong * best.ate_m, kShareOfPath * best.path_m);
 }
@@ -125,10 +125,10 @@ std::vector<std::size_t> Scene::only_in(const std::vector<std::size_t>& received
 
 double Scene::ate_ratio(const std::vector<std::size_t>& received) const {
   constexpr double kLost = std::numeric_limits<double>::infinity();
-  const Verdict verdict = judge(received, size());
-  if (verdict.is_lost() || !reaches(verdict.trajectory, list_.back().time_s)) return kLost;
+  const TrackingResult result = track(received, size());
+  if (result.is_lost() || !reaches(result.trajectory, list_.back().time_s)) return kLost;
   const Stretch all{0, size()};
-  const TrajectoryError own = error(verdict.trajectory, all);
+  const TrajectoryError own = error(result.trajectory, all);
   return own.poses < 3 ? kLost : own.ate_m / error(unbroken().trajectory, all).ate_m;
 }
 
@@ -136,8 +136,8 @@ std::optional<Stretch> stretch_around(const Outage& outage, std::span<const std:
                                       double fps, std::size_t frames) {
   const auto back = std::ranges::lower_bound(received, static_cast<std::size_t>(outage.end));
   if (back == received.end()) return std::nullopt;
-  const double before = std::max(0.0, outage.begin - kJudgedBeforeS * fps);
-  const double after = static_cast<double>(*back) + kJudgedAfterS * fps;
+  const double before = std::max(0.0, outage.begin - kScoredBeforeS * fps);
+  const double after = static_cast<double>(*back) + kScoredAfterS * fps;
   return Stretch{static_cast<std::size_t>(before),
                  std::min(frames, static_cast<std::size_t>(after))};
 }

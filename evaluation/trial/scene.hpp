@@ -11,7 +11,7 @@
 
 #include "bench/sim/recorded_sequence.hpp"
 #include "evaluation/odometry/frames.hpp"
-#include "evaluation/odometry/verdict.hpp"
+#include "evaluation/odometry/reference_vo.hpp"
 
 namespace orbbuf::evaluation {
 
@@ -37,9 +37,10 @@ struct Session {
 /// named: CONTENDER@RUN=FOLDER, with a times.txt in it. Throws std::runtime_error.
 Session read_session(const std::string& named);
 
-/// Of what is around an outage that much is judged, in seconds; the link needs one to catch up.
-inline constexpr double kJudgedBeforeS = 1;
-inline constexpr double kJudgedAfterS = 2;
+/// An outage is scored from so many seconds before it to so many after it: the link needs one to
+/// catch up.
+inline constexpr double kScoredBeforeS = 1;
+inline constexpr double kScoredAfterS = 2;
 
 /// When a link was cut and when it was mended, counted in frames from the beginning.
 struct Outage {
@@ -47,48 +48,48 @@ struct Outage {
   double end = 0;
 };
 
-/// What is judged of an outage: from 1 s before it to 2 s behind the first frame that was filmed
-/// after it and arrived, which is late if its sender was. Nothing if none arrived: all is lost.
+/// The frames that an outage is scored by: from 1 s before it to 2 s behind the first frame that
+/// was captured after it and arrived. Nothing if none arrived: all is lost.
 std::optional<Stretch> stretch_around(const Outage& outage, std::span<const std::size_t> received,
                                       double fps, std::size_t frames);
 
 /// Most frames of the stretch that are missing in a row, those at its ends too.
 std::size_t longest_gap(std::span<const std::size_t> received, const Stretch& stretch);
 
-/// A folder of orbbuf-world in memory: for the policies as orbbufd would have it, for the judge as
-/// images, and the judge as it was every kCheckpoint frames of the unbroken sequence.
+/// A folder of orbbuf-world in memory: for the policies as orbbufd would have it, for the reference
+/// VO as images, and the reference VO as it was every kCheckpoint frames of the unbroken sequence.
 class Scene {
  public:
   static constexpr std::size_t kCheckpoint = 25;
 
-  /// Reads everything and judges the unbroken sequence. 0.6 MB a frame of 640x480.
+  /// Reads everything and tracks the unbroken sequence. 0.6 MB a frame of 640x480.
   explicit Scene(const std::filesystem::path& folder);
 
   std::size_t size() const { return images_.size(); }
   double fps() const { return 1e9 / sequence_.mean_interval_ns(); }
   sim::RecordedSequence& sequence() { return sequence_; }
-  const Verdict& unbroken() const { return checkpoints_.back().verdict(); }
+  const TrackingResult& unbroken() const { return checkpoints_.back().result(); }
   const Camera& camera() const { return camera_; }
 
   /// How far the camera has really gone and turned between two frames, 10 degrees as a metre.
   double motion_m(std::size_t i, std::size_t j) const;
 
-  /// The judge on these frames, up to but without frame `end`; it stops where it is lost. Goes on
-  /// from the last checkpoint before the first frame that is missing. Thread-safe.
-  Verdict judge(const std::vector<std::size_t>& received, std::size_t end) const;
+  /// Runs the reference VO on these frames, up to but without frame `end`, or until it is lost.
+  /// Goes on from the last checkpoint before the first frame that is missing. Thread-safe.
+  TrackingResult track(const std::vector<std::size_t>& received, std::size_t end) const;
 
   /// How far the part of a trajectory within the stretch is from the truth.
   TrajectoryError error(const Trajectory& trajectory, const Stretch& stretch) const;
 
-  /// True if the judge places the last frames of the stretch, was never lost on the way, and the
-  /// path over it is no more than three times as wrong as the unbroken sequence's, or no more than
-  /// 2 % of it. Frames before the stretch all arrived. Thread-safe.
+  /// True if the reference VO places the last frames of the stretch, was never lost on the way, and
+  /// the path over it is no more than three times as wrong as the unbroken sequence's, or no more
+  /// than 2 % of it. Frames before the stretch all arrived. Thread-safe.
   bool survives(const std::vector<std::size_t>& received, const Stretch& stretch) const;
 
-  /// How wrong the path is, as far as the judge has placed its frames, as a multiple of the whole
-  /// unbroken one's. Infinite if it is lost, or has placed none of the sequence's last second, be
-  /// it because none of it arrived: a link has all the time it needs once filming ends.
-  /// Thread-safe.
+  /// How wrong the path is, as far as the reference VO has placed its frames, as a multiple of the
+  /// whole unbroken one's. Infinite if it is lost, or has placed none of the sequence's last
+  /// second, which is so if none of it arrived: after the last frame the link has all the time that
+  /// it needs. Thread-safe.
   double ate_ratio(const std::vector<std::size_t>& received) const;
 
   /// All frames, but of the stretch only those listed.
@@ -99,9 +100,10 @@ class Scene {
   Camera camera_;
   Trajectory truth_;
   std::vector<ListedFrame> list_;
-  std::vector<JudgedFrame> images_;
+  std::vector<GrayFrame> images_;
   sim::RecordedSequence sequence_;
-  std::vector<Judge> checkpoints_;  ///< [i]: before frame i * kCheckpoint; the last: at the end
+  std::vector<ReferenceVo>
+      checkpoints_;  ///< [i]: before frame i * kCheckpoint; the last: at the end
 };
 
 }  // namespace orbbuf::evaluation

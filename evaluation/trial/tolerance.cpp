@@ -12,8 +12,8 @@
 namespace orbbuf::evaluation {
 namespace {
 
-constexpr std::size_t kMost = 75;   // frames in a row; who stands these stands all that we try
-constexpr std::size_t kUntil = 10;  // frames after the gap, twice the judge's patience
+constexpr std::size_t kMost = 75;   // frames in a row, the most that we try
+constexpr std::size_t kUntil = 10;  // frames after the gap, twice the patience of the reference VO
 constexpr std::size_t kLead = 50;
 constexpr std::array<std::size_t, 12> kDistances = {1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64};
 constexpr std::size_t kPairsApart = 8;  // each eighth frame begins a pair
@@ -22,10 +22,10 @@ bool stands(const Scene& scene, std::size_t first, std::size_t missing) {
   std::vector<std::size_t> received(first);
   std::iota(received.begin(), received.end(), 0);
   for (std::size_t i = first + missing; i < first + missing + kUntil; ++i) received.push_back(i);
-  return !scene.judge(received, first + missing + kUntil).is_lost();
+  return !scene.track(received, first + missing + kUntil).is_lost();
 }
 
-/// The smallest number of missing frames that loses the judge, by halving; kMost + 1: none.
+/// The smallest number of missing frames that loses the reference VO, by halving; kMost + 1: none.
 std::size_t tolerance(const Scene& scene, std::size_t first) {
   std::size_t stood = 0;
   std::size_t lost = kMost + 1;
@@ -74,12 +74,13 @@ std::string try_tolerance(Scene& scene, const TrialOptions& options) {
   for (std::size_t i = 0; i < places; ++i) csv += fmt::format("{},{}\n", firsts[i], found[i]);
   write_text(options.out / "tolerance.csv", csv);
   std::ranges::sort(found);
-  write_text(options.out / "tolerance.md",
-             fmt::format("| frames in a row that lose the judge | smallest | a quarter of the "
-                         "places | half | three quarters | stand {} |\n|---|---|---|---|---|---|\n"
-                         "| at {} places | {} | {} | {} | {} | {} |\n",
-                         kMost, places, found.front(), found[places / 4], found[places / 2],
-                         found[places * 3 / 4], std::ranges::count(found, kMost + 1)));
+  write_text(
+      options.out / "tolerance.md",
+      fmt::format("| frames in a row that lose the reference VO | smallest | a quarter of the "
+                  "places | half | three quarters | stand {} |\n|---|---|---|---|---|---|\n"
+                  "| at {} places | {} | {} | {} | {} | {} |\n",
+                  kMost, places, found.front(), found[places / 4], found[places / 2],
+                  found[places * 3 / 4], std::ranges::count(found, kMost + 1)));
   return fmt::format("RESULT paper.tolerance.smallest {}\nRESULT paper.tolerance.median {}\n",
                      found.front(), found[places / 2]);
 }

@@ -36,9 +36,9 @@ void run(const Options& options) {
   if (wanted.contains("traces")) results += try_traces(scene, options.trial);
   if (wanted.contains("enqueue")) results += time_enqueue(scene, options.trial);
   if (wanted.contains("sessions")) {
-    results += judge_sessions(scene, options.trial, options.outages, options.sessions);
+    results += score_sessions(scene, options.trial, options.outages, options.sessions);
   }
-  if (wanted.contains("paths")) results += judge_paths(scene, options.trial, options.sessions);
+  if (wanted.contains("paths")) results += score_paths(scene, options.trial, options.sessions);
   fmt::print("{}", results);
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// orbbuf-world: films a drive through a generated place, the true path of which is known. Writes a
-// folder that orbbufd replays (images, images_right, times.txt), with camera.txt, truth.txt (TUM:
+// orbbuf-world: renders a drive through a generated place, the true path of which is known. Writes
+// a folder that orbbufd replays (images, images_right, times.txt), with camera.txt, truth.txt (TUM:
 // the left camera's pose, z ahead, x right, y down) and, if asked, depth (16-bit PGM, millimetres).
 #include <spdlog/fmt/fmt.h>
 
@@ -65,9 +65,9 @@ void write_depth(const std::filesystem::path& file, const cv::Mat& depth) {
   write(file, text.data(), text.size());
 }
 
-class Filming {
+class Drive {
  public:
-  Filming(const Options& options, const Style& style, const Camera& camera)
+  Drive(const Options& options, const Style& style, const Camera& camera)
       : options_(options),
         camera_(camera),
         renderer_(style, camera, options.seed, static_cast<double>(options.frames) / options.fps) {}
@@ -98,7 +98,7 @@ class Filming {
   void work(Progress& progress) {
     try {
       for (std::size_t i = next_++; i < options_.frames; i = next_++) {
-        film(i);
+        write_frame(i);
         progress.add();
       }
     } catch (...) {
@@ -106,7 +106,7 @@ class Filming {
     }
   }
 
-  void film(std::size_t i) const {
+  void write_frame(std::size_t i) const {
     const Rendered frame = renderer_.render(time_of(i), options_.depth);
     const auto name = fmt::format("{:06}.jpg", i);
     write_jpeg(options_.folder / "images" / name, frame.left, options_.quality);
@@ -149,7 +149,7 @@ void run(const Options& options) {
   const Style& style = options.place == "street" ? kStreet : kCorridor;
   Camera camera = kCameras.at(options.size);
   if (options.stereo) camera.baseline_m = style.baseline_m;
-  Filming(options, style, camera).run();
+  Drive(options, style, camera).run();
 }
 
 }  // namespace
@@ -157,7 +157,7 @@ void run(const Options& options) {
 
 int main(int argc, char** argv) {
   orbbuf::evaluation::Options options;
-  CLI::App app("Films a drive through a generated place, with ground truth");
+  CLI::App app("Renders a drive through a generated place, with ground truth");
   app.add_option("folder", options.folder, "to write to; images of an earlier run go")->required();
   app.add_option("--place", options.place)
       ->check(CLI::IsMember({"corridor", "street"}))

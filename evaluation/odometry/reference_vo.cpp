@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "evaluation/odometry/verdict.hpp"
+#include "evaluation/odometry/reference_vo.hpp"
 
 #include <spdlog/fmt/fmt.h>
 
@@ -15,65 +15,65 @@ constexpr double kBetweenKeyframesS = 1;
 
 }  // namespace
 
-double Verdict::tracked_share() const {
-  const std::size_t judged = frames - starting;
-  return judged == 0 ? 0 : 1 - static_cast<double>(unplaced) / static_cast<double>(judged);
+double TrackingResult::tracked_share() const {
+  const std::size_t counted = frames - starting;
+  return counted == 0 ? 0 : 1 - static_cast<double>(unplaced) / static_cast<double>(counted);
 }
 
-void Judge::see(const JudgedFrame& frame, std::uint64_t id) {
-  ++verdict_.frames;
+void ReferenceVo::track(const GrayFrame& frame, std::uint64_t id) {
+  ++result_.frames;
   const auto pose = odometry_.track(frame);
   if (pose) {
     is_failing_ = false;
-    verdict_.trajectory.push_back({frame.time_s, *pose});
+    result_.trajectory.push_back({frame.time_s, *pose});
     return;
   }
   if (odometry_.state() == Odometry::State::kStarting) {
-    ++verdict_.starting;
+    ++result_.starting;
     return;
   }
-  ++verdict_.unplaced;
+  ++result_.unplaced;
   if (!is_failing_) failing_since_ = id;
   is_failing_ = true;
-  if (odometry_.state() == Odometry::State::kLost) verdict_.lost_at = failing_since_;
+  if (odometry_.state() == Odometry::State::kLost) result_.lost_at = failing_since_;
 }
 
 bool reaches(const Trajectory& trajectory, double end_s) {
   return !trajectory.empty() && trajectory.back().time_s >= end_s - kBetweenKeyframesS - kSameTimeS;
 }
 
-Verdict verdict_of(Trajectory trajectory, const std::vector<ListedFrame>& frames) {
-  Verdict verdict;
-  verdict.frames = frames.size();
-  verdict.trajectory = std::move(trajectory);
-  if (verdict.trajectory.empty()) {
-    verdict.starting = verdict.frames;
-    return verdict;
+TrackingResult result_of(Trajectory trajectory, const std::vector<ListedFrame>& frames) {
+  TrackingResult result;
+  result.frames = frames.size();
+  result.trajectory = std::move(trajectory);
+  if (result.trajectory.empty()) {
+    result.starting = result.frames;
+    return result;
   }
-  const bool is_lost = !frames.empty() && !reaches(verdict.trajectory, frames.back().time_s);
+  const bool is_lost = !frames.empty() && !reaches(result.trajectory, frames.back().time_s);
   for (const ListedFrame& frame : frames) {
     // The first pose at or behind the frame.
-    const auto next = std::ranges::lower_bound(verdict.trajectory, frame.time_s - kSameTimeS, {},
+    const auto next = std::ranges::lower_bound(result.trajectory, frame.time_s - kSameTimeS, {},
                                                &StampedPose::time_s);
-    if (next == verdict.trajectory.end()) {
+    if (next == result.trajectory.end()) {
       if (!is_lost) continue;
-      ++verdict.unplaced;
-      if (!verdict.lost_at) verdict.lost_at = frame.id;
+      ++result.unplaced;
+      if (!result.lost_at) result.lost_at = frame.id;
     } else if (next->time_s > frame.time_s + kSameTimeS) {
-      if (next == verdict.trajectory.begin()) {
-        ++verdict.starting;
+      if (next == result.trajectory.begin()) {
+        ++result.starting;
       } else if (next->time_s - std::prev(next)->time_s > kBetweenKeyframesS + kSameTimeS) {
-        ++verdict.unplaced;
+        ++result.unplaced;
       }
     }
   }
-  return verdict;
+  return result;
 }
 
-std::string to_text(const Verdict& verdict, const TrajectoryError& error) {
+std::string to_text(const TrackingResult& result, const TrajectoryError& error) {
   auto text = fmt::format("{} frames, {} until the first map, {:.1f} % of the others tracked",
-                          verdict.frames, verdict.starting, 100 * verdict.tracked_share());
-  if (verdict.lost_at) text += fmt::format(", lost at frame {}", *verdict.lost_at);
+                          result.frames, result.starting, 100 * result.tracked_share());
+  if (result.lost_at) text += fmt::format(", lost at frame {}", *result.lost_at);
   if (error.poses >= 3) {
     text += fmt::format(
         "; ATE {:.3f} m of {:.1f} m ({:.2f} %), RPE over 1 s {:.3f} m {:.2f} degrees, scale {:.3f}",

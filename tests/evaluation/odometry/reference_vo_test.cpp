@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "evaluation/odometry/verdict.hpp"
+#include "evaluation/odometry/reference_vo.hpp"
 
 #include <gtest/gtest.h>
 
@@ -29,51 +29,51 @@ Trajectory placed() {
   return trajectory;
 }
 
-TEST(VerdictOf, KeyframesAreEnough) {
+TEST(ResultOf, KeyframesAreEnough) {
   const Trajectory all = placed();
-  const Verdict verdict = verdict_of({all[10], all[35], all[55], all[76]}, listed(100));
-  EXPECT_FALSE(verdict.is_lost());
-  EXPECT_EQ(verdict.starting, 10U);
-  EXPECT_EQ(verdict.tracked_share(), 1);
+  const TrackingResult result = result_of({all[10], all[35], all[55], all[76]}, listed(100));
+  EXPECT_FALSE(result.is_lost());
+  EXPECT_EQ(result.starting, 10U);
+  EXPECT_EQ(result.tracked_share(), 1);
 }
 
-TEST(VerdictOf, FramesBetweenPosesOverASecondApartAreNotTracked) {
+TEST(ResultOf, FramesBetweenPosesOverASecondApartAreNotTracked) {
   const Trajectory all = placed();
-  EXPECT_EQ(verdict_of({all[0], all[25], all[51], all[76]}, listed(100)).unplaced, 25U);
+  EXPECT_EQ(result_of({all[0], all[25], all[51], all[76]}, listed(100)).unplaced, 25U);
 }
 
-TEST(VerdictOf, FramesBehindTheLastPoseAreNotTrackedByWhoIsLost) {
-  EXPECT_EQ(verdict_of({placed().front()}, listed(100)).unplaced, 99U);
+TEST(ResultOf, FramesBehindTheLastPoseAreNotTrackedByWhoIsLost) {
+  EXPECT_EQ(result_of({placed().front()}, listed(100)).unplaced, 99U);
 }
 
-TEST(VerdictOf, IsLostWithoutAPoseInTheLastSecond) {
+TEST(ResultOf, IsLostWithoutAPoseInTheLastSecond) {
   const Trajectory all = placed();
-  EXPECT_FALSE(verdict_of({all[10], all[74]}, listed(100)).is_lost());
-  EXPECT_EQ(verdict_of({all[10], all[73]}, listed(100)).lost_at, 74U);
+  EXPECT_FALSE(result_of({all[10], all[74]}, listed(100)).is_lost());
+  EXPECT_EQ(result_of({all[10], all[73]}, listed(100)).lost_at, 74U);
 }
 
-TEST(VerdictOf, WithoutAPoseItNeverStarted) {
-  const Verdict verdict = verdict_of({}, listed(100));
-  EXPECT_EQ(verdict.starting, 100U);
-  EXPECT_EQ(verdict.tracked_share(), 0);
+TEST(ResultOf, WithoutAPoseItNeverStarted) {
+  const TrackingResult result = result_of({}, listed(100));
+  EXPECT_EQ(result.starting, 100U);
+  EXPECT_EQ(result.tracked_share(), 0);
 }
 
 /// A drive through the generated corridor, half the usual size.
-class JudgeOf : public testing::TestWithParam<double> {
+class ReferenceVoOf : public testing::TestWithParam<double> {
  protected:
-  JudgeOf() : camera_{190, 190, 159.5, 119.5, 320, 240, GetParam()} {}
+  ReferenceVoOf() : camera_{190, 190, 159.5, 119.5, 320, 240, GetParam()} {}
 
-  JudgedFrame frame(int i) {
+  GrayFrame frame(int i) {
     const double t = 0.1 + i / kFps;
     const Rendered rendered = renderer_.render(t, false);
     return {t, rendered.left, rendered.right};
   }
-  Verdict judge(int count, int gap_begin, int gap_end) {
-    Judge judge(camera_);
+  TrackingResult track(int count, int gap_begin, int gap_end) {
+    ReferenceVo vo(camera_);
     for (int i = 0; i < count; ++i) {
-      if (i < gap_begin || i >= gap_end) judge.see(frame(i), static_cast<std::uint64_t>(i));
+      if (i < gap_begin || i >= gap_end) vo.track(frame(i), static_cast<std::uint64_t>(i));
     }
-    return judge.verdict();
+    return vo.result();
   }
   Trajectory truth(int count) {
     Trajectory trajectory;
@@ -101,30 +101,30 @@ class JudgeOf : public testing::TestWithParam<double> {
   Renderer renderer_{kCorridor, camera_, 1, 20};
 };
 
-TEST_P(JudgeOf, TracksAllOfAnUnbrokenDrive) {
+TEST_P(ReferenceVoOf, TracksAllOfAnUnbrokenDrive) {
   const int count = turn() + 100;
-  const Verdict verdict = judge(count, 0, 0);
-  EXPECT_EQ(verdict.unplaced, 0U);
-  EXPECT_LT(verdict.starting, 50U);
-  const TrajectoryError error = compare(verdict.trajectory, truth(count), !camera_.is_stereo());
+  const TrackingResult result = track(count, 0, 0);
+  EXPECT_EQ(result.unplaced, 0U);
+  EXPECT_LT(result.starting, 50U);
+  const TrajectoryError error = compare(result.trajectory, truth(count), !camera_.is_stereo());
   EXPECT_GT(error.path_m, 3);
   EXPECT_LT(error.ate_m, 0.02 * error.path_m);
 }
 
-TEST_P(JudgeOf, IsLostWhereFiftyFramesOfATurnAreMissing) {
+TEST_P(ReferenceVoOf, IsLostWhereFiftyFramesOfATurnAreMissing) {
   const int from = turn();
-  const Verdict verdict = judge(from + 80, from, from + 50);
-  ASSERT_TRUE(verdict.is_lost());
-  EXPECT_EQ(*verdict.lost_at, static_cast<std::uint64_t>(from + 50));
-  EXPECT_EQ(verdict.unplaced, 30U);
+  const TrackingResult result = track(from + 80, from, from + 50);
+  ASSERT_TRUE(result.is_lost());
+  EXPECT_EQ(*result.lost_at, static_cast<std::uint64_t>(from + 50));
+  EXPECT_EQ(result.unplaced, 30U);
 }
 
-TEST_P(JudgeOf, StandsAFewMissingFrames) {
+TEST_P(ReferenceVoOf, StandsAFewMissingFrames) {
   const int from = turn();
-  EXPECT_FALSE(judge(from + 40, from, from + 4).is_lost());
+  EXPECT_FALSE(track(from + 40, from, from + 4).is_lost());
 }
 
-INSTANTIATE_TEST_SUITE_P(MonoAndStereo, JudgeOf, testing::Values(0, 0.12));
+INSTANTIATE_TEST_SUITE_P(MonoAndStereo, ReferenceVoOf, testing::Values(0, 0.12));
 
 }  // namespace
 }  // namespace orbbuf::evaluation
