@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # What orbbufd keeps in memory at 1280x1024 pixels beside the frames that wait: at its peak, without a
-# server, so that the buffer is full and every frame is judged. And how much it grows from the 10,000th
+# server, so that the buffer is full and the policy looks at every frame. And how much it grows from the 10,000th
 # to the 100,000th frame, small ones, delivered as fast as they are taken.
 # Usage: bench/memory.sh BUILD_FOLDER
 set -euo pipefail

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Refuses an include between two folders of common/, daemon/ and server/ that the list below does not allow.
+# Refuses an include between two folders of common/, daemon/, server/ and evaluation/ that the list below does not allow.
 # A folder is listed before all that may include it, so no two can include each other, however far around.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -38,13 +38,20 @@ server/sink/make_sinks: common server/recording server/recording/mcap server/sin
 server/settings: common common/net server/live server/retention server/sink/make_sinks
 server/http: common common/net server/runtime server/recording server/live server/settings
 server/link: common common/net server/runtime server/recording server/live server/sink server/sink/make_sinks server/settings
+bench:
+bench/sim:
+evaluation:
+evaluation/world: common evaluation
+evaluation/odometry: common evaluation
+evaluation/trial: common daemon/buffer daemon/image bench/sim evaluation evaluation/odometry
+evaluation/real: common bench bench/sim
 server: common server/runtime server/dataset server/retention server/live server/sink/make_sinks server/settings server/http server/link
 ALLOWED
 }
 
 # Each include of one of our files: FILE INCLUDED.
 includes() {
-  grep -rhoE --include='*.[ch]pp' --include='*.h' '^#include "[^"]+"' common daemon server --with-filename |
+  grep -rhoE --include='*.[ch]pp' --include='*.h' '^#include "[^"]+"' common daemon server evaluation --with-filename |
     sed -E 's/:#include "(.*)"/ \1/'
 }
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Holds tests/README against the tree: each source of common/, daemon/ and server/ has a test of its name or stands
+# Holds tests/README against the tree: each source of common/, daemon/, server/ and evaluation/ has a test of its name or stands
 # in the list of those without; what that list and the list of folders name is there.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -27,7 +27,7 @@ while read -r source; do
   path=$source
   until [ "$path" = . ] || [ -n "${listed[$path]-}" ]; do path=$(dirname "$path"); done
   [ "$path" != . ] || problem "no test and no line for $source"
-done < <(find common daemon server -name '*.cpp' | sort)
+done < <(find common daemon server evaluation -name '*.cpp' | sort)
 
 while read -r name; do
   [ -e "tests/$name" ] || problem "no tests/$name"

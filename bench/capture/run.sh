@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# What filming and JPEG cost a frame, for orbbufd, ustreamer and GStreamer: the same camera (the
+# What capturing and JPEG cost a frame, for orbbufd, ustreamer and GStreamer: the same camera (the
 # kernel's vivid, YUYV, quality 80) in the same virtual machine, one after the other; and for orbbufd in
 # colour.
 # Usage: bench/capture/run.sh BUILD_FOLDER

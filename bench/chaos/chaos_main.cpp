@@ -14,9 +14,9 @@
 
 namespace {
 
+using orbbuf::chaos::CheckResult;
 using orbbuf::chaos::Stage;
 using orbbuf::chaos::Step;
-using orbbuf::chaos::Verdict;
 namespace fs = std::filesystem;
 
 constexpr int kSkipped = 77;
@@ -60,21 +60,21 @@ void play(Stage& stage, const std::vector<Step>& plan, std::ostream& log) {
   }
 }
 
-void report(const Verdict& verdict, const Options& options, std::size_t sessions) {
-  for (const std::string& problem : verdict.problems) std::printf("%s\n", problem.c_str());
+void report(const CheckResult& found, const Options& options, std::size_t sessions) {
+  for (const std::string& problem : found.problems) std::printf("%s\n", problem.c_str());
   const auto result = [](const char* name, std::uint64_t value) {
     std::printf("RESULT chaos.%s %llu\n", name, static_cast<unsigned long long>(value));
   };
   result("seed", options.plan.seed);
   result("events", static_cast<std::uint64_t>(options.plan.events));
   result("sessions", sessions);
-  result("captured", verdict.captured);
-  result("delivered", verdict.delivered);
-  result("dropped", verdict.dropped);
-  result("died_with_robot", verdict.died_with_robot);
-  result("lost", verdict.lost);
-  result("repeated", verdict.repeated);
-  result("unexplained", verdict.unexplained);
+  result("captured", found.captured);
+  result("delivered", found.delivered);
+  result("dropped", found.dropped);
+  result("died_with_robot", found.died_with_robot);
+  result("lost", found.lost);
+  result("repeated", found.repeated);
+  result("unexplained", found.unexplained);
 }
 
 int run(Options options) {
@@ -100,9 +100,9 @@ int run(Options options) {
   stage.begin();
   play(stage, plan, log);
   stage.end();
-  const Verdict verdict = orbbuf::chaos::check(stage.sessions(), stage.source());
-  report(verdict, options, stage.sessions().size());
-  return verdict.problems.empty() ? EXIT_SUCCESS : EXIT_FAILURE;
+  const CheckResult found = orbbuf::chaos::check(stage.sessions(), stage.source());
+  report(found, options, stage.sessions().size());
+  return found.problems.empty() ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
 }  // namespace

@@ -70,37 +70,37 @@ bool parse(const std::string& line, Account& account) {
                      &account.acknowledged, &account.waiting, &account.in_flight) == 7;
 }
 
-/// One session's check; each question is a function.
-class Judge {
+/// The check of one session; each question is a function.
+class SessionCheck {
  public:
-  Judge(const Session& session, const std::vector<std::string>& source, Verdict& verdict)
-      : session_(session), source_(source), verdict_(verdict) {}
+  SessionCheck(const Session& session, const std::vector<std::string>& source, CheckResult& result)
+      : session_(session), source_(source), result_(result) {}
 
-  void judge() {
+  void run() {
     read_log();
     read_delivered();
     read_dropped();
     compare_images();
     compare_drop_logs();
-    session_.was_killed ? judge_killed() : judge_ended();
-    verdict_.captured += captured_;
-    verdict_.delivered += delivered_.size();
-    verdict_.dropped += dropped_.size();
+    session_.was_killed ? check_killed() : check_ended();
+    result_.captured += captured_;
+    result_.delivered += delivered_.size();
+    result_.dropped += dropped_.size();
   }
 
  private:
   void problem(std::uint64_t& count, const std::string& text) {
     ++count;
-    verdict_.problems.push_back(session_.name + ": " + text);
+    result_.problems.push_back(session_.name + ": " + text);
   }
 
   void read_log() {
     for (const std::string& line : lines(session_.log)) {
       Account account;
       if (!parse(line, account)) continue;
-      if (!account.adds_up()) problem(verdict_.unexplained, "does not add up: " + line);
+      if (!account.adds_up()) problem(result_.unexplained, "does not add up: " + line);
       if (account.captured < last_.captured || account.acknowledged < last_.acknowledged) {
-        problem(verdict_.unexplained, "counts backwards: " + line);
+        problem(result_.unexplained, "counts backwards: " + line);
       }
       last_ = account;
     }
@@ -111,40 +111,40 @@ class Judge {
     for (const std::string& line : lines(session_.files / "times.txt")) {
       const Frame frame = std::stoull(line);
       if (!delivered_.empty() && frame < *delivered_.rbegin()) {
-        problem(verdict_.unexplained, "out of order in times.txt: " + line);
+        problem(result_.unexplained, "out of order in times.txt: " + line);
       }
-      if (!delivered_.insert(frame).second) problem(verdict_.repeated, "delivered again: " + line);
+      if (!delivered_.insert(frame).second) problem(result_.repeated, "delivered again: " + line);
     }
   }
 
   void read_dropped() {
     for (const std::string& line : drop_lines(session_.files / "drops.csv")) {
       const Frame frame = std::stoull(line);
-      if (!dropped_.insert(frame).second) problem(verdict_.repeated, "dropped again: " + line);
-      if (delivered_.contains(frame)) problem(verdict_.repeated, "delivered, dropped: " + line);
+      if (!dropped_.insert(frame).second) problem(result_.repeated, "dropped again: " + line);
+      if (delivered_.contains(frame)) problem(result_.repeated, "delivered, dropped: " + line);
     }
   }
 
-  /// images/ has what times.txt has, byte for byte as it was filmed.
+  /// images/ has what times.txt has, byte for byte as it was captured.
   void compare_images() {
     std::set<Frame> images;
     for (const fs::path& file : sorted_files(session_.files / "images")) {
       const Frame frame = std::stoull(file.filename().string());
       images.insert(frame);
       if (!source_.empty() && read(file) != source_[frame % source_.size()]) {
-        problem(verdict_.unexplained, "not what was filmed: " + file.filename().string());
+        problem(result_.unexplained, "not what was captured: " + file.filename().string());
       }
       if (delivered_.contains(frame)) continue;
-      // Robot and server killed in one: nobody came back to finish or remove the very last.
+      // Robot and server killed in one: no program finished or removed the very last.
       const bool is_unfinished = session_.was_killed && frame == *images.rbegin() &&
                                  (delivered_.empty() || frame > *delivered_.rbegin());
       if (!is_unfinished || unfinished_++ > 0) {
-        problem(verdict_.unexplained, "an image without a line: " + file.filename().string());
+        problem(result_.unexplained, "an image without a line: " + file.filename().string());
       }
     }
     for (const Frame frame : delivered_) {
       if (!images.contains(frame)) {
-        problem(verdict_.unexplained, "a line without an image: " + std::to_string(frame));
+        problem(result_.unexplained, "a line without an image: " + std::to_string(frame));
       }
     }
   }
@@ -156,7 +156,7 @@ class Judge {
     const bool is_prefix =
         ours.size() <= robots.size() && std::equal(ours.begin(), ours.end(), robots.begin());
     if (!is_prefix || (!session_.was_killed && ours.size() != robots.size())) {
-      problem(verdict_.unexplained, "the drop records of robot and server differ");
+      problem(result_.unexplained, "the drop records of robot and server differ");
     }
     for (const std::string& line : robots) robots_drops_.insert(std::stoull(line));
   }
@@ -165,29 +165,29 @@ class Judge {
     return delivered_.contains(frame) || dropped_.contains(frame);
   }
 
-  void judge_ended() {
-    if (!last_.is_closing) problem(verdict_.unexplained, "no closing account");
+  void check_ended() {
+    if (!last_.is_closing) problem(result_.unexplained, "no closing account");
     for (Frame frame = 0; frame < captured_; ++frame) {
-      if (!is_recorded(frame)) problem(verdict_.lost, "frame " + std::to_string(frame));
+      if (!is_recorded(frame)) problem(result_.lost, "frame " + std::to_string(frame));
     }
-    if (frames_seen() > captured_) problem(verdict_.unexplained, "frames that were never captured");
+    if (frames_seen() > captured_) problem(result_.unexplained, "frames that were never captured");
     if (last_.acknowledged != delivered_.size() || last_.waiting != 0 || last_.in_flight != 0 ||
         last_.skipped + last_.failed + last_.dropped != dropped_.size()) {
-      problem(verdict_.unexplained, "the closing account is not the server's record");
+      problem(result_.unexplained, "the closing account is not the server's record");
     }
   }
 
   /// Frames reach the server in order: whatever is older than the last one delivered must be in the
   /// drop record, at least in the robot's own, which it writes before it sends.
-  void judge_killed() {
+  void check_killed() {
     captured_ = std::max(captured_, frames_seen());
     const Frame reach = delivered_.empty() ? 0 : *delivered_.rbegin() + 1;
     for (Frame frame = 0; frame < captured_; ++frame) {
       if (is_recorded(frame)) continue;
       if (frame < reach && !robots_drops_.contains(frame)) {
-        problem(verdict_.lost, "frame " + std::to_string(frame));
+        problem(result_.lost, "frame " + std::to_string(frame));
       } else {
-        ++verdict_.died_with_robot;
+        ++result_.died_with_robot;
       }
     }
   }
@@ -202,7 +202,7 @@ class Judge {
 
   const Session& session_;
   const std::vector<std::string>& source_;
-  Verdict& verdict_;
+  CheckResult& result_;
   Account last_;
   Frame captured_ = 0;
   std::set<Frame> delivered_;
@@ -213,12 +213,12 @@ class Judge {
 
 }  // namespace
 
-Verdict check(const std::vector<Session>& sessions, const fs::path& source) {
-  std::vector<std::string> filmed;
-  for (const fs::path& file : sorted_files(source)) filmed.push_back(read(file));
-  Verdict verdict;
-  for (const Session& session : sessions) Judge(session, filmed, verdict).judge();
-  return verdict;
+CheckResult check(const std::vector<Session>& sessions, const fs::path& source) {
+  std::vector<std::string> captured;
+  for (const fs::path& file : sorted_files(source)) captured.push_back(read(file));
+  CheckResult result;
+  for (const Session& session : sessions) SessionCheck(session, captured, result).run();
+  return result;
 }
 
 }  // namespace orbbuf::chaos

@@ -18,7 +18,7 @@ struct Session {
 };
 
 /// Frames of all sessions, each counted once.
-struct Verdict {
+struct CheckResult {
   std::uint64_t captured = 0;
   std::uint64_t delivered = 0;
   std::uint64_t dropped = 0;          ///< in the server's drop record
@@ -30,9 +30,9 @@ struct Verdict {
 };
 
 /// Whether each frame of each session is exactly once on disk or in the drop record, from the files
-/// alone: it shares no code with what it judges. `source`: the JPEGs, sorted by name, that all
+/// alone: it shares no code with what it checks. `source`: the JPEGs, sorted by name, that all
 /// robots replay again and again, so that frame n of a session is the n-th of them, cyclically; if
-/// there are none, the images' bytes are not judged.
-Verdict check(const std::vector<Session>& sessions, const std::filesystem::path& source);
+/// there are none, the images' bytes are not checked.
+CheckResult check(const std::vector<Session>& sessions, const std::filesystem::path& source);
 
 }  // namespace orbbuf::chaos

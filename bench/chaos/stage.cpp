@@ -81,18 +81,18 @@ Stage::Stage(Programs programs, fs::path work, const Words& controls)
   on_robot(shape(kCalmMbit));
 }
 
-/// Films once what all robots will replay: JPEGs, so that they arrive byte for byte.
+/// Captures once what all robots will replay: JPEGs, so that they arrive byte for byte.
 void Stage::make_source() {
   Process server({programs_.server.string(), "--set", "listen.address=127.0.0.1:0", "--set",
-                  "files.path=" + (work_ / "filmed").string()});
+                  "files.path=" + (work_ / "captured").string()});
   const auto line = server.wait_for_line("listening on ");
   if (!line) throw std::runtime_error("no server: " + server.output());
   must({programs_.robot.string(), "--set", "robot.id=r", "--set",
         "link.server=" + after(*line, "listening on "), "--set", "source.frames=241", "--set",
         "source.realtime=false", "--set", "source.width=320", "--set", "source.height=240"});
-  const fs::path session = *fs::directory_iterator(work_ / "filmed" / "r");
+  const fs::path session = *fs::directory_iterator(work_ / "captured" / "r");
   fs::rename(session / "images", source());
-  fs::remove_all(work_ / "filmed");
+  fs::remove_all(work_ / "captured");
 }
 
 void Stage::on_robot(const Words& command) const { must(hosts_.on_robot() + command); }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// orbbuf-core-bench: what an enqueue costs, as a ratio to the plain way within the same run.
-// Everything on one thread, in that thread's own time.
+// orbbuf-core-bench: what an enqueue costs, as a ratio to the baseline, plain OpenCV, in the same
+// run. Everything on one thread, in that thread's own time.
 #include <benchmark/benchmark.h>
 #include <spdlog/fmt/fmt.h>
 

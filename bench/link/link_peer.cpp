@@ -42,7 +42,7 @@ void print_frame(std::size_t bytes, const char* name = "") {
   std::fflush(stdout);
 }
 
-/// A frame is its length, 4 bytes, and that many bytes. Whatever the camera has filmed while send()
+/// A frame is its length, 4 bytes, and that many bytes. What the camera has captured while send()
 /// blocked is lost: nothing is queued but by the kernel.
 void send(const std::string& address, const std::string& port, std::size_t bytes, double fps) {
   const int socket = orbbuf::bench::connect_to(address, port);

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
 # To be sourced after rig.sh: how long after the link's return the first frame is at the server, for
-# orbbufd under each congestion control and for its rivals, all through the same outages.
+# orbbufd under each congestion control and for the baselines, all through the same outages.
 FPS=25
-IMAGE_BYTES=12288 # of a rival's frame; ours have that on average
+IMAGE_BYTES=12288 # of a baseline's frame; orbbufd's have that on average
 
 flows=()
 

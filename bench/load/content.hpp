@@ -11,7 +11,7 @@
 
 namespace orbbuf::load {
 
-/// What the robots film: a few images of seeded noise, which every robot shows in turn, so that
+/// What the robots capture: a few images of seeded noise, which every robot shows in turn, so that
 /// what lies on the server's disk can be compared byte for byte. Immutable.
 class Content {
  public:
@@ -20,7 +20,7 @@ class Content {
   /// Captured just now. Robots begin at different images.
   FramePtr frame(std::size_t robot, Sequence sequence) const;
   /// How many of frames 0 to `captured` - 1 a session's folder on the server has: a line in
-  /// times.txt, once, and the image as it was filmed. Throws std::runtime_error if it has others.
+  /// times.txt, once, and the image as it was captured. Throws std::runtime_error if it has others.
   std::uint64_t count_delivered(const std::filesystem::path& session, std::size_t robot,
                                 std::uint64_t captured) const;
 

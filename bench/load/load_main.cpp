@@ -56,7 +56,7 @@ Options parse(int argc, char** argv) {
   app.add_option("--seconds", options.seconds)->check(CLI::PositiveNumber);
   app.add_option("--idle-robots", options.idle_robots)->check(CLI::PositiveNumber);
   app.add_option("--idle-seconds", options.idle_seconds)->check(CLI::PositiveNumber);
-  app.add_option("--seed", options.seed, "of what is filmed");
+  app.add_option("--seed", options.seed, "of the images");
   app.add_flag("--quick", is_quick, "10 s, and 5 s idle");
   try {
     app.parse(argc, argv);
@@ -121,8 +121,8 @@ class Fleet {
       robots_[static_cast<std::size_t>(i)]->start(first + i * interval_ / count, settled);
     }
   }
-  /// All films to the last ack, which is due `length` from now at the soonest.
-  void film(nanoseconds length, const std::function<void()>& sample) {
+  /// All stream to the last ack, which is due `length` from now at the soonest.
+  void stream(nanoseconds length, const std::function<void()>& sample) {
     std::size_t left = robots_.size();
     start([&left] { --left; });
     const auto limit = Clock::now() + length + kPatience;
@@ -205,7 +205,7 @@ void stream(const Options& options) {
   const nanoseconds waited_before = watched.waiting_time();
   const nanoseconds cpu_before = watched.cpu_time();
   const auto begin = Clock::now();
-  fleet.film(length, [&] { tcp_kib = std::max(tcp_kib, orbbuf::bench::tcp_memory_kib()); });
+  fleet.stream(length, [&] { tcp_kib = std::max(tcp_kib, orbbuf::bench::tcp_memory_kib()); });
   const Seconds took = Clock::now() - begin;
   const Seconds cpu = watched.cpu_time() - cpu_before;
   const Seconds waited = watched.waiting_time() - waited_before;

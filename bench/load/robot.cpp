@@ -21,7 +21,7 @@ constexpr std::chrono::seconds kQuietAccountInterval{4};
 }  // namespace
 
 Robot::Robot(asio::io_context& io, const Content& content, Plan plan)
-    : content_(content), plan_(plan), socket_(io), film_timer_(io), account_timer_(io) {
+    : content_(content), plan_(plan), socket_(io), capture_timer_(io), account_timer_(io) {
   latencies_.reserve(plan_.frames);
 }
 
@@ -43,18 +43,18 @@ void Robot::connect(const asio::ip::tcp::endpoint& server, std::function<void()>
 
 void Robot::start(Clock::time_point first, std::function<void()> settled) {
   settled_ = std::move(settled);
-  if (plan_.frames > 0) film_at(first);
+  if (plan_.frames > 0) capture_at(first);
   account_at(first + account_interval());
 }
 
-void Robot::film_at(Clock::time_point due) {
-  film_timer_.expires_at(due);
-  film_timer_.async_wait([this, due](const error_code& failed) {
+void Robot::capture_at(Clock::time_point due) {
+  capture_timer_.expires_at(due);
+  capture_timer_.async_wait([this, due](const error_code& failed) {
     check(failed, "wait");
     most_late_ = std::max<std::chrono::nanoseconds>(most_late_, Clock::now() - due);
     kept_.push_back({content_.frame(plan_.number, captured_++), due});
     write_next();
-    if (captured_ < plan_.frames) film_at(due + plan_.interval);
+    if (captured_ < plan_.frames) capture_at(due + plan_.interval);
   });
 }
 

@@ -6,7 +6,7 @@
 namespace orbbuf::load {
 
 /// The CPU time of a thread that waits in epoll_wait() and, when it is woken, reads eight bytes and
-/// waits again: on this machine, at this moment, nobody who is woken by a message can be cheaper.
+/// waits again: on this machine, at this moment, no program that a message wakes can be cheaper.
 /// Takes two seconds.
 std::chrono::nanoseconds bare_wake_cost();
 

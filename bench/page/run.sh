@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# What one open page costs the server, in processor time, while so many robots film: what a browser asks for,
+# What one open page costs the server, in processor time, while so many robots stream: what a browser asks for,
 # the figures and each robot's image once a second, in every other stretch of 5 s.
 # Usage: bench/page/run.sh BUILD_FOLDER [--robots N]
 set -euo pipefail
@@ -32,12 +32,12 @@ for ((try = 0; try < 100; ++try)); do
 done
 pid=$(cat "$work/pid")
 curl -s "$page/api/robots" | grep -oP '"robot":"\K[^"]+' | sed "s|.*|url = $page/robots/&/image|" >"$work/urls"
-[ "$(wc -l <"$work/urls")" -eq "$robots" ] || { echo "page: not all robots film" >&2 && exit 1; }
+[ "$(wc -l <"$work/urls")" -eq "$robots" ] || { echo "page: not all robots stream" >&2 && exit 1; }
 echo "url = $page/api/robots" >>"$work/urls"
 sed -i 's|$|\noutput = /dev/null|' "$work/urls"
 printf 'write-out = "%%{http_code} %%{size_download}\\n"\n' >>"$work/urls"
 
-used=(0 0) # with nobody looking, with a page
+used=(0 0) # without a page, with a page
 touch "$work/answers"
 for ((i = 0; i < stretches; ++i)); do
   before=$(cpu_ns)
@@ -55,5 +55,5 @@ awk -v s="$((stretches * 5 / 2))" -v n="$robots" '{ bytes += $2 } $1 != 200 { ++
 wait "$load" || { cat "$work/load.log" && exit 1; }
 grep -h 'RESULT load.\(delivered_share\|p99_ms\)' "$work/load.log" | sed 's/RESULT/  with the page:/'
 awk -v off="${used[0]}" -v on="${used[1]}" -v s="$((stretches * 5 / 2))" -v n="$robots" 'BEGIN {
-  printf "  server: %.1f %% of a core with nobody looking, %.1f %% with a page\n", off / s / 1e7, on / s / 1e7
+  printf "  server: %.1f %% of a core without a page, %.1f %% with a page\n", off / s / 1e7, on / s / 1e7
   printf "RESULT page.cpu_percent_%d %.2f\n", n, (on - off) / s / 1e7 }'

@@ -7,9 +7,9 @@
 
 namespace orbbuf::sim {
 
-/// A rival, for the simulator only: thinning by the count of frames, by the authors of the paper.
-/// Source: Wang et al., "AFR: An Efficient Buffering Algorithm for Cloud Robotic Systems", IROS
-/// 2022, arXiv:1909.03218 (2019 under the name OptSample).
+/// A baseline, for the simulator only: thinning by the count of frames, by the authors of the
+/// paper. Source: Wang et al., "AFR: An Efficient Buffering Algorithm for Cloud Robotic Systems",
+/// IROS 2022, arXiv:1909.03218 (2019 under the name OptSample).
 ///
 /// Of the arrivals only every level-th is let in. When one is let in and the buffer is full, the
 /// frame at the delete position goes, and the position moves on by one; so a sweep from the oldest

@@ -124,7 +124,7 @@ std::string try_link(const Link& link, const std::vector<Entry>& all) {
   std::optional<StreamFigures> planner;
   for (const Entry& entry : all) {
     const Delivery delivery = simulate(frames, finish, make(entry.contender, entry.setup));
-    const StreamFigures figures = judge_stream(frames, delivery);
+    const StreamFigures figures = measure_stream(frames, delivery);
     if (entry.name == kPlanner) planner = figures;
     fmt::print("  {:<20} {:9.3f} {:6.0f} {:9.2f} {:7.2f} {:7.2f}\n", entry.name, figures.delivered,
                figures.longest_gap, figures.late_p50_s, figures.late_p95_s, figures.late_worst_s);
@@ -144,7 +144,7 @@ std::string try_link(const Link& link, const std::vector<Entry>& all) {
 struct Story {
   std::string name;
   std::vector<RateTrace::Step> steps;
-  double judged_from_s = 0;
+  double measured_from_s = 0;
   double believed_rate = 1;
 };
 
@@ -163,7 +163,7 @@ std::vector<Story> stories() {
   };
 }
 
-/// The gaps between frames captured from judged_from_s on, but for the last second.
+/// The gaps between frames captured from measured_from_s on, but for the last second.
 std::pair<std::size_t, std::size_t> extreme_gaps(const std::vector<FramePtr>& frames,
                                                  const Delivery& delivery, double first_s) {
   std::size_t least = std::numeric_limits<std::size_t>::max();
@@ -194,8 +194,8 @@ std::string try_stories(const PairSimilarity& similarity) {
     SimulatedBuffer buffer = make(planner, setup);
     buffer.believed_rate = story.believed_rate;
     const Delivery delivery = simulate(frames, finish_of(trace, kNeed), std::move(buffer));
-    const StreamFigures figures = judge_stream(frames, delivery, story.judged_from_s);
-    const auto [least, most] = extreme_gaps(frames, delivery, story.judged_from_s);
+    const StreamFigures figures = measure_stream(frames, delivery, story.measured_from_s);
+    const auto [least, most] = extreme_gaps(frames, delivery, story.measured_from_s);
     fmt::print("  {:<24} {:>7} to {:>2} {:9.2f} {:7.2f} {:7.2f}\n", story.name, least, most,
                figures.late_p50_s, figures.late_p95_s, figures.late_worst_s);
     results += fmt::format(
@@ -208,8 +208,8 @@ std::string try_stories(const PairSimilarity& similarity) {
 
 }  // namespace
 
-StreamFigures judge_stream(const std::vector<FramePtr>& frames, const Delivery& delivery,
-                           double first_s) {
+StreamFigures measure_stream(const std::vector<FramePtr>& frames, const Delivery& delivery,
+                             double first_s) {
   StreamFigures figures;
   std::vector<double> late_s;
   for (std::size_t k = 0; k < delivery.received.size(); ++k) {

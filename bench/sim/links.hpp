@@ -23,8 +23,8 @@ struct StreamFigures {
 };
 
 /// Of the frames from `first_s` on.
-StreamFigures judge_stream(const std::vector<FramePtr>& frames, const Delivery& delivery,
-                           double first_s = 0);
+StreamFigures measure_stream(const std::vector<FramePtr>& frames, const Delivery& delivery,
+                             double first_s = 0);
 
 /// The recorded links in `traces`, each scaled to a mean of what the stream needs, and the mahimahi
 /// ones as they are too, under a stream of 25 frames of 40 kB a second: every policy, and the

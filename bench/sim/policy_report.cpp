@@ -133,21 +133,21 @@ void add_table(PolicyReport& report, const RecordedSequence& sequence,
   }
 }
 
-/// How the planner's mean gap compares with the rivals', and how the oracle's does: what could be.
-void add_verdict(PolicyReport& report, const RecordedSequence& sequence,
-                 const std::vector<Outage>& outages, const std::vector<Column>& columns,
-                 double buffer_s) {
+/// How the planner's mean gap compares with the baselines', and how the oracle's does.
+void add_comparison(PolicyReport& report, const RecordedSequence& sequence,
+                    const std::vector<Outage>& outages, const std::vector<Column>& columns,
+                    double buffer_s) {
   const Choice choice = choose(outages, buffer_s);
   const auto gap_of = [&](std::string_view name) {
     return mean(find(columns, name), choice, &Figures::longest_gap);
   };
-  for (const char* rival : {"uniform", "orbbuf"}) {
-    const double own = gap_of("catch-up") / gap_of(rival);
+  for (const char* baseline : {"uniform", "orbbuf"}) {
+    const double own = gap_of("catch-up") / gap_of(baseline);
     report.text +=
         fmt::format("  longest gap as a share of {}'s: catch-up {:.2f}, oracle-time {:.2f}\n",
-                    rival, own, gap_of("oracle-time") / gap_of(rival));
+                    baseline, own, gap_of("oracle-time") / gap_of(baseline));
     report.results += fmt::format("RESULT sim.{}.catch-up.gap_vs_{}.{} {:.3f}\n", sequence.name(),
-                                  rival, buffer_s, own);
+                                  baseline, buffer_s, own);
   }
 }
 
@@ -195,7 +195,7 @@ PolicyReport report_policies(RecordedSequence& sequence, std::size_t outages, st
   const std::vector<Column> columns = run(stage, drawn);
   for (const double buffer_s : kBuffersS) {
     add_table(report, sequence, drawn, columns, buffer_s);
-    add_verdict(report, sequence, drawn, columns, buffer_s);
+    add_comparison(report, sequence, drawn, columns, buffer_s);
   }
   write_policies(sequence, drawn, columns, plots);
   const auto fewer = draw_outages(sequence, kCurveBuffersS, kRates, (outages + 2) / 3, seed);

@@ -33,7 +33,7 @@ struct SimulatedBuffer {
   std::unique_ptr<DropPolicy> policy;
   std::unique_ptr<SendPlanner> planner = nullptr;
   /// Asked before a frame is pushed, with the number of frames that wait; false: the frame is
-  /// dropped at once. Null: every frame is pushed. For rivals that refuse frames.
+  /// dropped at once. Null: every frame is pushed. For baselines that refuse frames.
   std::function<bool(std::size_t waiting)> admits = nullptr;
   /// What is pushed instead of frame i: the same number and size, the capture time on another
   /// clock, for a planner that goes by it. Null: the frame itself. Must outlive the simulation.

@@ -120,7 +120,7 @@ class Run {
     return all;
   }
 
-  Figures judge(const Sent& sent) {
+  Figures measure(const Sent& sent) {
     Figures figures;
     figures.smallest_similarity = std::numeric_limits<double>::max();
     figures.live_again_s = live_again_s(sent).value_or(kLongestTailS);
@@ -306,10 +306,10 @@ std::vector<Column> run(Stage& stage, const std::vector<Outage>& outages) {
     std::optional<Figures> by_fifo;
     for (const auto& [contender, stand_ins] : entries) {
       const Delivery delivery = run.simulate(contender, stand_ins);
-      Figures figures = run.judge(run.sent(delivery));
+      Figures figures = run.measure(run.sent(delivery));
       run.compare(figures);
       if (contender.name == "orbbuf") {
-        by_fifo = run.judge(run.by_fifo(delivery));
+        by_fifo = run.measure(run.by_fifo(delivery));
         figures.vs_fifo_oracle = by_fifo->smallest_similarity > 0
                                      ? figures.smallest_similarity / by_fifo->smallest_similarity
                                      : 1;
@@ -319,7 +319,7 @@ std::vector<Column> run(Stage& stage, const std::vector<Outage>& outages) {
     const double lateness_s = run.asked_s();
     for (const auto& path :
          {run.by_time(lateness_s), run.by_motion(lateness_s), run.by_similarity(lateness_s)}) {
-      Figures figures = path ? run.judge(run.sent(*path)) : Figures{};
+      Figures figures = path ? run.measure(run.sent(*path)) : Figures{};
       columns[column++].runs.push_back(figures);
     }
     columns[column].runs.push_back(*by_fifo);

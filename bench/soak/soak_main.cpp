@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A real robot that films four times as fast as robots do, and a real server, through one short
+// A real robot that captures at four times the usual rate, and a real server, through one short
 // outage after the other: the memory of both, which must not grow, and the account of every frame.
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -22,7 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using orbbuf::bench::WatchedProcess;
-using orbbuf::chaos::Verdict;
+using orbbuf::chaos::CheckResult;
 using orbbuf::test::Namespaces;
 using orbbuf::test::Process;
 using Clock = std::chrono::steady_clock;
@@ -142,7 +142,7 @@ class Memory {
 };
 
 struct Outcome {
-  Verdict verdict;
+  CheckResult check;
   int outages = 0;
   std::int64_t robot_growth_kib = 0;
   std::int64_t server_growth_kib = 0;
@@ -212,23 +212,23 @@ int run(const Options& options) {
               options.fps);
   std::fflush(stdout);
   const Outcome outcome = soak(options, hosts);
-  for (const std::string& problem : outcome.verdict.problems) std::printf("%s\n", problem.c_str());
+  for (const std::string& problem : outcome.check.problems) std::printf("%s\n", problem.c_str());
   const auto result = [](const char* name, auto value) {
     std::printf("RESULT soak.%s %lld\n", name, static_cast<long long>(value));
   };
   result("outages", outcome.outages);
-  result("captured", outcome.verdict.captured);
-  result("delivered", outcome.verdict.delivered);
-  result("dropped", outcome.verdict.dropped);
-  result("lost", outcome.verdict.lost);
-  result("repeated", outcome.verdict.repeated);
-  result("unexplained", outcome.verdict.unexplained);
+  result("captured", outcome.check.captured);
+  result("delivered", outcome.check.delivered);
+  result("dropped", outcome.check.dropped);
+  result("lost", outcome.check.lost);
+  result("repeated", outcome.check.repeated);
+  result("unexplained", outcome.check.unexplained);
   result("robot_growth_kib", outcome.robot_growth_kib);
   result("server_growth_kib", outcome.server_growth_kib);
   const bool is_flat =
       std::max(outcome.robot_growth_kib, outcome.server_growth_kib) <= kMostGrowthKib;
   if (!is_flat) std::printf("memory grows by more than %ld KiB\n", kMostGrowthKib);
-  return is_flat && outcome.verdict.problems.empty() ? EXIT_SUCCESS : EXIT_FAILURE;
+  return is_flat && outcome.check.problems.empty() ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
 }  // namespace

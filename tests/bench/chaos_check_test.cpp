@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A judge that acquits everybody is worth nothing: each fault, made by hand, must be found.
+// The check must find each fault, made by hand.
 #include <gtest/gtest.h>
 
 #include "bench/chaos/check.hpp"
@@ -52,7 +52,7 @@ class ChaosCheck : public ::testing::Test {
                "now info [main] captured 8 skipped 0 failed 0 dropped 1 acknowledged 3 waiting 2 "
                "in flight 2, no connection\n");
   }
-  Verdict verdict() const { return check({session_}, source_); }
+  CheckResult result() const { return check({session_}, source_); }
 
   test::TemporaryFolder folder_;
   fs::path source_ = made(folder_ / "source");
@@ -61,7 +61,7 @@ class ChaosCheck : public ::testing::Test {
 };
 
 TEST_F(ChaosCheck, ASoundSessionHasNoProblem) {
-  const Verdict sound = verdict();
+  const CheckResult sound = result();
   EXPECT_EQ(sound.captured, 6U);
   EXPECT_EQ(sound.delivered, 5U);
   EXPECT_EQ(sound.dropped, 1U);
@@ -76,48 +76,48 @@ TEST_F(ChaosCheck, WithoutASourceOnlyTheImagesBytesAreNotJudged) {
 
 TEST_F(ChaosCheck, AFrameThatIsNowhereIsLost) {
   write_drops("");
-  EXPECT_EQ(verdict().lost, 1U);
+  EXPECT_EQ(result().lost, 1U);
 }
 
 TEST_F(ChaosCheck, ALineTwiceIsARepeat) {
   write_file(session_.files / "times.txt",
              "0 0.0 1\n1 0.1 1\n1 0.1 1\n2 0.2 1\n4 0.4 1\n5 0.5 1\n");
-  EXPECT_EQ(verdict().repeated, 1U);
+  EXPECT_EQ(result().repeated, 1U);
 }
 
 TEST_F(ChaosCheck, DeliveredAndDroppedIsARepeat) {
   write_drops("3,policy,0.3\n4,policy,0.4\n");
-  EXPECT_EQ(verdict().repeated, 1U);
+  EXPECT_EQ(result().repeated, 1U);
 }
 
 TEST_F(ChaosCheck, AnImageOfOtherBytesIsUnexplained) {
   write_file(session_.files / "images/000004.jpg", "jpeg1");
-  EXPECT_EQ(verdict().unexplained, 1U);
+  EXPECT_EQ(result().unexplained, 1U);
 }
 
 TEST_F(ChaosCheck, AMissingImageIsUnexplained) {
   fs::remove(session_.files / "images/000004.jpg");
-  EXPECT_EQ(verdict().unexplained, 1U);
+  EXPECT_EQ(result().unexplained, 1U);
 }
 
 TEST_F(ChaosCheck, AnImageWithoutALineIsUnexplained) {
   add_image(3);
-  EXPECT_EQ(verdict().unexplained, 1U);
+  EXPECT_EQ(result().unexplained, 1U);
 }
 
 TEST_F(ChaosCheck, AnAccountThatDoesNotAddUpIsUnexplained) {
   write_log("6 = skipped 1 + failed 0 + dropped 1 + acknowledged 5 + waiting 0 + in flight 0");
-  EXPECT_GE(verdict().unexplained, 1U);
+  EXPECT_GE(result().unexplained, 1U);
 }
 
 TEST_F(ChaosCheck, DropRecordsThatDifferAreUnexplained) {
   write_file(session_.drop_log, std::string(kHead) + "3,busy,0.3\n");
-  EXPECT_EQ(verdict().unexplained, 1U);
+  EXPECT_EQ(result().unexplained, 1U);
 }
 
 TEST_F(ChaosCheck, WhatAKilledRobotHadYetToSendIsNamed) {
   kill();
-  const Verdict killed = verdict();
+  const CheckResult killed = result();
   EXPECT_EQ(killed.captured, 8U);
   EXPECT_EQ(killed.died_with_robot, 2U);
   EXPECT_EQ(killed.problems, std::vector<std::string>());
@@ -126,18 +126,18 @@ TEST_F(ChaosCheck, WhatAKilledRobotHadYetToSendIsNamed) {
 TEST_F(ChaosCheck, ADropThatAKilledRobotCouldNotReportIsInItsOwnLog) {
   kill();
   write_drops("");
-  EXPECT_EQ(verdict().died_with_robot, 3U);
-  EXPECT_EQ(verdict().problems, std::vector<std::string>());
+  EXPECT_EQ(result().died_with_robot, 3U);
+  EXPECT_EQ(result().problems, std::vector<std::string>());
   write_file(session_.drop_log, kHead);
-  EXPECT_EQ(verdict().lost, 1U) << "older than the last frame delivered, and in no record";
+  EXPECT_EQ(result().lost, 1U) << "older than the last frame delivered, and in no record";
 }
 
 TEST_F(ChaosCheck, OneUnfinishedImageMayBeLeftOfAKilledRobot) {
   kill();
   add_image(6);
-  EXPECT_EQ(verdict().unexplained, 0U);
+  EXPECT_EQ(result().unexplained, 0U);
   add_image(7);
-  EXPECT_EQ(verdict().unexplained, 1U);
+  EXPECT_EQ(result().unexplained, 1U);
 }
 
 }  // namespace
