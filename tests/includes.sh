@@ -41,9 +41,9 @@ server/link: common common/net server/runtime server/recording server/live serve
 bench:
 bench/sim:
 evaluation:
-evaluation/world: common evaluation
-evaluation/odometry: common evaluation
-evaluation/trial: common daemon/buffer daemon/image bench/sim evaluation evaluation/odometry
+evaluation/world: common bench evaluation
+evaluation/odometry: common bench evaluation
+evaluation/trial: common bench daemon/buffer daemon/image bench/sim evaluation evaluation/odometry
 evaluation/real: common bench bench/sim
 server: common server/runtime server/dataset server/retention server/live server/sink/make_sinks server/settings server/http server/link
 ALLOWED

@@ -2,16 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # The first process of the virtual machine: captures with each program in turn, for two lengths of time,
 # and takes the difference, so that what starting costs is not counted.
-exec </dev/null >/dev/console 2>&1
-export PATH=/bin:/sbin:/usr/bin:/usr/sbin:/tmp/bin HOME=/tmp
-busybox mount -t tmpfs tmpfs /tmp
-busybox mount -t tmpfs tmpfs /run
-mkdir /tmp/bin
-busybox --install -s /tmp/bin
-cp /share/orb* /tmp/bin/
-ip link set lo up
-cd /tmp || exit
-echo
+# shellcheck source=tests/vm/guest/setup.sh
+. /share/setup.sh
+export HOME=/tmp
 modprobe vivid n_devs=1 node_types=0x1 num_inputs=1 input_types=0x00
 until [ -e /dev/video0 ]; do sleep 0.2; done
 

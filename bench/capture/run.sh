@@ -14,7 +14,7 @@ export VM_PACKAGES=ustreamer,gstreamer1.0-tools,gstreamer1.0-plugins-base,gstrea
 "$here/../../tests/vm/image.sh" "$vm" "${programs[@]}"
 rm -rf "$vm/share"
 mkdir "$vm/share"
-cp "${programs[@]}" "$here/guest.sh" "$vm/share/"
+cp "${programs[@]}" "$here/guest.sh" "$here/../../tests/vm/guest/setup.sh" "$vm/share/"
 "$here/../../tests/vm/boot.sh" "$vm" "$vm/share" | tee "$vm/console.log" |
   grep --line-buffered -E '^(capture|RESULT|FAIL)' || true
 if grep -q '^DONE' "$vm/console.log" && ! grep -q '^FAIL' "$vm/console.log"; then exit 0; fi

@@ -4,13 +4,13 @@
 #include <CLI/CLI.hpp>
 #include <chrono>
 #include <cstdio>
-#include <exception>
 #include <fstream>
 #include <thread>
 
 #include "bench/chaos/check.hpp"
 #include "bench/chaos/plan.hpp"
 #include "bench/chaos/stage.hpp"
+#include "bench/run_program.hpp"
 
 namespace {
 
@@ -28,26 +28,6 @@ struct Options {
   fs::path traces;
   std::string control = "both";
 };
-
-Options parse(int argc, char** argv) {
-  Options options;
-  CLI::App app("Chaos on the link, and the account of every frame");
-  app.add_option("--robot", options.programs.robot, "orbbufd")->required();
-  app.add_option("--server", options.programs.server, "orbbuf-server")->required();
-  app.add_option("--work", options.work, "an empty folder for all that is written")->required();
-  app.add_option("--traces", options.traces, "recorded rates; else random ones");
-  app.add_option("--seed", options.plan.seed);
-  app.add_option("--events", options.plan.events)->check(CLI::Range(1, 1'000'000));
-  app.add_option("--longest-outage", options.plan.longest_outage_s, "in seconds");
-  app.add_flag("--long", options.plan.has_minute_outages, "outages of 60 s among them");
-  app.add_option("--control", options.control)->check(CLI::IsMember({"both", "cubic", "bbr"}));
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    std::exit(app.exit(error));
-  }
-  return options;
-}
 
 void play(Stage& stage, const std::vector<Step>& plan, std::ostream& log) {
   const auto begin = std::chrono::steady_clock::now();
@@ -108,10 +88,17 @@ int run(Options options) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  try {
-    return run(parse(argc, argv));
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "chaos: %s\n", error.what());
-    return EXIT_FAILURE;
-  }
+  Options options;
+  CLI::App app("Chaos on the link, and the account of every frame");
+  app.add_option("--robot", options.programs.robot, "orbbufd")->required();
+  app.add_option("--server", options.programs.server, "orbbuf-server")->required();
+  app.add_option("--work", options.work, "an empty folder for all that is written")->required();
+  app.add_option("--traces", options.traces, "recorded rates; else random ones");
+  app.add_option("--seed", options.plan.seed);
+  app.add_option("--events", options.plan.events)->check(CLI::Range(1, 1'000'000));
+  app.add_option("--longest-outage", options.plan.longest_outage_s, "in seconds");
+  app.add_flag("--long", options.plan.has_minute_outages, "outages of 60 s among them");
+  app.add_option("--control", options.control)->check(CLI::IsMember({"both", "cubic", "bbr"}));
+  CLI11_PARSE(app, argc, argv);
+  return orbbuf::bench::run_program("chaos", [&] { return run(options); });
 }

@@ -15,6 +15,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/run_program.hpp"
 #include "bench/sim/recorded_sequence.hpp"
 #include "common/jpeg.hpp"
 #include "daemon/buffer/frame_buffer.hpp"
@@ -246,11 +247,5 @@ int main(int argc, char** argv) {
     return 2;
   }
   cv::setNumThreads(1);
-  try {
-    orbbuf::run_all(argv[1]);
-  } catch (const std::exception& error) {
-    fmt::print(stderr, "orbbuf-core-bench: {}\n", error.what());
-    return 1;
-  }
-  return 0;
+  return orbbuf::bench::run_program("orbbuf-core-bench", [&] { orbbuf::run_all(argv[1]); });
 }

@@ -25,6 +25,7 @@
 #include <vector>
 
 #include "bench/plain_socket.hpp"
+#include "bench/run_program.hpp"
 #include "orbbuf/pipe.h"
 
 namespace {
@@ -135,10 +136,7 @@ int run(const std::vector<std::string>& words) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  try {
+  return orbbuf::bench::run_program("orbbuf-link-peer", [&] {
     return run({argv + 1, argv + argc});
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "orbbuf-link-peer: %s\n", error.what());
-    return EXIT_FAILURE;
-  }
+  });
 }

@@ -7,12 +7,12 @@
 #include <boost/asio/io_context.hpp>
 #include <csignal>
 #include <cstdio>
-#include <exception>
 #include <filesystem>
 #include <memory>
 
 #include "bench/load/robot.hpp"
 #include "bench/load/wake_cost.hpp"
+#include "bench/run_program.hpp"
 #include "bench/watched_process.hpp"
 #include "common/address.hpp"
 #include "testing/process.hpp"
@@ -43,32 +43,6 @@ struct Options {
   double idle_seconds = 20;
   std::uint64_t seed = 1;
 };
-
-Options parse(int argc, char** argv) {
-  Options options;
-  bool is_quick = false;
-  CLI::App app("Many robots and one server");
-  app.add_option("--server", options.server, "orbbuf-server")->required();
-  app.add_option("--work", options.work, "an empty folder for all that is written")->required();
-  app.add_option("--robots", options.robots)->check(CLI::PositiveNumber);
-  app.add_option("--fps", options.fps, "of each robot")->check(CLI::PositiveNumber);
-  app.add_option("--bytes", options.bytes, "of each frame")->check(CLI::PositiveNumber);
-  app.add_option("--seconds", options.seconds)->check(CLI::PositiveNumber);
-  app.add_option("--idle-robots", options.idle_robots)->check(CLI::PositiveNumber);
-  app.add_option("--idle-seconds", options.idle_seconds)->check(CLI::PositiveNumber);
-  app.add_option("--seed", options.seed, "of the images");
-  app.add_flag("--quick", is_quick, "10 s, and 5 s idle");
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    std::exit(app.exit(error));
-  }
-  if (is_quick) {
-    options.seconds = 10;
-    options.idle_seconds = 5;
-  }
-  return options;
-}
 
 /// orbbuf-server with its files in a folder of the work folder, until end().
 class Server {
@@ -264,11 +238,22 @@ void run(const Options& options) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  try {
-    run(parse(argc, argv));
-    return EXIT_SUCCESS;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "load: %s\n", error.what());
-    return EXIT_FAILURE;
-  }
+  Options options;
+  CLI::App app("Many robots and one server");
+  app.add_option("--server", options.server, "orbbuf-server")->required();
+  app.add_option("--work", options.work, "an empty folder for all that is written")->required();
+  app.add_option("--robots", options.robots)->check(CLI::PositiveNumber);
+  app.add_option("--fps", options.fps, "of each robot")->check(CLI::PositiveNumber);
+  app.add_option("--bytes", options.bytes, "of each frame")->check(CLI::PositiveNumber);
+  app.add_option("--seconds", options.seconds)->check(CLI::PositiveNumber);
+  app.add_option("--idle-robots", options.idle_robots)->check(CLI::PositiveNumber);
+  app.add_option("--idle-seconds", options.idle_seconds)->check(CLI::PositiveNumber);
+  app.add_option("--seed", options.seed, "of the images");
+  const auto quick = [&] {
+    options.seconds = 10;
+    options.idle_seconds = 5;
+  };
+  app.add_flag_callback("--quick", quick, "10 s, and 5 s idle");
+  CLI11_PARSE(app, argc, argv);
+  return orbbuf::bench::run_program("load", [&] { run(options); });
 }

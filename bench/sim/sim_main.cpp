@@ -6,13 +6,13 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <bit>
-#include <exception>
 #include <filesystem>
 #include <fstream>
 #include <future>
 #include <string>
 #include <vector>
 
+#include "bench/run_program.hpp"
 #include "bench/sim/curves.hpp"
 #include "bench/sim/links.hpp"
 #include "bench/sim/policy_report.hpp"
@@ -178,11 +178,5 @@ int main(int argc, char** argv) {
   app.add_option("--seed", options.seed, "of the outages")->capture_default_str();
   app.add_flag("--quick", options.is_quick, "the policies only, not what M says of frames");
   CLI11_PARSE(app, argc, argv);
-  try {
-    orbbuf::sim::run_all(options);
-  } catch (const std::exception& error) {
-    fmt::print(stderr, "orbbuf-sim: {}\n", error.what());
-    return 1;
-  }
-  return 0;
+  return orbbuf::bench::run_program("orbbuf-sim", [&] { orbbuf::sim::run_all(options); });
 }

@@ -6,7 +6,6 @@
 #include <chrono>
 #include <csignal>
 #include <cstdio>
-#include <exception>
 #include <filesystem>
 #include <fstream>
 #include <random>
@@ -14,6 +13,7 @@
 #include <vector>
 
 #include "bench/chaos/check.hpp"
+#include "bench/run_program.hpp"
 #include "bench/watched_process.hpp"
 #include "testing/namespaces.hpp"
 #include "testing/process.hpp"
@@ -40,27 +40,6 @@ struct Options {
   double fps = 100;
   std::uint64_t seed = 1;
 };
-
-Options parse(int argc, char** argv) {
-  Options options;
-  bool is_long = false;
-  CLI::App app("Memory and the account of every frame, over a long time");
-  app.add_option("--robot", options.robot, "orbbufd")->required();
-  app.add_option("--server", options.server, "orbbuf-server")->required();
-  app.add_option("--work", options.work, "an empty folder for all that is written")->required();
-  app.add_option("--minutes", options.minutes)->check(CLI::PositiveNumber);
-  app.add_option("--fps", options.fps)->check(CLI::PositiveNumber);
-  app.add_option("--seed", options.seed, "of the outages");
-  app.add_flag("--long", is_long, "two hours");
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    std::exit(app.exit(error));
-  }
-  constexpr double kLongMinutes = 120;
-  if (is_long) options.minutes = kLongMinutes;
-  return options;
-}
 
 Words set(Words command, const Words& settings) {
   for (const std::string& setting : settings) command.insert(command.end(), {"--set", setting});
@@ -234,10 +213,16 @@ int run(const Options& options) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  try {
-    return run(parse(argc, argv));
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "soak: %s\n", error.what());
-    return EXIT_FAILURE;
-  }
+  Options options;
+  CLI::App app("Memory and the account of every frame, over a long time");
+  app.add_option("--robot", options.robot, "orbbufd")->required();
+  app.add_option("--server", options.server, "orbbuf-server")->required();
+  app.add_option("--work", options.work, "an empty folder for all that is written")->required();
+  app.add_option("--minutes", options.minutes)->check(CLI::PositiveNumber);
+  app.add_option("--fps", options.fps)->check(CLI::PositiveNumber);
+  app.add_option("--seed", options.seed, "of the outages");
+  app.add_flag_callback(
+      "--long", [&] { options.minutes = 120; }, "two hours");
+  CLI11_PARSE(app, argc, argv);
+  return orbbuf::bench::run_program("soak", [&] { return run(options); });
 }

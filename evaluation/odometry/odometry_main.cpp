@@ -7,7 +7,6 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <cstdlib>
-#include <exception>
 #include <filesystem>
 #include <optional>
 #include <stdexcept>
@@ -15,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "bench/run_program.hpp"
 #include "common/progress.hpp"
 #include "evaluation/odometry/frames.hpp"
 #include "evaluation/odometry/reference_vo.hpp"
@@ -128,11 +128,5 @@ int main(int argc, char** argv) {
                  "of keyframes are enough; without one in the last second it is lost");
   app.add_option("--without", options.without, "FIRST COUNT: frames to leave out")->expected(2);
   CLI11_PARSE(app, argc, argv);
-  try {
-    orbbuf::evaluation::run(options);
-  } catch (const std::exception& error) {
-    fmt::print(stderr, "orbbuf-odometry: {}\n", error.what());
-    return 1;
-  }
-  return 0;
+  return orbbuf::bench::run_program("orbbuf-odometry", [&] { orbbuf::evaluation::run(options); });
 }

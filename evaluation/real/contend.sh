@@ -75,8 +75,8 @@ outages_of() {
 
 # peer_table GROUP: what stands beside orbbuf-trial's 95 % intervals.
 peer_table() {
-  echo '| | longest gap, frames | back after, s: median, worst | CPU a frame, ms | peak memory, MiB | delivered |'
-  echo '|---|---|---|---|---|---|'
+  echo '| | longest gap, frames | back after, s: median, worst | live again after, s: median, worst | CPU a frame, ms | peak memory, MiB | delivered |'
+  echo '|---|---|---|---|---|---|---|'
   local summary name
   for summary in "$out/$1"/*/summary; do
     [ -e "$summary" ] || continue

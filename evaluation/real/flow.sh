@@ -10,8 +10,8 @@
 #   TRACE:BYTES_PER_S:OFFSET_S   a mobile link as orbbuf-evaluation-link plays it; nothing else fails
 # jpegenc wants WORLD/jpegenc, which contend.sh makes.
 # Writes to OUT: times.txt (what arrived), outages (wall clock: CUT MENDED FIRST LAST; the last two
-# in frames), summary (LONGEST_GAP RETURN_MEDIAN_S RETURN_WORST_S CPU_MS_PER_FRAME PEAK_KIB DELIVERED; for
-# the returns see summary.sh).
+# in frames), summary (LONGEST_GAP RETURN_MEDIAN_S RETURN_WORST_S LIVE_MEDIAN_S LIVE_WORST_S
+# CPU_MS_PER_FRAME PEAK_KIB DELIVERED; see summary.sh).
 set -euo pipefail
 build=$(cd "$1" && pwd) world=$(cd "$2" && pwd) out=$3 contender=$4 link=$5 queue=$6
 mbit=$7 first=$8 every=$9 outage=${10} seed=${11}
@@ -166,5 +166,6 @@ base=$(awk -v f="$fps" '{ t = $2 - $1 / f; if (NR == 1 || t < b) b = t } END { p
 awk -v b="$base" -v f="$fps" '{ printf "%s %s %d %d\n", $1, $2, ($1 - b) * f, ($2 - b) * f }' \
   "$work/outages" >"$out/outages"
 awk -v g="$(longest_gap "$work/arrivals" "$frames")" -v r="$(returns "$work/outages" "$work/arrivals")" \
+  -v l="$(live_again "$work/outages" "$work/arrivals" "$fps")" \
   -v n="$frames" -v d="$(wc -l <"$work/arrivals")" \
-  'END { printf "%d %s %.3f %d %d\n", g, r, $1 / n, $2, d }' "$work/samples" >"$out/summary"
+  'END { printf "%d %s %s %.3f %d %d\n", g, r, l, $1 / n, $2, d }' "$work/samples" >"$out/summary"

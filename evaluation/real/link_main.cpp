@@ -23,13 +23,13 @@
 #include <cstdio>
 #include <cstring>
 #include <deque>
-#include <exception>
 #include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "bench/plain_socket.hpp"
+#include "bench/run_program.hpp"
 #include "bench/sim/mobile_link.hpp"
 #include "common/unique_fd.hpp"
 
@@ -174,11 +174,6 @@ int main(int argc, char** argv) {
     std::fputs("usage: orbbuf-evaluation-link ROBOT SERVER [TRACE BYTES_PER_S OFFSET_S]\n", stderr);
     return 2;
   }
-  try {
-    Link(words[0], words[1], rates_from(words)).run();
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "orbbuf-evaluation-link: %s\n", error.what());
-    return EXIT_FAILURE;
-  }
-  return EXIT_SUCCESS;
+  return orbbuf::bench::run_program("orbbuf-evaluation-link",
+                                    [&] { Link(words[0], words[1], rates_from(words)).run(); });
 }

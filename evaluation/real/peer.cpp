@@ -14,7 +14,6 @@
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
-#include <exception>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -25,6 +24,7 @@
 #include <vector>
 
 #include "bench/plain_socket.hpp"
+#include "bench/run_program.hpp"
 #include "common/as_bytes.hpp"
 #include "common/jpeg.hpp"
 
@@ -141,10 +141,7 @@ int run(const std::vector<std::string>& words) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  try {
+  return orbbuf::bench::run_program("orbbuf-evaluation-peer", [&] {
     return run({argv + 1, argv + argc});
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "orbbuf-evaluation-peer: %s\n", error.what());
-    return EXIT_FAILURE;
-  }
+  });
 }

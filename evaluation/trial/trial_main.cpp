@@ -3,12 +3,12 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <CLI/CLI.hpp>
-#include <exception>
 #include <filesystem>
 #include <set>
 #include <string>
 #include <vector>
 
+#include "bench/run_program.hpp"
 #include "evaluation/trial/experiments.hpp"
 
 namespace {
@@ -71,11 +71,5 @@ int main(int argc, char** argv) {
   app.add_option("--outage-list", options.outages, "sessions: lines NAME FIRST LAST (frames)");
   app.add_option("--session", options.sessions, "sessions, paths: CONTENDER@RUN=FOLDER");
   CLI11_PARSE(app, argc, argv);
-  try {
-    run(options);
-  } catch (const std::exception& error) {
-    fmt::print(stderr, "orbbuf-trial: {}\n", error.what());
-    return 1;
-  }
-  return 0;
+  return orbbuf::bench::run_program("orbbuf-trial", [&] { run(options); });
 }

@@ -16,6 +16,7 @@
 #include <thread>
 #include <vector>
 
+#include "bench/run_program.hpp"
 #include "common/jpeg.hpp"
 #include "common/progress.hpp"
 #include "evaluation/world/renderer.hpp"
@@ -175,11 +176,5 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--threads", options.threads)->check(CLI::Range(1, 64))->capture_default_str();
   CLI11_PARSE(app, argc, argv);
-  try {
-    orbbuf::evaluation::run(options);
-  } catch (const std::exception& error) {
-    fmt::print(stderr, "orbbuf-world: {}\n", error.what());
-    return 1;
-  }
-  return 0;
+  return orbbuf::bench::run_program("orbbuf-world", [&] { orbbuf::evaluation::run(options); });
 }

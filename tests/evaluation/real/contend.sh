@@ -14,7 +14,7 @@ cat >"$work/real/flow.sh" <<'FLOW'
 #!/usr/bin/env bash
 mkdir -p "$3"
 case $4 in failing) exit 3 ;; absent*) exit 77 ;; esac
-echo '2 0.100 never 0.500 2048 90' >"$3/summary"
+echo '2 0.100 never 0.900 never 0.500 2048 90' >"$3/summary"
 FLOW
 chmod +x "$work/real/flow.sh"
 printf '000000 0.1\n000001 0.2\n' >"$work/times.txt"
@@ -25,5 +25,5 @@ PEERS=(absent plain)
 . "$real/contend.sh"
 contend cuts 7 "$work" cut 25 2 6 7 failing absent orbbuf plain absent-own
 [ "${failed[*]}" = 'cuts/failing@7 cuts/absent-own@7' ]
-[ "$(peer_table cuts | tail -n +3)" = '| orbbuf@7 | 2 | 0.10, never | 0.50 | 2 | 90 |
-| plain@7 | 2 | 0.10, never | 0.50 | 2 | 90 |' ]
+[ "$(peer_table cuts | tail -n +3)" = '| orbbuf@7 | 2 | 0.10, never | 0.90, never | 0.50 | 2 | 90 |
+| plain@7 | 2 | 0.10, never | 0.90, never | 0.50 | 2 | 90 |' ]
