@@ -139,6 +139,8 @@ void read_link(ConfigReader& config, LinkSettings& link) {
   if (!server) config.fail("link.server", server.error().text);
   link.server = server.value();
   if (link.server.port == 0) config.fail("link.server", "port 0 cannot be connected to");
+  link.attempt_interval =
+      config.duration("link.attempt_interval", link.attempt_interval, milliseconds(20), hours(1));
   link.connect_timeout =
       config.duration("link.connect_timeout", link.connect_timeout, milliseconds(10), hours(1));
   link.stall_timeout =
