@@ -76,7 +76,8 @@ class Stream {
   Tcp::socket socket_;
   std::optional<boost::asio::ssl::stream<Tcp::socket&>> tls_;
   bool is_bare_ = false;
-  std::string refused_;  // the certificate that was, and why
+  bool is_host_expected_ = true;  // or it could not be: then no certificate will do
+  std::string refused_;           // the certificate that was, and why
 };
 
 }  // namespace orbbuf

@@ -12,11 +12,16 @@ constexpr std::size_t kTurns = 4;  // of which all but one are the good address'
 
 }  // namespace
 
-ServerAddresses::ServerAddresses(const Address& server) {
+ServerAddresses::ServerAddresses(Address server) : server_(std::move(server)) {
+  if (const auto endpoint = numeric()) all_.push_back(*endpoint);
+  is_numeric_ = !all_.empty();
+}
+
+std::optional<ServerAddresses::Endpoint> ServerAddresses::numeric() const {
   boost::system::error_code is_name;
-  const auto address = boost::asio::ip::make_address(server.host, is_name);
-  is_numeric_ = !is_name;
-  if (is_numeric_) all_.emplace_back(address, server.port);
+  const auto address = boost::asio::ip::make_address(server_.host, is_name);
+  if (is_name) return std::nullopt;
+  return Endpoint(address, server_.port);
 }
 
 bool ServerAddresses::found(std::vector<Endpoint> endpoints) {
@@ -38,7 +43,8 @@ void ServerAddresses::welcomed_at(const Endpoint& endpoint) {
   turn_ = 0;
 }
 
-const ServerAddresses::Endpoint& ServerAddresses::next() {
+ServerAddresses::Endpoint ServerAddresses::next() {
+  if (const auto endpoint = numeric()) return *endpoint;
   if (good_ && ++turn_ % kTurns != 0) return *good_;
   return all_[other_++ % all_.size()];
 }

@@ -19,7 +19,7 @@ class ServerAddresses {
   using Endpoint = boost::asio::ip::tcp::endpoint;
 
   /// A numeric host, with an IPv6 scope or without, needs no lookup.
-  explicit ServerAddresses(const Address& server);
+  explicit ServerAddresses(Address server);
 
   bool is_numeric() const { return is_numeric_; }
   bool is_empty() const { return all_.empty(); }
@@ -29,9 +29,13 @@ class ServerAddresses {
   void welcomed_at(const Endpoint& endpoint);
 
   /// Where the next attempt goes. Requires !is_empty().
-  const Endpoint& next();
+  Endpoint next();
 
  private:
+  /// The address that server_.host is, if it is one. Its scope is the interface of that name now.
+  std::optional<Endpoint> numeric() const;
+
+  const Address server_;
   bool is_numeric_ = false;
   std::vector<Endpoint> all_;
   std::optional<Endpoint> good_;  // the one that last welcomed the robot; one of all_

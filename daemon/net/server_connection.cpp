@@ -34,6 +34,7 @@ void ServerConnection::on_connected(const std::string& host, std::uint32_t unsen
   socket.set_option(asio::ip::tcp::no_delay(true), error);
   if (error) return fail("cannot set TCP_NODELAY", error);
   keep_alive(socket.native_handle());  // without it a dead server is merely noticed later
+  limit_retransmission_interval(socket.native_handle());
   if (!limit_unsent(socket.native_handle(), unsent_limit)) {
     return fail(system_error("cannot set TCP_NOTSENT_LOWAT", errno));
   }

@@ -41,7 +41,10 @@ void Connection::start() {
   error_code ignored;  // acks are then merely later
   stream_.socket().set_option(tcp::no_delay(true), ignored);
   // For the time in which a sink is busy and the idle timer does not run; else that is sooner.
-  keep_alive(stream_.socket().native_handle());
+  const int socket = stream_.socket().native_handle();
+  keep_alive(socket);
+  limit_retransmission_interval(socket);
+  limit_unacknowledged_time(socket);
   start_timer(settings_.hello_timeout);
   if (stream_.is_tls()) return shake_hands();
   read();

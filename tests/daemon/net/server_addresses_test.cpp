@@ -2,6 +2,7 @@
 #include "daemon/net/server_addresses.hpp"
 
 #include <gtest/gtest.h>
+#include <net/if.h>
 
 #include <boost/asio/ip/address.hpp>
 #include <string>
@@ -27,6 +28,11 @@ TEST(ServerAddresses, NumericHostsNeedNoLookup) {
     ASSERT_FALSE(addresses.is_empty()) << host;
     EXPECT_EQ(addresses.next().port(), 7) << host;
   }
+}
+
+TEST(ServerAddresses, AScopeIsLookedForWithEachAttempt) {
+  ServerAddresses addresses({"fe80::1%lo", 7});
+  EXPECT_EQ(addresses.next().address().to_v6().scope_id(), ::if_nametoindex("lo"));
 }
 
 TEST(ServerAddresses, ANameHasNoAddressUntilItIsLookedUp) {
