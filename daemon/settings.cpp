@@ -142,6 +142,8 @@ void read_link(ConfigReader& config, LinkSettings& link) {
   if (!server) config.fail("link.server", server.error().text);
   link.server = server.value();
   if (link.server.port == 0) config.fail("link.server", "port must not be 0");
+  link.attempt_interval =
+      config.duration("link.attempt_interval", link.attempt_interval, milliseconds(20), hours(1));
   link.connect_timeout =
       config.duration("link.connect_timeout", link.connect_timeout, milliseconds(10), hours(1));
   link.stall_timeout =

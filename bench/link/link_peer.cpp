@@ -6,6 +6,9 @@
 //                                 standard input: a line for each, TIME BYTES NUMBER
 //   watch FOLDER                  the same line, and the file's name, for each file that is renamed
 //                                 into FOLDER
+//   path NEAR FAR SECONDS         two network interfaces, and the packets between them, each of
+//   which
+//                                 takes that long
 // TIME is in seconds of the system's clock. Each runs until it is killed.
 #include <arpa/inet.h>
 #include <sys/inotify.h>
@@ -24,6 +27,7 @@
 #include <thread>
 #include <vector>
 
+#include "bench/link/long_path.hpp"
 #include "bench/plain_socket.hpp"
 #include "bench/run_program.hpp"
 #include "orbbuf/pipe.h"
@@ -123,10 +127,14 @@ int run(const std::vector<std::string>& words) {
     read(std::stod(words[1]));
   } else if (words.size() == 2 && words[0] == "watch") {
     watch(words[1]);
+  } else if (words.size() == 4 && words[0] == "path") {
+    orbbuf::bench::carry_packets(words[1], words[2],
+                                 std::chrono::duration_cast<std::chrono::nanoseconds>(
+                                     std::chrono::duration<double>(std::stod(words[3]))));
   } else {
     std::fputs(
         "usage: orbbuf-link-peer send ADDRESS PORT BYTES FPS | receive ADDRESS PORT | "
-        "read FPS | watch FOLDER\n",
+        "read FPS | watch FOLDER | path NEAR FAR SECONDS\n",
         stderr);
     return 2;
   }

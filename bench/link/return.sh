@@ -23,7 +23,7 @@ first_after() { awk -v t="$2" '$1 > t { print $1; exit }' <(tail -n 4000 "$work/
 
 # One outage; a line OUTAGE FLOW SECONDS for each flow goes to $work/returns.
 outage() { # SECONDS
-  local returned flow first limit=$(($1 * 2 + 30))
+  local returned flow first limit=$((${1%.*} * 2 + 30))
   cut_link
   sleep "$1"
   returned=$EPOCHREALTIME # before the command that mends it: never to our advantage
@@ -36,7 +36,7 @@ outage() { # SECONDS
     done
     awk -v o="$1" -v f="$flow" -v a="$returned" -v b="$first" \
       'BEGIN { printf "%s %s %.3f\n", o, f, b - a }' | tee -a "$work/returns" |
-      awk '{ printf "  outage %2d s  %-8s first frame %6.3f s after the return\n", $1, $2, $3 }'
+      awk '{ printf "  outage %4s s  %-13s first frame %6.3f s after the return\n", $1, $2, $3 }'
   done
   # Back to normal, and on to any moment of any timer.
   sleep "$(awk -v r="$RANDOM" 'BEGIN { printf "%.3f", 2 + r / 32768 }')"

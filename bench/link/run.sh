@@ -9,11 +9,11 @@ set -euo pipefail
 build=$(cd "$1" && pwd)
 shift
 here=$(dirname "${BASH_SOURCE[0]}")
-plan=(1:10 5:10 20:3 60:2) rates=(0.5 2 10 50 100) only='' seed=1
+plan=(0.3:20 0.5:20 1:20 2:20 5:20 20:3 60:2) rates=(0.5 2 10 50 100) only='' seed=1
 while [ $# -gt 0 ]; do
   case $1 in
     --full) plan=(1:10 5:10 20:10 60:10) ;;
-    --quick) plan=(1:2 5:1) rates=(2 50) ;;
+    --quick) plan=(0.5:4 1:4 2:4 5:2) rates=(2 50) ;;
     --seed) seed=$2 && shift ;;
     --only) only=$2 && shift ;;
     *) echo "bench link: unknown option $1" >&2 && exit 2 ;;

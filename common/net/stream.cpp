@@ -39,6 +39,10 @@ Stream::Stream(Tcp::socket socket, TlsContext* tls) : socket_(std::move(socket))
   if (tls == nullptr) return;
   tls_.emplace(socket_, *tls);
   tls_->set_verify_callback([this](bool is_fine, boost::asio::ssl::verify_context& context) {
+    if (!is_host_expected_) {
+      refused_ = "the name in a certificate cannot be compared with link.server";
+      return false;
+    }
     if (is_fine) return true;
     auto* const store = context.native_handle();
     const X509* const certificate = ::X509_STORE_CTX_get_current_cert(store);
@@ -55,9 +59,11 @@ void Stream::expect_host(const std::string& host) {
   error_code is_name;
   boost::asio::ip::make_address(host, is_name);
   if (!is_name) {
-    ::X509_VERIFY_PARAM_set1_ip_asc(expected, host.c_str());
+    // The scope of a link-local address is this machine's matter: no certificate has it.
+    const std::string address = host.substr(0, host.find('%'));
+    is_host_expected_ = ::X509_VERIFY_PARAM_set1_ip_asc(expected, address.c_str()) == 1;
   } else {
-    ::X509_VERIFY_PARAM_set1_host(expected, host.c_str(), host.size());
+    is_host_expected_ = ::X509_VERIFY_PARAM_set1_host(expected, host.c_str(), host.size()) == 1;
     // A server behind one address may have several names.
     SSL_set_tlsext_host_name(tls_->native_handle(), host.c_str());  // NOLINT: OpenSSL's macro
   }

@@ -75,7 +75,8 @@ class Stream {
   Tcp::socket socket_;
   std::optional<boost::asio::ssl::stream<Tcp::socket&>> tls_;
   bool is_bare_ = false;
-  std::string refused_;  // which certificate was rejected, and why
+  bool is_host_expected_ = true;  // false if the check could not be set: then none will do
+  std::string refused_;           // which certificate was rejected, and why
 };
 
 }  // namespace orbbuf

@@ -3,6 +3,7 @@
 
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/read.hpp>
+#include <boost/asio/ssl/error.hpp>
 #include <boost/asio/write.hpp>
 #include <utility>
 
@@ -17,6 +18,7 @@ ServerConnection::ServerConnection(asio::io_context& io, TlsContext* tls, Owner&
 
 void ServerConnection::open(const asio::ip::tcp::endpoint& server, const std::string& host,
                             const wire::Hello& hello, std::uint32_t unsent_limit) {
+  server_ = server;
   message_ = wire::encode(hello);
   stream_.socket().async_connect(
       server, [self = shared_from_this(), host, unsent_limit](const error_code& error) {
@@ -32,16 +34,18 @@ void ServerConnection::on_connected(const std::string& host, std::uint32_t unsen
   socket.set_option(asio::ip::tcp::no_delay(true), error);
   if (error) return fail("cannot set TCP_NODELAY", error);
   keep_alive(socket.native_handle());  // without it a dead server is merely noticed later
+  limit_retransmission_interval(socket.native_handle());
   if (!limit_unsent(socket.native_handle(), unsent_limit)) {
     return fail(system_error("cannot set TCP_NOTSENT_LOWAT", errno));
   }
   owner_->on_step(*this);
+  if (!owner_) return;
   if (!stream_.is_tls()) return say_hello();
   stream_.async_handshake_as_robot(host, [self = shared_from_this()](const error_code& failed) {
     if (!self->owner_) return;
     if (failed) return self->fail("no TLS", failed);
     self->owner_->on_step(*self);
-    self->say_hello();
+    if (self->owner_) self->say_hello();
   });
 }
 
@@ -124,7 +128,8 @@ void ServerConnection::dispatch(const wire::Header& header) {
     const auto welcome = wire::parse_welcome(header, body_);
     if (!accept(welcome)) return;
     if (welcome.value().version != wire::kProtocolVersion) {
-      return fail({"the server wants protocol version " + std::to_string(welcome.value().version)});
+      return refuse(
+          {"the server wants protocol version " + std::to_string(welcome.value().version)});
     }
     is_welcome_ = true;
     owner_->on_welcome(welcome.value().position);
@@ -140,7 +145,10 @@ void ServerConnection::dispatch(const wire::Header& header) {
   } else if (header.type == wire::Type::kError) {
     const auto refusal = wire::parse_error(header, body_);
     if (!accept(refusal)) return;
-    return fail({"the server says: " + refusal.value().text});
+    const auto code = refusal.value().code;
+    const Error why{"the server says: " + refusal.value().text};
+    return code == wire::ErrorCode::kReplaced || code == wire::ErrorCode::kTimeout ? fail(why)
+                                                                                   : refuse(why);
   } else {
     return fail({"the server sent an unexpected " + std::string(to_string(header.type))});
   }
@@ -151,7 +159,14 @@ std::optional<TcpProgress> ServerConnection::progress() {
   return tcp_progress(stream_.socket().native_handle());
 }
 
+void ServerConnection::refuse(const Error& error) {
+  was_refused_ = true;
+  fail(error);
+}
+
+/// OpenSSL's own errors are about certificates and versions, the others about the connection.
 void ServerConnection::fail(const char* attempt, const error_code& error) {
+  was_refused_ = !is_welcome_ && error.category() == asio::error::get_ssl_category();
   fail({std::string(attempt) + ": " + stream_.explain(error)});
 }
 

@@ -28,7 +28,8 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   /// Called from the io_context only, never from within a call to the connection.
   class Owner {
    public:
-    /// On the way to being welcome: TCP is there, or TLS. Each step takes a round trip.
+    /// On the way to being welcome: TCP is there, or TLS. Each step takes a round trip. The owner
+    /// may close the connection from within this call, before it says hello.
     virtual void on_step(const ServerConnection& from) = 0;
     /// The server's position; writing may begin.
     virtual void on_welcome(const wire::Position& position) = 0;
@@ -53,6 +54,12 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   /// the kernel keeps at most about `unsent_limit` bytes unsent.
   void open(const boost::asio::ip::tcp::endpoint& server, const std::string& host,
             const wire::Hello& hello, std::uint32_t unsent_limit);
+
+  /// Where it goes, since open().
+  const boost::asio::ip::tcp::endpoint& server() const { return server_; }
+  /// The server's side answered and wants no connection with this robot: its error says so, or the
+  /// certificates do not fit. There is no use in asking again at once.
+  bool was_refused() const { return was_refused_; }
 
   /// From then on the server may have given this connection the place of an older one.
   bool has_said_hello() const { return has_said_hello_; }
@@ -82,9 +89,12 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   bool accept(const wire::Parsed<Message>& message);
   void fail(const Error& error);
   void fail(const char* attempt, const boost::system::error_code& error);
+  void refuse(const Error& error);
 
   Stream stream_;
   Owner* owner_;  // null once closed
+  boost::asio::ip::tcp::endpoint server_;
+  bool was_refused_ = false;
   bool is_writable_ = false;
   bool has_said_hello_ = false;
   bool is_welcome_ = false;

@@ -3,6 +3,8 @@
 
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
+#include <random>
 #include <utility>
 
 #include "common/seconds.hpp"
@@ -10,15 +12,18 @@
 namespace orbbuf {
 namespace asio = boost::asio;
 using boost::system::error_code;
-using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
+using std::chrono::seconds;
 
 namespace {
 
-constexpr milliseconds kShortestRetryDelay{125};
-constexpr milliseconds kLongestRetryDelay{375};
-constexpr milliseconds kWatchInterval{100};
-constexpr unsigned kAttemptsBeforeResolvingAgain = 20;
+constexpr milliseconds kWatchInterval{50};
+constexpr seconds kShortestLookupInterval{2};
+constexpr seconds kLongestLookupInterval{30};
+constexpr int kLookupPartOfOutage = 30;
+constexpr std::size_t kMostErrors = 16;
+
+const Error kNoAnswer{"no answer"};
 
 }  // namespace
 
@@ -28,11 +33,14 @@ ServerLink::ServerLink(asio::io_context& io, LinkSettings settings, wire::Hello 
       tls_(make_tls_context(settings_.tls)),
       hello_(std::move(hello)),
       owner_(owner),
-      resolver_(io),
+      connection_watch_(settings_.stall_timeout),
+      candidate_watch_(settings_.stall_timeout),
+      pace_(settings_.attempt_interval, kMostAttempts, std::random_device{}()),
+      addresses_(settings_.server),
+      lookup_(io, settings_.server, [this](const auto& endpoints) { on_found(endpoints); }),
+      news_(io, [this] { on_network_change(); }),
       attempt_timer_(io),
-      watch_timer_(io),
-      random_(std::random_device{}()),
-      stall_watch_(settings_.stall_timeout) {}
+      watch_timer_(io) {}
 
 ServerLink::~ServerLink() { close(); }
 
@@ -43,119 +51,166 @@ void ServerLink::start() {
         "docs/security.md says how to set up [tls]",
         to_string(settings_.server));
   }
-  attempt();
+  begin_outage();
+  attempt_at(Clock::now());
+  news_.start();
   watch();
 }
 
 void ServerLink::close() {
   state_ = State::kClosed;
-  for (auto* open : {&attempt_, &connection_}) {
+  close_attempts();
+  for (auto* open : {&candidate_, &connection_}) {
     if (*open) (*open)->close();
     open->reset();
   }
-  attempt_timer_.cancel();
   watch_timer_.cancel();
-  resolver_.cancel();
+  news_.stop();
 }
 
 std::optional<TcpProgress> ServerLink::progress() const {
   return connection_ ? connection_->progress() : std::nullopt;
 }
 
-void ServerLink::attempt() {
-  if (endpoints_.empty()) return resolve();
-  connect();
-}
-
-void ServerLink::resolve() {
-  const auto on_resolved = [this](const error_code& error,
-                                  const asio::ip::tcp::resolver::results_type& results) {
-    if (error == asio::error::operation_aborted || state_ == State::kClosed) return;
-    if (error) {
-      return on_attempt_failed({"cannot resolve " + settings_.server.host + ": " + error.message()},
-                               retry_delay());
-    }
-    endpoints_.assign(results.begin(), results.end());
-    if (is_attempt_due()) connect();
-  };
-  resolver_.async_resolve(settings_.server.host, std::to_string(settings_.server.port),
-                          on_resolved);
-}
-
-void ServerLink::connect() {
-  attempt_ = std::make_shared<ServerConnection>(io_, tls_.get(),
-                                                static_cast<ServerConnection::Owner&>(*this));
-  attempt_->open(endpoints_[attempts_ % endpoints_.size()], settings_.server.host, hello_,
-                 static_cast<std::uint32_t>(settings_.unsent_bytes));
-  start_attempt_timer();
-}
-
-void ServerLink::start_attempt_timer() {
-  attempt_timer_.expires_after(settings_.connect_timeout);
-  attempt_timer_.async_wait([this, attempt = attempt_](const error_code& error) {
-    if (error || attempt != attempt_ || attempt_timer_.expiry() > Clock::now()) return;
-    on_attempt_failed({fmt::format("no answer within {} s", to_seconds(settings_.connect_timeout))},
-                      milliseconds(0));
-  });
-}
-
-void ServerLink::attempt_later(std::chrono::nanoseconds delay) {
-  // A name may come to mean another address while a robot is out of reach.
-  if (++attempts_ % kAttemptsBeforeResolvingAgain == 0) endpoints_.clear();
-  attempt_timer_.expires_after(delay);
-  attempt_timer_.async_wait([this](const error_code& error) {
-    if (!error && is_attempt_due()) attempt();
-  });
-}
-
-/// Asked by what may come late: a timer or a resolver that was cancelled.
 bool ServerLink::is_attempt_due() const {
-  return !attempt_ && (state_ == State::kConnecting || state_ == State::kStalled);
+  return (state_ == State::kConnecting || state_ == State::kStalled) &&
+         (!candidate_ || candidate_watch_.is_stalled());
 }
 
-std::chrono::nanoseconds ServerLink::retry_delay() {
-  return milliseconds(std::uniform_int_distribution<milliseconds::rep>(
-      kShortestRetryDelay.count(), kLongestRetryDelay.count())(random_));
+void ServerLink::begin_outage() {
+  pace_.on_outage(Clock::now());
+  look_up();
 }
 
-void ServerLink::on_attempt_failed(const Error& why, std::chrono::nanoseconds delay) {
-  has_tried_ = true;
-  if (attempt_) attempt_->close();
-  attempt_.reset();
-  if (!connection_ && why.text != last_error_) {
-    spdlog::warn("link: no connection to {}: {}; trying on", to_string(settings_.server), why.text);
-    last_error_ = why.text;
+void ServerLink::attempt_at(Clock::time_point time) {
+  attempt_timer_.expires_at(time);
+  attempt_timer_.async_wait([this](const error_code& error) {
+    if (!error && is_attempt_due() && attempt_timer_.expiry() <= Clock::now()) attempt();
+  });
+}
+
+void ServerLink::attempt() {
+  if (addresses_.is_empty()) return;  // on_found() goes on
+  make_room();
+  const auto now = Clock::now();
+  const auto& attempt =
+      attempts_.emplace_back(std::make_shared<ServerConnection>(
+                                 io_, tls_.get(), static_cast<ServerConnection::Owner&>(*this)),
+                             now);
+  attempt.connection->open(addresses_.next(), settings_.server.host, hello_,
+                           static_cast<std::uint32_t>(settings_.unsent_bytes));
+  pace_.on_attempt(now);
+  attempt_at(pace_.next(now));
+}
+
+/// Keeps the oldest attempt to each address: it is the one for a long round trip.
+void ServerLink::make_room() {
+  if (attempts_.size() < kMostAttempts) return;
+  const auto spare = std::ranges::find_if(attempts_, [this](const Attempt& attempt) {
+    const auto& server = attempt.connection->server();
+    const auto oldest = std::ranges::find(
+        attempts_, server, [](const Attempt& other) { return other.connection->server(); });
+    return &*oldest != &attempt;
+  });
+  give_up(spare == attempts_.end() ? attempts_.begin() : spare);
+}
+
+void ServerLink::give_up(std::vector<Attempt>::iterator attempt) {
+  attempt->connection->close();
+  attempts_.erase(attempt);
+  note_failure(kNoAnswer);
+}
+
+void ServerLink::close_attempts() {
+  attempt_timer_.cancel();
+  for (const Attempt& attempt : attempts_) attempt.connection->close();
+  attempts_.clear();
+}
+
+void ServerLink::look_up() {
+  if (addresses_.is_numeric()) return;
+  lookup_time_ = Clock::now();
+  lookup_.start();
+}
+
+void ServerLink::on_found(const Result<NameLookup::Endpoints>& endpoints) {
+  if (!endpoints) {
+    if (addresses_.is_empty()) note_failure(endpoints.error());
+    return;
   }
-  attempt_later(delay);
+  if (addresses_.found(endpoints.value()) && is_attempt_due()) attempt_at(pace_.soonest());
 }
 
-void ServerLink::on_connection_lost(const Error& why) {
+/// An interface has come up, or an address, or a route: as good as the link's return.
+void ServerLink::on_network_change() {
+  if (!is_attempt_due()) return;
+  begin_outage();
+  attempt_at(pace_.soonest());
+}
+
+void ServerLink::note_failure(const Error& why) {
+  has_tried_ = true;
+  last_error_ = why.text;
+  if (connection_ || known_errors_.size() == kMostErrors) return;
+  if (!known_errors_.insert(why.text).second) return;
+  spdlog::warn("link: no connection to {}: {}; trying on", to_string(settings_.server), why.text);
+}
+
+void ServerLink::on_failed(const ServerConnection& from, const Error& error) {
+  if (&from == candidate_.get()) return on_candidate_failed(error);
+  if (&from == connection_.get()) return on_connection_lost(from, error);
+  std::erase_if(attempts_, [&](const Attempt& one) { return one.connection.get() == &from; });
+  note_failure(error);
+}
+
+void ServerLink::on_candidate_failed(const Error& why) {
+  if (candidate_->was_refused()) pace_.on_refused(Clock::now());
+  candidate_->close();
+  candidate_.reset();
+  note_failure(why);
+  attempt_at(pace_.next(Clock::now()));
+}
+
+void ServerLink::on_connection_lost(const ServerConnection& from, const Error& why) {
+  const auto now = Clock::now();
+  const bool was_refused = from.was_refused();
   connection_.reset();
   const bool was_stalled = std::exchange(state_, State::kConnecting) == State::kStalled;
   owner_.on_disconnected();
   spdlog::log(was_stalled ? spdlog::level::info : spdlog::level::warn,
               "link: connection to {} lost: {}", to_string(settings_.server), why.text);
-  if (!was_stalled) attempt_later(retry_delay());  // else another is on its way already
-}
-
-void ServerLink::on_failed(const ServerConnection& from, const Error& error) {
-  if (&from == attempt_.get()) return on_attempt_failed(error, retry_delay());
-  on_connection_lost(error);
+  if (was_stalled) return;  // others are on their way already
+  begin_outage();
+  if (was_refused) pace_.on_refused(now);
+  attempt_at(was_refused ? pace_.next(now) : pace_.first(now));
 }
 
 void ServerLink::on_step(const ServerConnection& from) {
-  if (&from == attempt_.get()) start_attempt_timer();
+  if (&from != candidate_.get()) promote(from);
+  step_time_ = Clock::now();
+}
+
+void ServerLink::promote(const ServerConnection& from) {
+  if (candidate_) candidate_->close();  // it has lost the link
+  const auto found = std::ranges::find_if(
+      attempts_, [&](const Attempt& one) { return one.connection.get() == &from; });
+  candidate_ = found->connection;
+  attempts_.erase(found);
+  close_attempts();
+  candidate_watch_.restart(Clock::now());
 }
 
 void ServerLink::on_welcome(const wire::Position& position) {
   has_tried_ = true;
-  attempt_timer_.cancel();
   if (connection_) connection_->close();  // the server has left it for this one
-  connection_ = std::move(attempt_);
+  connection_ = std::move(candidate_);
+  close_attempts();
   state_ = State::kConnected;
-  attempts_ = 0;
+  pace_.on_welcome();
+  addresses_.welcomed_at(connection_->server());
   last_error_.clear();
-  stall_watch_.restart(Clock::now());
+  known_errors_.clear();
+  connection_watch_.restart(Clock::now());
   spdlog::info("link: connected to {}{}; its record of this session reaches frame {}",
                to_string(settings_.server), tls_ ? " over TLS" : "", position.next_sequence);
   owner_.on_connected(position);
@@ -171,31 +226,63 @@ void ServerLink::watch() {
   watch_timer_.expires_after(kWatchInterval);
   watch_timer_.async_wait([this](const error_code& error) {
     if (error || state_ == State::kClosed) return;
-    if (connection_) check_stall();
+    if (candidate_) check_candidate();
+    if (connection_) check_connection();
+    check_attempts();
     watch();
   });
 }
 
-void ServerLink::check_stall() {
-  stall_watch_.look(connection_->progress(), Clock::now());
-  if (stall_watch_.is_moving()) return on_recovered();
-  if (state_ == State::kStalled || !stall_watch_.is_stalled()) return;
-  state_ = State::kStalled;
-  spdlog::warn("link: connection to {} stalled, nothing acknowledged for {:.1f} s; trying another",
-               to_string(settings_.server), to_seconds(stall_watch_.still_for()));
-  attempt();
+std::chrono::nanoseconds ServerLink::patience() const {
+  return std::max(settings_.connect_timeout, 4 * pace_.round_trip());
 }
 
-/// Once another has said hello the server may have left this one for it: then the attempt is seen
+void ServerLink::check_candidate() {
+  const auto now = Clock::now();
+  const bool was_stalled = candidate_watch_.is_stalled();
+  candidate_watch_.look(candidate_->progress(), now);
+  if (now - step_time_ > patience()) return on_candidate_failed(kNoAnswer);
+  if (candidate_watch_.is_stalled() == was_stalled) return;
+  if (was_stalled) return close_attempts();
+  attempt_at(pace_.soonest());
+}
+
+void ServerLink::check_attempts() {
+  const auto now = Clock::now();
+  while (!attempts_.empty() && now - attempts_.front().since > patience()) {
+    give_up(attempts_.begin());
+  }
+  if (addresses_.is_empty() && !has_tried_ && pace_.outage(now) > patience()) {
+    note_failure({"cannot resolve " + settings_.server.host + ": no answer"});
+  }
+  const auto lookup_interval = std::clamp<std::chrono::nanoseconds>(
+      pace_.outage(now) / kLookupPartOfOutage, kShortestLookupInterval, kLongestLookupInterval);
+  if (is_attempt_due() && now - lookup_time_ >= lookup_interval) look_up();
+}
+
+void ServerLink::check_connection() {
+  const auto progress = connection_->progress();
+  connection_watch_.look(progress, Clock::now());
+  if (connection_watch_.is_moving()) {
+    if (progress) pace_.on_round_trip(progress->least_round_trip);
+    return on_recovered();
+  }
+  if (state_ == State::kStalled || !connection_watch_.is_stalled()) return;
+  state_ = State::kStalled;
+  spdlog::warn("link: connection to {} stalled, nothing acknowledged for {:.1f} s; trying another",
+               to_string(settings_.server), to_seconds(connection_watch_.still_for()));
+  begin_outage();
+  attempt_at(Clock::now());
+}
+
+/// Once another has said hello the server may have left this one for it: then the candidate is seen
 /// through, and the server says which of the two it has left.
 void ServerLink::on_recovered() {
-  if (state_ != State::kStalled || (attempt_ && attempt_->has_said_hello())) return;
+  if (state_ != State::kStalled || (candidate_ && candidate_->has_said_hello())) return;
   state_ = State::kConnected;
-  resolver_.cancel();
-  attempt_timer_.cancel();
-  if (attempt_) attempt_->close();
-  attempt_.reset();
-  attempts_ = 0;
+  close_attempts();
+  if (candidate_) candidate_->close();
+  candidate_.reset();
   spdlog::info("link: connection to {} recovered", to_string(settings_.server));
 }
 

@@ -8,13 +8,17 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
-#include <random>
+#include <set>
 #include <string>
 #include <vector>
 
 #include "common/address.hpp"
 #include "common/net/tls.hpp"
 #include "common/wire.hpp"
+#include "daemon/net/attempt_pace.hpp"
+#include "daemon/net/name_lookup.hpp"
+#include "daemon/net/network_news.hpp"
+#include "daemon/net/server_addresses.hpp"
 #include "daemon/net/server_connection.hpp"
 #include "daemon/net/stall_watch.hpp"
 
@@ -24,11 +28,14 @@ namespace orbbuf {
 struct LinkSettings {
   Address server{"127.0.0.1", 7722};
   TlsSettings tls;  ///< `[tls]`; the server's certificate must be for server.host
-  /// For each step of an attempt: TCP, TLS, the welcome. Must exceed the link's round trip.
-  std::chrono::nanoseconds connect_timeout = std::chrono::milliseconds(500);
+  /// From one attempt to connect to the next, less than 30 % more at random: AttemptPace.
+  std::chrono::nanoseconds attempt_interval = std::chrono::milliseconds(100);
+  /// How long to wait at most for each step of an attempt: TCP, TLS, the welcome. Attempts do not
+  /// wait for each other.
+  std::chrono::nanoseconds connect_timeout = std::chrono::seconds(5);
   /// Beside a connection whose kernel has sent something and seen none of it acknowledged for this
-  /// long (or four round trips, if that is longer) another is tried.
-  std::chrono::nanoseconds stall_timeout = std::chrono::seconds(1);
+  /// long (or three round trips, if that is longer) others are tried.
+  std::chrono::nanoseconds stall_timeout = std::chrono::milliseconds(300);
   /// At the end: how long to go on delivering what waits.
   std::chrono::nanoseconds drain_timeout = std::chrono::seconds(10);
   /// What the kernel may hold unsent: frames in there are beyond the policy.
@@ -38,24 +45,34 @@ struct LinkSettings {
 /// Keeps one connection to the server: makes it, watches it, and makes it anew when it breaks or
 /// stalls, until close(). What is written to it is the owner's choice.
 ///
-/// | state         | connection     | attempt          | the next state, and when                 |
-/// |---------------|----------------|------------------|------------------------------------------|
-/// | kConnecting   | none           | one, or a pause  | kConnected: the server welcomes          |
-/// | kConnected    | the link's own | none             | kConnecting: the connection breaks       |
-/// |               |                |                  | kStalled: the server's kernel            |
-/// |               |                |                  | acknowledges nothing for stall_timeout   |
-/// | kStalled      | the link's own | one, or a pause  | kConnected, on the old connection: it    |
-/// |               |                |                  | recovers before the new one says hello   |
-/// |               |                |                  | kConnected, on the new one: the server   |
-/// |               |                |                  | welcomes it                              |
-/// |               |                |                  | kConnecting: the old connection breaks   |
-/// | kClosed       | none           | none             |                                          |
+/// | state       | connection     | attempts | the next state, and when |
+/// |-------------|----------------|----------|-----------------------------------------------------|
+/// | kConnecting | none           | yes      | kConnected: the server welcomes one | | kConnected
+/// | the link's own | none     | kConnecting: the connection breaks                  | | | | |
+/// kStalled: the server's kernel acknowledges nothing  | |             |                | | for
+/// stall_timeout                                   | | kStalled    | the link's own | yes      |
+/// kConnected, on the old connection: it recovers      | |             |                | | before
+/// a new one says hello                         | |             |                |          |
+/// kConnected, on the new one: the server welcomes it  | |             |                | |
+/// kConnecting: the old connection breaks              | | kClosed     | none           | none | |
 ///
-/// An attempt resolves the server's name, if that is not known or 20 attempts old, connects, and
-/// says hello. One that fails is followed by a pause of 125 to 375 ms; one that times out, by the
-/// next attempt. Thread-bound to `main`, the thread that runs the io_context.
+/// Attempts overlap: AttemptPace says when the next begins, whatever has become of those before,
+/// and each may wait for connect_timeout. When there are kMostAttempts, the next takes the place of
+/// an older one, but never of the oldest to each address: the many find a link that has just
+/// returned, and the oldest one with a long round trip.
+///
+/// The first attempt on which TCP connects becomes the candidate, and the others are closed. Only a
+/// candidate says hello: at a second hello the server would leave the first connection. A candidate
+/// on which something is outstanding for stall_timeout has lost the link; then attempts begin
+/// beside it, and the next one to connect takes its place. Whichever hello the server reads last,
+/// its welcome settles which frames it has.
+///
+/// The addresses of a name are looked up beside the attempts, which go on with those last known.
+/// Thread-bound to `main`, the thread that runs the io_context.
 class ServerLink final : private ServerConnection::Owner {
  public:
+  using Clock = std::chrono::steady_clock;
+
   enum class State : std::uint8_t { kConnecting, kConnected, kStalled, kClosed };
 
   /// Called from the io_context only, never from within a call to the link.
@@ -110,17 +127,32 @@ class ServerLink final : private ServerConnection::Owner {
   void on_writable() override;
   void on_failed(const ServerConnection& from, const Error& error) override;
 
-  void attempt();
-  void resolve();
-  void connect();
-  void start_attempt_timer();
-  void attempt_later(std::chrono::nanoseconds delay);
-  void on_attempt_failed(const Error& why, std::chrono::nanoseconds delay);
-  void on_connection_lost(const Error& why);
+  struct Attempt {
+    std::shared_ptr<ServerConnection> connection;
+    Clock::time_point since;
+  };
+
+  static constexpr unsigned kMostAttempts = 8;
+
   bool is_attempt_due() const;
-  std::chrono::nanoseconds retry_delay();
+  void begin_outage();
+  void attempt();
+  void attempt_at(Clock::time_point time);
+  void make_room();
+  void give_up(std::vector<Attempt>::iterator attempt);
+  void close_attempts();
+  void look_up();
+  void on_found(const Result<NameLookup::Endpoints>& endpoints);
+  void on_network_change();
+  void note_failure(const Error& why);
+  void promote(const ServerConnection& from);
+  void on_candidate_failed(const Error& why);
+  void on_connection_lost(const ServerConnection& from, const Error& why);
+  std::chrono::nanoseconds patience() const;
   void watch();
-  void check_stall();
+  void check_attempts();
+  void check_candidate();
+  void check_connection();
   void on_recovered();
 
   boost::asio::io_context& io_;
@@ -131,17 +163,22 @@ class ServerLink final : private ServerConnection::Owner {
 
   State state_ = State::kConnecting;
   std::shared_ptr<ServerConnection> connection_;  // the one that was welcome; null without
-  std::shared_ptr<ServerConnection> attempt_;     // not yet welcome; null between attempts
-  unsigned attempts_ = 0;                         // since the last welcome
-  bool has_tried_ = false;                        // an attempt has ended
-  std::string last_error_;                        // logged already
+  StallWatch connection_watch_;
+  std::shared_ptr<ServerConnection> candidate_;  // to be welcome: TCP is there; null without
+  StallWatch candidate_watch_;
+  Clock::time_point step_time_;    // when the candidate began its present step
+  std::vector<Attempt> attempts_;  // oldest first: TCP is not there yet
+  AttemptPace pace_;
+  bool has_tried_ = false;              // an attempt has ended
+  std::string last_error_;              // of the last attempt
+  std::set<std::string> known_errors_;  // since the last welcome; logged already
 
-  boost::asio::ip::tcp::resolver resolver_;
-  std::vector<boost::asio::ip::tcp::endpoint> endpoints_;  // empty: to be resolved
-  boost::asio::steady_timer attempt_timer_;                // the attempt's end, or the pause's
+  ServerAddresses addresses_;
+  NameLookup lookup_;
+  Clock::time_point lookup_time_;  // of the last
+  NetworkNews news_;
+  boost::asio::steady_timer attempt_timer_;
   boost::asio::steady_timer watch_timer_;
-  std::minstd_rand random_;  // many robots must not come back as one
-  StallWatch stall_watch_;   // of connection_
 };
 
 }  // namespace orbbuf

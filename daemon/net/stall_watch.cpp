@@ -9,6 +9,7 @@ void StallWatch::restart(Time now) {
   acked_bytes_ = 0;
   moved_time_ = now;
   still_for_ = std::chrono::nanoseconds(0);
+  limit_ = timeout_;
 }
 
 void StallWatch::look(const std::optional<TcpProgress>& progress, Time now) {
@@ -18,7 +19,7 @@ void StallWatch::look(const std::optional<TcpProgress>& progress, Time now) {
     return;
   }
   still_for_ = now - moved_time_;
-  limit_ = std::max<std::chrono::nanoseconds>(timeout_, 4 * progress->round_trip);
+  limit_ = std::max<std::chrono::nanoseconds>(timeout_, 3 * progress->round_trip);
 }
 
 }  // namespace orbbuf

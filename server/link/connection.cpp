@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <boost/asio/buffer.hpp>
+#include <boost/asio/ssl/error.hpp>
 #include <boost/asio/write.hpp>
 #include <utility>
 
@@ -40,7 +41,10 @@ void Connection::start() {
   error_code ignored;  // acks are then merely later
   stream_.socket().set_option(tcp::no_delay(true), ignored);
   // For the time in which a sink is busy and the idle timer does not run; else that is sooner.
-  keep_alive(stream_.socket().native_handle());
+  const int socket = stream_.socket().native_handle();
+  keep_alive(socket);
+  limit_retransmission_interval(socket);
+  limit_unacknowledged_time(socket);
   start_timer(settings_.hello_timeout);
   if (stream_.is_tls()) return shake_hands();
   read();
@@ -50,10 +54,17 @@ void Connection::shake_hands() {
   state_ = State::kHandshake;
   stream_.async_handshake_as_server([self = shared_from_this()](const error_code& failed) {
     if (self->state_ != State::kHandshake) return;
-    if (failed) return self->fail({ErrorCode::kRefused, self->stream_.explain(failed)});
+    if (failed) return self->on_handshake_failed(failed);
     self->state_ = State::kHello;
     self->read();
   });
+}
+
+void Connection::on_handshake_failed(const error_code& failed) {
+  const bool has_left = failed == asio::error::eof || failed == asio::error::connection_reset ||
+                        failed == asio::ssl::error::stream_truncated;
+  if (has_left) return on_read_failed(failed);
+  fail({ErrorCode::kRefused, stream_.explain(failed)});
 }
 
 void Connection::join(std::shared_ptr<Session> session) {
@@ -113,8 +124,12 @@ void Connection::on_read_failed(const error_code& failed) {
   }
   const bool is_between = reader_.is_between_messages();
   const char* const when = is_introduced() ? "" : " before hello";
-  spdlog::log(is_between ? spdlog::level::info : spdlog::level::warn, "{}: connection lost{}: {}",
-              name(), is_between ? when : " within a message", stream_.explain(failed));
+  // A robot's attempts overlap, and it closes all but the first that connects.
+  const auto level = !is_between       ? spdlog::level::warn
+                     : is_introduced() ? spdlog::level::info
+                                       : spdlog::level::debug;
+  spdlog::log(level, "{}: connection lost{}: {}", name(), is_between ? when : " within a message",
+              stream_.explain(failed));
   close();
 }
 

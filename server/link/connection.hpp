@@ -81,6 +81,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   enum class State : std::uint8_t { kHandshake, kHello, kJoining, kServing, kParting, kClosed };
 
   void shake_hands();
+  void on_handshake_failed(const boost::system::error_code& failed);
   void read();
   void on_bytes(const boost::system::error_code& failed, std::size_t bytes);
   void on_read_failed(const boost::system::error_code& failed);

@@ -31,6 +31,28 @@ TEST(KeepAlive, ASilentPeerIsGivenUpWithinFifteenSeconds) {
 TEST(KeepAlive, WhatIsNoTcpSocketIsRefused) {
   const int socket = ::socket(AF_UNIX, SOCK_STREAM, 0);
   EXPECT_FALSE(keep_alive(socket));
+  EXPECT_FALSE(limit_unacknowledged_time(socket));
+  ::close(socket);
+}
+
+TEST(KeepAlive, UnacknowledgedDataIsGivenUpAfterThirtySeconds) {
+  const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
+  ASSERT_TRUE(limit_unacknowledged_time(socket));
+  EXPECT_EQ(option(socket, IPPROTO_TCP, TCP_USER_TIMEOUT), 30'000);
+  ::close(socket);
+}
+
+TEST(KeepAlive, RetransmissionsAreAtMostASecondApartWhereTheKernelCanDoThat) {
+  constexpr int kTcpRtoMaxMs = 44;
+  const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
+  int before = 0;
+  socklen_t length = sizeof before;
+  if (::getsockopt(socket, IPPROTO_TCP, kTcpRtoMaxMs, &before, &length) != 0) {
+    ::close(socket);
+    GTEST_SKIP() << "Linux has TCP_RTO_MAX_MS since 6.15";
+  }
+  limit_retransmission_interval(socket);
+  EXPECT_EQ(option(socket, IPPROTO_TCP, kTcpRtoMaxMs), 1000);
   ::close(socket);
 }
 

@@ -54,6 +54,7 @@ TEST(Settings, SampleFileHoldsEveryKeyWithItsDefault) {
   EXPECT_EQ(sample.buffer.seed, fallback.buffer.seed);
   EXPECT_EQ(sample.buffer.drop_log, fallback.buffer.drop_log);
   EXPECT_EQ(sample.link.server, fallback.link.server);
+  EXPECT_EQ(sample.link.attempt_interval, fallback.link.attempt_interval);
   EXPECT_EQ(sample.link.connect_timeout, fallback.link.connect_timeout);
   EXPECT_EQ(sample.link.stall_timeout, fallback.link.stall_timeout);
   EXPECT_EQ(sample.link.drain_timeout, fallback.link.drain_timeout);
@@ -65,7 +66,7 @@ TEST(Settings, EveryValueReachesItsPlace) {
   const Settings s =
       with({"log.level=debug", "robot.id=front", "source.kind=folder", "source.path=/data",
             "source.realtime=false", "source.loop=true", "jpeg.color=true", "features.pixels=50000",
-            "buffer.policy=uniform", "link.server=[::1]:9", "link.stall_timeout=250 ms",
+            "buffer.policy=uniform", "link.server=[::1]:9", "link.stall_timeout=250 ms", "link.attempt_interval=70 ms",
             "link.unsent=1 MiB"});
   EXPECT_EQ(s.log_level, "debug");
   EXPECT_EQ(s.robot_id, "front");
@@ -79,6 +80,7 @@ TEST(Settings, EveryValueReachesItsPlace) {
   EXPECT_EQ(s.buffer.policy, "uniform");
   EXPECT_EQ(s.link.server, (Address{"::1", 9}));
   EXPECT_EQ(s.link.stall_timeout, std::chrono::milliseconds(250));
+  EXPECT_EQ(s.link.attempt_interval, std::chrono::milliseconds(70));
   EXPECT_EQ(s.link.unsent_bytes, 1U << 20);
 }
 

@@ -133,12 +133,12 @@ TEST_F(ServiceTest, WithoutAServerTheRobotIsReadyOnceItHasTried) {
                                        HasSubstr("link connecting"))))
       << "it films but has not tried yet";
   EXPECT_EQ(messages.back(), "READY=1");
-  EXPECT_TRUE(has_said(*robot, "no answer within 5 s")) << robot->output();
+  EXPECT_TRUE(has_said(*robot, "no answer")) << robot->output();
   EXPECT_TRUE(is_fed(robot_manager_, 60s)) << "a server that is not there is no hang";
   robot->signal(SIGTERM);
   const auto later = robot_manager_.until("STOPPING=1");
   messages.insert(messages.end(), later.begin(), later.end());
-  EXPECT_THAT(messages, Contains(HasSubstr("link no connection: no answer within 5 s")));
+  EXPECT_THAT(messages, Contains(HasSubstr("link no connection: no answer")));
 }
 
 class RobotWatchdogTest : public ServiceTest, public ::testing::WithParamInterface<const char*> {};

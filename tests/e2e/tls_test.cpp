@@ -10,10 +10,11 @@ namespace {
 /// The real programs, each with its own `[tls]`.
 class Tls : public testing::Test {
  protected:
-  std::unique_ptr<Server> server(Overrides overrides = {}) {
+  std::unique_ptr<Server> server(Overrides overrides = {},
+                                 const std::string& listen = "127.0.0.1:0") {
     const auto tls = Certificates::overrides(keys_.server());
     overrides.insert(overrides.end(), tls.begin(), tls.end());
-    return std::make_unique<Server>(folder_ / "out", overrides);
+    return std::make_unique<Server>(folder_ / "out", overrides, listen);
   }
   static std::unique_ptr<Process> robot(const TlsSettings& tls, const std::string& address,
                                         const std::string& id = "turtlebot1") {
@@ -73,6 +74,19 @@ TEST_F(Tls, ARobotRefusesAServerOfAnotherName) {
   const std::string port = open->address().substr(open->address().rfind(':'));
   const auto by_name = robot(keys_.robot(), "localhost" + port);
   EXPECT_EQ(by_name->wait(), 0) << by_name->output();
+}
+
+TEST_F(Tls, AScopeDoesNotKeepARobotFromCheckingTheServersAddress) {
+  keys_.make("server", "IP:127.0.0.1", "IP:::1");
+  const auto open = server({}, "[::1]:0");
+  const std::string port = open->address().substr(open->address().rfind(':'));
+  const auto sender = robot(keys_.robot(), "[::1%lo]" + port);
+  EXPECT_EQ(sender->wait(), 0) << sender->output();
+  keys_.make("server", "IP:127.0.0.1", "IP:::2");
+  const auto other = server({}, "[::1]:0");
+  const auto deceived =
+      robot(keys_.robot(), "[::1%lo]" + other->address().substr(other->address().rfind(':')));
+  EXPECT_TRUE(deceived->wait_for_line("is refused: IP address mismatch")) << deceived->output();
 }
 
 TEST_F(Tls, APlainServerIsNotTrusted) {

@@ -1,0 +1,15 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <string>
+
+namespace orbbuf::bench {
+
+/// Makes two network interfaces, the ends of a path on which each packet takes `delay`, and carries
+/// packets between them until the process is killed. One of them may be moved to another network
+/// namespace. Prints a line when both exist. Throws std::system_error; only root can make them.
+[[noreturn]] void carry_packets(const std::string& near_end, const std::string& far_end,
+                                std::chrono::nanoseconds delay);
+
+}  // namespace orbbuf::bench

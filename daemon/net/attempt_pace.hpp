@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <cstdint>
+#include <random>
+
+namespace orbbuf {
+
+/// When to begin the next attempt to connect: every `link.attempt_interval`, plus up to 30 % at
+/// random, so that many robots behind one router do not return at the same moment. Longer intervals
+/// apply to
+///   - a long round trip, so that each of `at_once` attempts can wait for two of it;
+///   - a long outage: a 600th of it so far, at most 1 s (longer than a minute, by default);
+///   - a server that refuses the robot: twice the interval after each refusal, at most 10 s.
+/// Knows no clock and no socket. Reentrant.
+class AttemptPace {
+ public:
+  using Time = std::chrono::steady_clock::time_point;
+  using Duration = std::chrono::nanoseconds;
+
+  /// at_once: how many attempts may be in progress, at least 2.
+  AttemptPace(Duration interval, unsigned at_once, std::uint32_t seed)
+      : shortest_(interval), at_once_(at_once), random_(seed) {}
+
+  /// The outage begins `now`, or something has changed so much that it counts as a new one.
+  void on_outage(Time now) { outage_ = now; }
+  void on_attempt(Time now) { attempt_ = now; }
+  /// The server answered `now`, and wants none of this robot for now.
+  void on_refused(Time now) {
+    ++refusals_;
+    attempt_ = now;
+  }
+  void on_welcome() { refusals_ = 0; }
+  /// The connection's least round trip: what a link that is back begins with.
+  void on_round_trip(Duration round_trip) { round_trip_ = round_trip; }
+
+  /// When to begin the next attempt; may have passed.
+  Time next(Time now) { return attempt_ + interval(now) * extra_(random_) / kHundred; }
+  /// When to begin the first attempt after a connection broke: up to one interval later, at random.
+  Time first(Time now) { return std::max(soonest(), now + shortest_ * part_(random_) / kHundred); }
+
+  /// The soonest that it may begin, because something has changed.
+  Time soonest() const { return attempt_ + shortest_; }
+
+  Duration round_trip() const { return round_trip_; }
+  /// How long there has been no server.
+  Duration outage(Time now) const { return now - outage_; }
+
+ private:
+  static constexpr int kHundred = 100;
+
+  Duration interval(Time now) const;
+
+  const Duration shortest_;
+  const unsigned at_once_;
+  std::minstd_rand random_;
+  std::uniform_int_distribution<int> extra_{kHundred, 130};  // in percent
+  std::uniform_int_distribution<int> part_{0, kHundred};
+  Time outage_{};
+  Time attempt_{};
+  Duration round_trip_{0};
+  int refusals_ = 0;
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+// A server that is known by its name, to a robot's host whose name server and table of hosts the
+// test writes.
+#include <gtest/gtest.h>
+
+#include <csignal>
+
+#include "testing/namespaces.hpp"
+#include "tests/e2e/rig.hpp"
+
+namespace orbbuf::test {
+namespace {
+
+constexpr const char* kRobot = "turtlebot1";
+constexpr const char* kNowhere = "10.77.0.9";  // on the network, but no host has it
+
+class NameTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (!hosts_.exist()) GTEST_SKIP() << hosts_.why();
+    // A name server behind the dead link, which the resolver asks for minutes.
+    write_file(folder_ / "resolv.conf", "nameserver 10.77.0.2\noptions timeout:30 attempts:5\n");
+    write_file(folder_ / "nsswitch.conf", "hosts: files dns\n");
+    set_addresses({});
+  }
+  /// What the name `slam` means from now on, by the robot's table of hosts.
+  void set_addresses(const std::vector<std::string>& addresses) {
+    std::string table;
+    for (const std::string& address : addresses) table += address + " slam\n";
+    write_file(folder_ / "hosts", table);
+  }
+  std::unique_ptr<Process> robot(const std::string& port, Overrides overrides) const {
+    std::string mounts;
+    for (const char* file : {"resolv.conf", "nsswitch.conf", "hosts"}) {
+      mounts += "mount --bind " + (folder_ / file).string() + " /etc/" + file + " && ";
+    }
+    std::vector<std::string> where = {"unshare", "--mount", "sh", "-c", mounts + "exec \"$@\"",
+                                      "sh"};
+    const auto on_robot = hosts_.on_robot();
+    where.insert(where.end(), on_robot.begin(), on_robot.end());
+    for (const char* one :
+         {"source.frames=1000000", "source.width=160", "source.height=120", "log.level=debug"}) {
+      overrides.emplace_back(one);
+    }
+    return std::make_unique<Process>(robot_command(kRobot, "slam:" + port, overrides, where));
+  }
+
+  const Namespaces hosts_;
+  const TemporaryFolder folder_;
+};
+
+TEST_F(NameTest, ASignalEndsTheRobotInTheMiddleOfALookup) {
+  hosts_.cut_link();
+  const auto robot = this->robot("7722", {"link.connect_timeout=1 s", "link.drain_timeout=0 s"});
+  ASSERT_TRUE(robot->wait_for_line("cannot resolve slam: no answer")) << robot->output();
+  robot->signal(SIGTERM);
+  EXPECT_NE(robot->wait(std::chrono::seconds(20)), -1) << robot->output();
+}
+
+TEST_F(NameTest, TheLinkIsUsedWhileALookupIsUnanswered) {
+  Server server(folder_ / "out", {"listen.insecure=true"}, Namespaces::kServerListen,
+                hosts_.on_server());
+  hosts_.cut_link();
+  const std::string port = server.address().substr(server.address().rfind(':') + 1);
+  const auto robot = this->robot(port, {});
+  ASSERT_TRUE(robot->wait_for_lines("] captured ", 2)) << robot->output();
+  set_addresses({kNowhere, "10.77.0.2"});  // the next lookup finds them, whatever the first does
+  hosts_.mend_link();
+  EXPECT_TRUE(robot->wait_for_line("connected to")) << robot->output();
+  robot->signal(SIGTERM);
+  ASSERT_EQ(robot->wait(), 0) << robot->output();
+  expect_exactly_once(read_record(folder_ / "out", kRobot), closing_account(*robot).at("captured"));
+}
+
+TEST_F(NameTest, AServerThatHasMovedIsFoundWhereTheNameSays) {
+  Server server(folder_ / "out", {"listen.insecure=true"}, Namespaces::kServerListen,
+                hosts_.on_server());
+  set_addresses({kNowhere});
+  const std::string port = server.address().substr(server.address().rfind(':') + 1);
+  const auto robot = this->robot(port, {"link.drain_timeout=0 s"});
+  ASSERT_TRUE(robot->wait_for_line("no connection to slam")) << robot->output();
+  set_addresses({"10.77.0.2"});
+  EXPECT_TRUE(robot->wait_for_line("connected to")) << robot->output();
+}
+
+}  // namespace
+}  // namespace orbbuf::test
