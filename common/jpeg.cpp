@@ -19,11 +19,17 @@ struct Header {
   int color_space = -1;
 };
 
-Error turbo_error(std::string_view attempt, tjhandle handle) {
-  return {fmt::format("{}: {}", attempt, tjGetErrorStr2(handle))};
+/// After an error TurboJPEG 2.1 may stand within the broken header and read the next image from
+/// there, as 0x0 pixels, so `handle` is replaced: a transformer, which compresses and decompresses
+/// as well. Null if there is no memory; calls then fail until there is.
+Error turbo_error(std::string_view attempt, tjhandle& handle) {
+  Error error{fmt::format("{}: {}", attempt, tjGetErrorStr2(handle))};
+  if (handle != nullptr) tjDestroy(handle);
+  handle = tjInitTransform();
+  return error;
 }
 
-Result<Header> read_header(tjhandle handle, std::span<const std::uint8_t> jpeg) {
+Result<Header> read_header(tjhandle& handle, std::span<const std::uint8_t> jpeg) {
   Header header;
   if (tjDecompressHeader3(handle, jpeg.data(), jpeg.size(), &header.width_px, &header.height_px,
                           &header.subsampling, &header.color_space) != 0) {
@@ -38,12 +44,13 @@ Result<Header> read_header(tjhandle handle, std::span<const std::uint8_t> jpeg) 
 
 }  // namespace
 
-// A transformer compresses and decompresses as well.
 JpegCodec::JpegCodec() : turbo_(tjInitTransform()) {
   if (turbo_ == nullptr) throw std::runtime_error("cannot set up TurboJPEG: out of memory");
 }
 
-JpegCodec::~JpegCodec() { tjDestroy(turbo_); }
+JpegCodec::~JpegCodec() {
+  if (turbo_ != nullptr) tjDestroy(turbo_);
+}
 
 Result<std::vector<std::uint8_t>> JpegCodec::encode(const ImageView& image, int quality,
                                                     bool color) {

@@ -42,7 +42,8 @@ struct JpegInfo {
   bool is_gray = false;
 };
 
-/// TurboJPEG, its handles reused from call to call. Thread-bound: one object per thread.
+/// TurboJPEG, its handle reused from call to call. An image with an error does not affect the next
+/// one. Thread-bound: one object per thread.
 class JpegCodec {
  public:
   JpegCodec();

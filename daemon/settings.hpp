@@ -29,8 +29,8 @@ struct Settings {
 /// ConfigError.
 Settings load_settings(const std::filesystem::path& file, std::span<const std::string> overrides);
 
-/// A unique name for this run of the daemon: UTC time and four random digits,
-/// `20261121T073000Z-4f3a`. Sorts by time.
+/// A unique name for this run of the daemon: UTC time and 64 random bits,
+/// `20261121T073000Z-4f3a0b1c2d3e4f50`. Sorts by time.
 std::string new_session_id();
 
 }  // namespace orbbuf

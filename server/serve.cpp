@@ -23,6 +23,7 @@
 #include "server/live/status_socket.hpp"
 #include "server/retention/retention.hpp"
 #include "server/runtime/descriptors.hpp"
+#include "server/runtime/lock_folder.hpp"
 
 namespace orbbuf {
 namespace {
@@ -40,6 +41,17 @@ std::shared_ptr<Retention> make_retention(asio::io_context& main, asio::thread_p
       [&listener](const std::string& robot_id, const std::string& session_id) {
         return listener.has_session(robot_id, session_id);
       });
+}
+
+bool is_kept(const SinkSettings& sinks) { return sinks.files_enabled || sinks.mcap_enabled; }
+
+/// SIGHUP never ends the server.
+void await_reload(asio::signal_set& reload, Listener& listener) {
+  reload.async_wait([&](const error_code& failed, int /*signal*/) {
+    if (failed) return;
+    listener.reload_tls();
+    await_reload(reload, listener);
+  });
 }
 
 /// Where the place is ours to choose, that it is taken is no reason not to serve.
@@ -61,6 +73,8 @@ std::unique_ptr<StatusSocket> open_status(asio::io_context& main, const std::str
 void serve(const Settings& settings) {
   std::signal(SIGPIPE, SIG_IGN);
   check_sinks(settings.sinks);
+  const UniqueFd lock =
+      is_kept(settings.sinks) ? lock_folder(settings.sinks.files_path) : UniqueFd();
   allow_descriptors_for(settings.listen.max_connections + HttpServer::kMaxConnections);
   asio::io_context main(1);
   asio::thread_pool files(1);  // ends before `main`, to which its work reports
@@ -74,6 +88,8 @@ void serve(const Settings& settings) {
   Health health(main, files, service, listener);
   const auto retention = make_retention(main, files, settings, listener);
 
+  asio::signal_set reload(main, SIGHUP);
+  await_reload(reload, listener);
   asio::signal_set signals(main, SIGINT, SIGTERM);
   signals.async_wait([&](const error_code& failed, int signal) {
     if (failed) return;
@@ -85,6 +101,7 @@ void serve(const Settings& settings) {
     listener.stop([&] {
       signals.clear();  // from here on a signal ends the process as usual
       signals.cancel();
+      reload.cancel();
       health.stop();
       retention->stop();
       if (http) http->stop();

@@ -28,10 +28,11 @@ tcp::endpoint peer_of(const tcp::socket& socket) {
 
 }  // namespace
 
-Connection::Connection(tcp::socket socket, TlsContext* tls, const ListenSettings& settings,
-                       ConnectionOwner& owner)
+Connection::Connection(tcp::socket socket, std::shared_ptr<TlsContext> tls,
+                       const ListenSettings& settings, ConnectionOwner& owner)
     : peer_(peer_of(socket)),
-      stream_(std::move(socket), tls),
+      tls_(std::move(tls)),
+      stream_(std::move(socket), tls_.get()),
       settings_(settings),
       owner_(owner),
       timer_(stream_.get_executor()),
@@ -136,8 +137,7 @@ void Connection::on_read_failed(const error_code& failed) {
 void Connection::handle(Message message) {
   const wire::Type type = message.header.type;
   if (state_ == State::kHello) {
-    if (type == wire::Type::kHello) return handle_hello(message);
-    return fail({ErrorCode::kUnexpected, fmt::format("{} before hello", to_string(type))});
+    return handle_hello(message);
   }
   stop_timer();  // from here on it is the sinks that take their time
   switch (type) {
@@ -188,6 +188,12 @@ void Connection::handle_hello(const Message& message) {
 void Connection::handle_frame(Message message) {
   auto frame = wire::parse_frame(message.header, message.meta, std::move(message.body));
   if (!frame) return fail(frame.error());
+  const wire::Position position = session_->position();
+  if (!Session::can_follow(frame.value().sequence, position.next_sequence)) {
+    return fail(
+        {ErrorCode::kUnexpected, fmt::format("frame {} cannot follow position {}",
+                                             frame.value().sequence, position.next_sequence)});
+  }
   session_->write(std::make_shared<const EncodedFrame>(std::move(frame).value()),
                   [weak = weak_from_this()] {
                     if (const auto self = weak.lock()) self->on_taken();
@@ -197,6 +203,12 @@ void Connection::handle_frame(Message message) {
 void Connection::handle_dropped(const Message& message) {
   auto dropped = wire::parse_dropped(message.header, message.body);
   if (!dropped) return fail(dropped.error());
+  const wire::Position position = session_->position();
+  if (!Session::can_follow(dropped.value().first_drop, position.next_drop)) {
+    return fail(
+        {ErrorCode::kUnexpected, fmt::format("drop record {} cannot follow position {}",
+                                             dropped.value().first_drop, position.next_drop)});
+  }
   session_->write_drops(std::move(dropped).value(), [weak = weak_from_this()] {
     if (const auto self = weak.lock()) self->on_taken();
   });

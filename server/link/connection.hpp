@@ -61,9 +61,9 @@ class ConnectionOwner {
 /// its socket's and timer's operations; its session holds it weakly.
 class Connection final : public SessionPeer, public std::enable_shared_from_this<Connection> {
  public:
-  /// `tls`, null for plain TCP, `settings` and `owner` must outlive every run of the io_context.
-  Connection(boost::asio::ip::tcp::socket socket, TlsContext* tls, const ListenSettings& settings,
-             ConnectionOwner& owner);
+  /// `tls`: null for plain TCP. `settings` and `owner` must outlive every run of the io_context.
+  Connection(boost::asio::ip::tcp::socket socket, std::shared_ptr<TlsContext> tls,
+             const ListenSettings& settings, ConnectionOwner& owner);
 
   void start();
   /// Answers the hello by joining `session`.
@@ -103,6 +103,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   std::string name() const;
 
   const boost::asio::ip::tcp::endpoint peer_;
+  const std::shared_ptr<TlsContext> tls_;
   Stream stream_;
   const ListenSettings& settings_;
   ConnectionOwner& owner_;

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <stdexcept>
 #include <utility>
 #include <vector>
 
@@ -51,6 +52,16 @@ void Listener::start() {
   accept();
 }
 
+void Listener::reload_tls() {
+  if (!tls_) return spdlog::info("SIGHUP: no [tls], so there are no certificates to read again");
+  try {
+    tls_ = make_tls_context(settings_.listen.tls);
+    spdlog::info("SIGHUP: read the certificates again; new connections use them");
+  } catch (const std::runtime_error& error) {
+    spdlog::error("SIGHUP: {}; the server keeps the certificates that it has", error.what());
+  }
+}
+
 std::size_t Listener::robots() const {
   return static_cast<std::size_t>(std::ranges::count_if(
       connections_, [](const auto& connection) { return connection->is_introduced(); }));
@@ -90,8 +101,7 @@ void Listener::on_accepted(tcp::socket socket) {
     return turn_away(socket, why);
   }
   is_full_ = false;
-  auto connection =
-      std::make_shared<Connection>(std::move(socket), tls_.get(), settings_.listen, *this);
+  auto connection = std::make_shared<Connection>(std::move(socket), tls_, settings_.listen, *this);
   connections_.insert(connection);
   connection->start();
 }

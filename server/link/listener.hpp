@@ -47,6 +47,9 @@ class Listener final : public ConnectionOwner {
   bool has_session(const std::string& robot_id, const std::string& session_id) const;
 
   void start();
+  /// Reads the certificates anew, for the connections that follow. If they cannot be used, it logs
+  /// why and keeps those that it has. Connections that are open stay open.
+  void reload_tls();
   /// Accepts no more, lets the sinks finish what they have begun (drain_timeout), says bye to the
   /// robots, and then runs `stopped`. Once.
   void stop(std::function<void()> stopped);
@@ -72,7 +75,7 @@ class Listener final : public ConnectionOwner {
   boost::asio::thread_pool& pool_;
   const Settings settings_;
   Metrics* const metrics_;
-  const std::unique_ptr<TlsContext> tls_;  // null: plain TCP
+  std::shared_ptr<TlsContext> tls_;  // null: plain TCP
   boost::asio::ip::tcp::acceptor acceptor_;
   boost::asio::steady_timer retry_;
   bool is_accept_failing_ = false;

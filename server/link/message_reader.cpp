@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/link/message_reader.hpp"
 
+#include <spdlog/fmt/fmt.h>
+
 #include <algorithm>
 #include <utility>
 
@@ -47,6 +49,10 @@ wire::Parsed<bool> MessageReader::commit(std::size_t bytes) {
 wire::Parsed<bool> MessageReader::begin_body() {
   auto header = wire::parse_header(head_, max_jpeg_bytes_);
   if (!header) return std::move(header).error();
+  if (!is_introduced_ && header.value().type != wire::Type::kHello) {
+    return wire::Fault{wire::ErrorCode::kUnexpected,
+                       fmt::format("{} before hello", to_string(header.value().type))};
+  }
   message_.header = header.value();
   const bool is_frame = message_.header.type == wire::Type::kFrame;
   part_ = is_frame ? Part::kMeta : Part::kBody;
@@ -58,6 +64,7 @@ wire::Parsed<bool> MessageReader::begin_body() {
 Message MessageReader::take() {
   part_ = Part::kHeader;
   filled_ = 0;
+  is_introduced_ = true;
   return std::exchange(message_, {});
 }
 

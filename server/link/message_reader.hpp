@@ -22,7 +22,8 @@ struct Message {
 /// Says where the next bytes of a stream belong and when they make a message: the bytes are read
 /// into their final place and never copied. Knows no sockets and never asks for bytes of the next
 /// message, so there is no read-ahead. Memory grows with the bytes that really come, at most to
-/// twice those, whatever a header claims. Reentrant.
+/// twice those, whatever a header claims. The first message must be hello, so a peer that has not
+/// introduced itself costs a hello's memory at most. Reentrant.
 class MessageReader {
  public:
   explicit MessageReader(std::uint32_t max_jpeg_bytes) : max_jpeg_bytes_(max_jpeg_bytes) {}
@@ -47,6 +48,7 @@ class MessageReader {
   Part part_ = Part::kHeader;
   std::size_t filled_ = 0;  // of the part
   std::size_t body_bytes_ = 0;
+  bool is_introduced_ = false;  // the first message is complete
   std::array<std::uint8_t, wire::kHeaderBytes> head_{};
   Message message_;
 };

@@ -82,6 +82,13 @@ class Session : public std::enable_shared_from_this<Session> {
   /// Ends the session when the sinks are done with what they have begun, or when `drain` is over.
   void close(SessionEnd end);
 
+  /// Whether a frame or drop record of that number can follow. One far beyond the position would
+  /// make the server take the robot's next frames for repeats.
+  static bool can_follow(std::uint64_t number, std::uint64_t position) {
+    constexpr std::uint64_t kMost = std::uint64_t{1} << 32;  // 49 days of 1000 a second
+    return number < position || number - position < kMost;
+  }
+
   bool is_closing() const { return end_.has_value(); }
   wire::Position position() const { return position_; }
   const SessionInfo& info() const { return info_; }

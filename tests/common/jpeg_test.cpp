@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 
@@ -192,6 +193,24 @@ TEST_F(Jpeg, ATruncatedJpegIsNotHalved) {
   const auto jpeg = encode(64, 48, 1, false);
   for (std::size_t size = 0; size + 2 < jpeg.size(); ++size) {
     EXPECT_FALSE(codec_.halve(std::span(jpeg).first(size))) << size;
+  }
+}
+
+/// Breaks each byte of a JPEG's head in turn, and uses the same codec for a good image after each.
+TEST_F(Jpeg, ABrokenImageDoesNotAffectTheNextOne) {
+  const auto good = encode(64, 48, 1, false);
+  const auto head = std::min<std::size_t>(good.size(), 640);
+  for (std::size_t at = 0; at < head; ++at) {
+    auto broken = good;
+    broken[at] ^= 0xFF;
+    const bool is_fine = codec_.inspect(broken).has_value() && codec_.decode_gray(broken, 1);
+    broken.resize(at);
+    const bool is_cut_fine = codec_.inspect(broken).has_value();
+    ASSERT_FALSE(is_cut_fine) << at << is_fine;
+    const auto info = codec_.inspect(good);
+    ASSERT_TRUE(info) << at;
+    ASSERT_EQ(info.value().width_px, 64) << at;
+    ASSERT_TRUE(codec_.decode_gray(good, 1)) << at;
   }
 }
 

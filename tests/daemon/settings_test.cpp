@@ -142,7 +142,7 @@ TEST(Settings, CalibrationOfFourLinesIsKeptAsItIs) {
 TEST(Settings, SessionIdsAreValid) {
   const std::string a = new_session_id();
   EXPECT_TRUE(wire::is_valid_id(a)) << a;
-  EXPECT_EQ(a.size(), std::string("20261121T073000Z-4f3a").size());
+  EXPECT_EQ(a.size(), std::string("20261121T073000Z-4f3a0b1c2d3e4f50").size());
 }
 
 }  // namespace

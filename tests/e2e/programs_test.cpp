@@ -4,6 +4,7 @@
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
+#include <csignal>
 
 #include "tests/e2e/rig.hpp"
 
@@ -90,6 +91,28 @@ TEST(Programs, WrongPortIsSaidOnceAndTriedOn) {
   EXPECT_EQ(robot.count_lines("no connection to " + address + ": "), 1) << robot.output();
   EXPECT_EQ(robot.count_lines("Connection refused"), 1) << robot.output();
   EXPECT_EQ(closing_account(robot).at("dropped"), 50U);
+}
+
+TEST(Programs, ASecondServerOnTheSameFolderRefusesToStart) {
+  const TemporaryFolder folder;
+  const Server first(folder / "data");
+  const Finished second = run({ORBBUF_SERVER, "--set", "listen.address=127.0.0.1:0", "--set",
+                               "files.path=" + (folder / "data").string()});
+  EXPECT_EQ(second.status, 1);
+  EXPECT_NE(second.output.find((folder / "data").string() + ": another orbbuf-server uses it"),
+            std::string::npos)
+      << second.output;
+}
+
+TEST(Programs, TheServerLivesOnAfterSighup) {
+  const TemporaryFolder folder;
+  Server server(folder / "data");
+  server.process().signal(SIGHUP);
+  ASSERT_TRUE(server.process().wait_for_line("SIGHUP: no [tls]"));
+  server.process().signal(SIGHUP);
+  ASSERT_TRUE(server.process().wait_for_lines("SIGHUP: no [tls]", 2));
+  server.process().signal(SIGTERM);
+  EXPECT_EQ(server.process().wait(), 0);
 }
 
 }  // namespace

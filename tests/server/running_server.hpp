@@ -46,6 +46,16 @@ class RunningServer {
     return answer.get_future().get();
   }
 
+  /// As SIGHUP does it; returns when it is done.
+  void reload_tls() {
+    std::promise<void> done;
+    boost::asio::post(main_, [&] {
+      listener_->reload_tls();
+      done.set_value();
+    });
+    done.get_future().get();
+  }
+
   /// As a signal does it; returns when the server has closed everything.
   void stop() {
     if (!thread_.joinable()) return;

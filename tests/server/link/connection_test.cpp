@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 #include <poll.h>
 
+#include <limits>
 #include <memory>
 #include <utility>
 
@@ -206,6 +207,35 @@ TEST_F(ConnectionTest, AFrameBeforeHelloIsUnexpected) {
   const auto robot = connect();
   robot.send_frame(plain_frame(0));
   expect_end(robot, ErrorCode::kUnexpected, "frame before hello");
+}
+
+TEST_F(ConnectionTest, AFrameBeforeHelloIsRefusedByItsHeader) {
+  const auto robot = connect();
+  const auto head = wire::encode_frame_head(plain_frame(0, 1'000'000));
+  robot.send(std::span(head).first(wire::kHeaderBytes));
+  expect_end(robot, ErrorCode::kUnexpected, "frame before hello");
+}
+
+TEST_F(ConnectionTest, AFrameFarBeyondThePositionIsRefused) {
+  {
+    const auto robot = connect();
+    ASSERT_TRUE(robot.hello("r1", "s1"));
+    robot.send_frame(plain_frame(std::numeric_limits<Sequence>::max() - 1));
+    expect_end(robot, ErrorCode::kUnexpected, "cannot follow position 0");
+  }
+  const auto again = connect();
+  EXPECT_EQ(again.hello("r1", "s1"), wire::Position{});
+}
+
+TEST_F(ConnectionTest, DropRecordsFarBeyondThePositionAreRefused) {
+  {
+    const auto robot = connect();
+    ASSERT_TRUE(robot.hello("r1", "s1"));
+    robot.send(wire::encode(wire::Dropped{std::uint64_t{1} << 62, {{3, 0, DropReason::kPolicy}}}));
+    expect_end(robot, ErrorCode::kUnexpected, "cannot follow position 0");
+  }
+  const auto again = connect();
+  EXPECT_EQ(again.hello("r1", "s1"), wire::Position{});
 }
 
 TEST_F(ConnectionTest, AMessageForRobotsIsUnexpected) {

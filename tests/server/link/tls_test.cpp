@@ -110,6 +110,24 @@ TEST_F(TlsServer, APlainRobotIsRefused) {
   EXPECT_THAT(said[0], HasSubstr("the peer does not use TLS"));
 }
 
+TEST_F(TlsServer, ReadsTheCertificatesAgain) {
+  const auto replace = std::filesystem::copy_options::overwrite_existing;
+  std::filesystem::copy_file(Certificates().server().ca, keys_.server().ca, replace);
+  server_->reload_tls();
+  come(keys_.robot());
+  const auto said = warnings();
+  ASSERT_THAT(said, SizeIs(1));
+  EXPECT_THAT(said[0], HasSubstr("unable to get local issuer certificate"));
+}
+
+TEST_F(TlsServer, KeepsItsCertificatesIfTheNewOnesCannotBeUsed) {
+  test::write_file(keys_.server().ca, "not PEM");
+  server_->reload_tls();
+  EXPECT_THAT(log_.lines("error "), SizeIs(1));
+  come(Certificates().robot());
+  EXPECT_THAT(warnings(), SizeIs(1));
+}
+
 TEST_F(TlsServer, ThePageIsForWhoeverShowsACertificateOfTheCa) {
   EXPECT_THAT(look(keys_.robot()), HasSubstr("\r\n\r\nok\n"));
   EXPECT_THAT(look(std::nullopt), Not(HasSubstr("HTTP/1.1")));
