@@ -49,16 +49,9 @@ of_returns() {
       END { printf "%.3f %.3f\n", (v[int((NR + 1) / 2)] + v[int(NR / 2) + 1]) / 2, v[NR] }'
 }
 
-returns() { # OUTAGE:REPEATS...
-  local control address plan repeat median worst flow name
-  make_images "$work/small" 250 320 240
-  shape 20
-  for control in "${controls[@]}"; do
-    address=ADDRESS_$control
-    start_stream "orbbufd-$control" "${!address}" "$work/small" $FPS
-    flows+=("orbbufd-$control")
-  done
-  start_rivals
+# through PLAN...: the outages, for what is in `flows`.
+through() {
+  local flow plan repeat
   sleep 3
   for flow in "${flows[@]}"; do
     [ -s "$work/$flow.out" ] || { say "bench link: nothing arrives of $flow" && exit 1; }
@@ -67,8 +60,26 @@ returns() { # OUTAGE:REPEATS...
     for ((repeat = 0; repeat < ${plan#*:}; ++repeat)); do outage "${plan%:*}"; done
   done
   stop_from 0
+}
+
+# orbbufd under cubic has the link to itself, so that the round trip is the link's own. The others
+# share it: what one of them sends after its return waits in the queue before the others' first frame.
+returns() { # OUTAGE:REPEATS...
+  local plan median worst flow name
+  make_images "$work/small" 250 320 240
+  shape 20
+  start_stream orbbufd-cubic "$ADDRESS_cubic" "$work/small" $FPS
+  flows=(orbbufd-cubic)
+  through "$@"
+  flows=()
+  if [[ " ${controls[*]} " == *" bbr "* ]]; then
+    start_stream orbbufd-bbr "$ADDRESS_bbr" "$work/small" $FPS
+    flows=(orbbufd-bbr)
+  fi
+  start_rivals
+  through "$@"
   for plan in "$@"; do
-    for flow in "${flows[@]}"; do
+    for flow in orbbufd-cubic "${flows[@]}"; do
       read -r median worst < <(of_returns "${plan%:*}" "$flow")
       name=link.$flow
       [ "$flow" = plain ] && name=link.plain_tcp

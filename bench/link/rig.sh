@@ -124,7 +124,7 @@ chosen() {
 }
 
 # start_stream NAME ADDRESS IMAGES FPS [SETTING...]: orbbuf-server with `server_settings`, orbbufd with
-# these settings, and a watch on what arrives, whose lines TIME BYTES FILE are $work/NAME.out.
+# these settings, which reaches it by `robot_reaches` if that is set, and a watch on what arrives, whose lines TIME BYTES FILE are $work/NAME.out.
 start_stream() {
   local name=$1 address=$2 images=$3 fps=$4 port folder setting settings=() on_server_only=()
   for setting in "${@:5}"; do settings+=(--set "$setting"); done
@@ -135,12 +135,12 @@ start_stream() {
   wait_for "$name-server" 'listening on'
   port=$(grep -o 'listening on .*' "$work/$name-server.err" | grep -o '[0-9]*$')
   start "$name-robot" "${on_robot[@]}" "$build/daemon/orbbufd" --set robot.id=r \
-    --set "link.server=$address:$port" --set source.kind=folder --set "source.path=$images" \
+    --set "link.server=${robot_reaches:-$address}:$port" --set source.kind=folder --set "source.path=$images" \
     --set "source.fps=$fps" --set source.loop=true --set 'link.drain_timeout=100 ms' \
     "${settings[@]}"
   wait_for "$name-robot" 'connected to'
   for ((tries = 0; tries < 200; ++tries)); do
-    folder=$(echo "$work/$name"/r/*/images)
+    folder=$(echo "$work/$name"/*/*/images)
     [ -d "$folder" ] && break
     sleep 0.05
   done

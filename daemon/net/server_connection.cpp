@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/net/server_connection.hpp"
 
+#include <netinet/tcp.h>
+
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/read.hpp>
 #include <boost/asio/ssl/error.hpp>
@@ -17,15 +19,25 @@ ServerConnection::ServerConnection(asio::io_context& io, TlsContext* tls, Owner&
     : stream_(asio::ip::tcp::socket(io), tls), owner_(&owner) {}
 
 void ServerConnection::open(const asio::ip::tcp::endpoint& server, const std::string& host,
-                            const wire::Hello& hello, std::uint32_t unsent_limit) {
+                            const wire::Hello& hello, std::uint32_t unsent_limit,
+                            int largest_segment) {
   server_ = server;
   message_ = wire::encode(hello);
+  if (largest_segment > 0) limit_segments(server, largest_segment);
   stream_.socket().async_connect(
       server, [self = shared_from_this(), host, unsent_limit](const error_code& error) {
         if (!self->owner_) return;
         if (error) return self->fail("cannot connect", error);
         self->on_connected(host, unsent_limit);
       });
+}
+
+/// Before the SYN, so that the server's segments are as small.
+void ServerConnection::limit_segments(const asio::ip::tcp::endpoint& server, int bytes) {
+  using MaxSegment = asio::detail::socket_option::integer<IPPROTO_TCP, TCP_MAXSEG>;
+  error_code ignored;  // async_connect() says what is wrong with the socket
+  stream_.socket().open(server.protocol(), ignored);
+  stream_.socket().set_option(MaxSegment(bytes), ignored);
 }
 
 void ServerConnection::on_connected(const std::string& host, std::uint32_t unsent_limit) {

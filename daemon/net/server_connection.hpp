@@ -51,9 +51,10 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   ServerConnection(boost::asio::io_context& io, TlsContext* tls, Owner& owner);
 
   /// Connects to `server`, which under TLS must prove to be `host`, and says `hello`. From then on
-  /// the kernel keeps at most about `unsent_limit` bytes unsent.
+  /// the kernel keeps at most about `unsent_limit` bytes unsent. largest_segment: in bytes, either
+  /// way; 0: as the interface has it.
   void open(const boost::asio::ip::tcp::endpoint& server, const std::string& host,
-            const wire::Hello& hello, std::uint32_t unsent_limit);
+            const wire::Hello& hello, std::uint32_t unsent_limit, int largest_segment);
 
   /// Where it goes, since open().
   const boost::asio::ip::tcp::endpoint& server() const { return server_; }
@@ -78,6 +79,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
  private:
   using FrameHead = std::array<std::uint8_t, wire::kHeaderBytes + wire::kFrameMetaBytes>;
 
+  void limit_segments(const boost::asio::ip::tcp::endpoint& server, int bytes);
   void on_connected(const std::string& host, std::uint32_t unsent_limit);
   void say_hello();
   void wait_writable();

@@ -98,7 +98,8 @@ void ServerLink::attempt() {
                                  io_, tls_.get(), static_cast<ServerConnection::Owner&>(*this)),
                              now);
   attempt.connection->open(addresses_.next(), settings_.server.host, hello_,
-                           static_cast<std::uint32_t>(settings_.unsent_bytes));
+                           static_cast<std::uint32_t>(settings_.unsent_bytes),
+                           segment_size_.limit());
   pace_.on_attempt(now);
   attempt_at(pace_.next(now));
 }
@@ -143,6 +144,7 @@ void ServerLink::on_found(const Result<NameLookup::Endpoints>& endpoints) {
 
 /// An interface has come up, or an address, or a route: as good as the link's return.
 void ServerLink::on_network_change() {
+  segment_size_.reset();
   if (!is_attempt_due()) return;
   begin_outage();
   attempt_at(pace_.soonest());
@@ -191,7 +193,10 @@ void ServerLink::on_step(const ServerConnection& from) {
 }
 
 void ServerLink::promote(const ServerConnection& from) {
-  if (candidate_) candidate_->close();  // it has lost the link
+  if (candidate_) {  // it has lost the link
+    if (!candidate_->has_said_hello()) segment_size_.on_nothing_large();
+    candidate_->close();
+  }
   const auto found = std::ranges::find_if(
       attempts_, [&](const Attempt& one) { return one.connection.get() == &from; });
   candidate_ = found->connection;
@@ -211,6 +216,8 @@ void ServerLink::on_welcome(const wire::Position& position) {
   last_error_.clear();
   known_errors_.clear();
   connection_watch_.restart(Clock::now());
+  const auto progress = connection_->progress();
+  segment_size_.on_welcome(progress ? progress->acked_bytes : 0);
   spdlog::info("link: connected to {}{}; its record of this session reaches frame {}",
                to_string(settings_.server), tls_ ? " over TLS" : "", position.next_sequence);
   owner_.on_connected(position);
@@ -241,7 +248,10 @@ void ServerLink::check_candidate() {
   const auto now = Clock::now();
   const bool was_stalled = candidate_watch_.is_stalled();
   candidate_watch_.look(candidate_->progress(), now);
-  if (now - step_time_ > patience()) return on_candidate_failed(kNoAnswer);
+  if (now - step_time_ > patience()) {
+    if (!candidate_->has_said_hello()) segment_size_.on_nothing_large();
+    return on_candidate_failed(kNoAnswer);
+  }
   if (candidate_watch_.is_stalled() == was_stalled) return;
   if (was_stalled) return close_attempts();
   attempt_at(pace_.soonest());
@@ -269,6 +279,7 @@ void ServerLink::check_connection() {
   }
   if (state_ == State::kStalled || !connection_watch_.is_stalled()) return;
   state_ = State::kStalled;
+  segment_size_.on_stall(progress->acked_bytes);
   spdlog::warn("link: connection to {} stalled, nothing acknowledged for {:.1f} s; trying another",
                to_string(settings_.server), to_seconds(connection_watch_.still_for()));
   begin_outage();

@@ -18,6 +18,7 @@
 #include "daemon/net/attempt_pace.hpp"
 #include "daemon/net/name_lookup.hpp"
 #include "daemon/net/network_news.hpp"
+#include "daemon/net/segment_size.hpp"
 #include "daemon/net/server_addresses.hpp"
 #include "daemon/net/server_connection.hpp"
 #include "daemon/net/stall_watch.hpp"
@@ -169,6 +170,7 @@ class ServerLink final : private ServerConnection::Owner {
   Clock::time_point step_time_;    // when the candidate began its present step
   std::vector<Attempt> attempts_;  // oldest first: TCP is not there yet
   AttemptPace pace_;
+  SegmentSize segment_size_;
   bool has_tried_ = false;              // an attempt has ended
   std::string last_error_;              // of the last attempt
   std::set<std::string> known_errors_;  // since the last welcome; logged already

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+# shellcheck shell=bash
+# To be sourced after return.sh: how soon frames come after an outage of a link with a long round trip,
+# how long a robot needs to connect over it, what a name server behind the outage changes, and what
+# the attempts to connect cost.
+ADDRESS_far=10.78.0.2
+PATH_MS=(50 300 600 2000)
+COST_SECONDS=20
+
+# lay_path MS: a second way between the hosts, with this round trip. Until stop_from.
+lay_path() {
+  start path "${on_robot[@]}" "$build/bench/orbbuf-link-peer" path near far \
+    "$(awk -v ms="$1" 'BEGIN { print ms / 2000 }')"
+  wait_for path 'path from'
+  ip -n "$robot_ns" link set far netns "$server_ns"
+  ip -n "$robot_ns" addr add 10.78.0.1/24 dev near
+  ip -n "$server_ns" addr add "$ADDRESS_far/24" dev far
+  ip -n "$robot_ns" link set near up
+  ip -n "$server_ns" link set far up
+}
+
+# connect_seconds NAME: from the start of orbbufd to its connection, by its log.
+connect_seconds() {
+  TZ=UTC awk '/, session / || /connected to/ {
+    gsub(/[-T:Z.]/, " ", $1)
+    split($1, t, " ")
+    at = mktime(t[1] " " t[2] " " t[3] " " t[4] " " t[5] " " t[6]) + t[7] / 1000
+    if (!begin) begin = at; else { printf "%.3f\n", at - begin; exit }
+  }' "$work/$1-robot.err"
+}
+
+paths() { # OUTAGE:REPEATS...
+  local ms first plan repeat median worst name
+  make_images "$work/path-images" 250 320 240
+  for ms in "${PATH_MS[@]}"; do
+    first=${#pids[@]} name=path-$ms
+    lay_path "$ms"
+    start_stream "$name" "$ADDRESS_far" "$work/path-images" 25
+    results+=("RESULT link.round_trip_$ms.connect_s $(connect_seconds "$name")")
+    flows=("$name")
+    sleep 10 # slow start is over
+    for plan in "$@"; do
+      for ((repeat = 0; repeat < ${plan#*:}; ++repeat)); do outage "${plan%:*}"; done
+      read -r median worst < <(of_returns "${plan%:*}" "$name")
+      results+=("RESULT link.round_trip_$ms.return_median_s.${plan%:*} $median"
+        "RESULT link.round_trip_$ms.return_worst_s.${plan%:*} $worst")
+    done
+    stop_from "$first"
+  done
+}
+
+# The name is known from the robot's table of hosts; then only the name server behind the link has it.
+names() { # REPEATS
+  local first=${#pids[@]} repeat median worst robot_reaches=slam
+  local plain_on_robot=("${on_robot[@]}") on_robot
+  printf 'nameserver %s\n' "$ADDRESS_cubic" >"$work/resolv.conf"
+  printf 'hosts: files dns\n' >"$work/nsswitch.conf"
+  printf '%s slam\n' "$ADDRESS_cubic" >"$work/hosts"
+  # shellcheck disable=SC2016 # the inner shell's "$@"
+  on_robot=(unshare --mount sh -c 'for file in resolv.conf nsswitch.conf hosts; do
+      mount --bind "$0/$file" "/etc/$file" || exit
+    done
+    exec "$@"' "$work" "${plain_on_robot[@]}")
+  make_images "$work/name-images" 250 320 240
+  start_stream name "$ADDRESS_cubic" "$work/name-images" 25
+  : >"$work/hosts"
+  sleep 3
+  flows=(name)
+  for ((repeat = 0; repeat < $1; ++repeat)); do outage 20; done
+  read -r median worst < <(of_returns 20 name)
+  results+=("RESULT link.name_return_median_s $median" "RESULT link.name_return_worst_s $worst")
+  stop_from "$first"
+}
+
+# sent_bytes COUNTER: what the robot has sent by now of what that counts.
+sent_bytes() {
+  "${on_robot[@]}" nft list counter inet cost "$1" | awk '/bytes/ { print $4 }'
+}
+
+attempt_cost() {
+  local first=${#pids[@]} counter before=() after=()
+  make_images "$work/cost-images" 250 320 240
+  start_stream cost "$ADDRESS_cubic" "$work/cost-images" 25
+  "${on_robot[@]}" nft 'add table inet cost
+    add counter inet cost attempts; add counter inet cost sent
+    add chain inet cost out { type filter hook output priority 0; }
+    add rule inet cost out tcp flags & (syn | ack) == syn counter name attempts
+    add rule inet cost out counter name sent'
+  cut_link
+  wait_for cost-robot 'stalled'
+  for counter in attempts sent; do before+=("$(sent_bytes $counter)"); done
+  sleep $COST_SECONDS
+  for counter in attempts sent; do after+=("$(sent_bytes $counter)"); done
+  mend_link
+  stop_from "$first"
+  "${on_robot[@]}" nft delete table inet cost
+  results+=("RESULT link.stalled_attempts_bit_s $(((after[0] - before[0]) * 8 / COST_SECONDS))"
+    "RESULT link.stalled_bit_s $(((after[1] - before[1]) * 8 / COST_SECONDS))")
+}
+
+# TLS with default settings, over the longest of the round trips.
+tls_connects() {
+  local first=${#pids[@]} name
+  lay_path 2000
+  (cd "$work" && mkdir keys && cd keys &&
+    for name in ca server robot; do
+      awk -v name="sh $name" '/^```/ { on = substr($0, 4) == name; next } on' "$here/../../docs/security.md"
+    done | sed "s/IP:127.0.0.1/IP:$ADDRESS_far/" >make.sh && sh -e make.sh) >"$work/keys.log" 2>&1
+  make_images "$work/tls-images" 10 160 120
+  local server_settings=("tls.certificate=$work/keys/server.crt" "tls.key=$work/keys/server.key"
+    "tls.ca=$work/keys/ca.crt")
+  start_stream tls "$ADDRESS_far" "$work/tls-images" 5 robot.id=turtlebot1 \
+    "tls.certificate=$work/keys/turtlebot1.crt" "tls.key=$work/keys/turtlebot1.key" "tls.ca=$work/keys/ca.crt"
+  results+=("RESULT link.round_trip_2000.tls_connect_s $(connect_seconds tls)")
+  stop_from "$first"
+}
