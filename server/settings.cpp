@@ -84,6 +84,7 @@ Value load_choice(ConfigReader& reader, const std::string& key, Value fallback,
   return static_cast<Value>(std::ranges::find(names, got) - names.begin());
 }
 
+constexpr std::array<std::string_view, 3> kSyncs{"ack", "1 s", "off"};
 constexpr std::array<std::string_view, 2> kFormats{"pgm", "mjpeg"};
 constexpr std::array<std::string_view, 3> kRestarts{"always", "on-failure", "never"};
 constexpr std::array<std::string_view, 2> kResumes{"live", "backlog"};
@@ -142,6 +143,7 @@ void load_sinks(ConfigReader& reader, SinkSettings& sinks) {
   sinks.files_enabled = reader.flag("files.enabled", sinks.files_enabled);
   sinks.files_path = reader.path("files.path", sinks.files_path);
   if (sinks.files_path.empty()) reader.fail("files.path", "must not be empty");
+  sinks.files_sync = load_choice(reader, "files.sync", sinks.files_sync, kSyncs);
   sinks.mcap_enabled = reader.flag("mcap.enabled", sinks.mcap_enabled);
   sinks.ros_enabled = reader.flag("ros.enabled", sinks.ros_enabled);
 #ifndef ORBBUF_ROS

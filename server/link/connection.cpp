@@ -86,6 +86,12 @@ void Connection::on_attached(wire::Position position) {
   read();
 }
 
+void Connection::on_kept() {
+  if (state_ != State::kServing) return;
+  is_ack_due_ = true;
+  send_next();
+}
+
 void Connection::on_replaced() {
   spdlog::info("{}: replaced, the robot connected again", name());
   part(encode(wire::ErrorMessage{ErrorCode::kReplaced, "the robot connected again"}));
@@ -215,10 +221,7 @@ void Connection::handle_dropped(const Message& message) {
 }
 
 void Connection::on_taken() {
-  if (state_ != State::kServing) return;
-  is_ack_due_ = true;
-  send_next();
-  read();
+  if (state_ == State::kServing) read();
 }
 
 void Connection::fail(const wire::Fault& fault, spdlog::level::level_enum level) {
@@ -253,7 +256,7 @@ void Connection::send_next() {
   if (!waiting_.empty()) {
     out_ = std::exchange(waiting_, {});
   } else if (is_ack_due_) {
-    out_ = encode(wire::Ack{session_->position()});
+    out_ = encode(wire::Ack{session_->kept()});
     is_ack_due_ = false;
   } else if (state_ == State::kParting) {
     if (has_peer_closed_) return close();

@@ -74,6 +74,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   const boost::asio::ip::tcp::endpoint& peer() const { return peer_; }
 
   void on_attached(wire::Position position) override;
+  void on_kept() override;
   void on_replaced() override;
   void on_ended(wire::Position position) override;
 

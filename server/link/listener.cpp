@@ -38,6 +38,7 @@ Listener::Listener(asio::io_context& main, asio::thread_pool& pool, Settings set
       pool_(pool),
       settings_(std::move(settings)),
       metrics_(metrics),
+      commit_(make_group_commit(settings_.sinks, main)),
       tls_(make_tls_context(settings_.listen.tls)),
       acceptor_(listen_on(main, "listen on", settings_.listen.address,
                           settings_.listen.receive_buffer_bytes)),
@@ -173,7 +174,7 @@ Result<std::shared_ptr<Session>> Listener::session_for(const SessionKey& key,
                                                        const wire::Hello& hello) {
   if (const auto known = sessions_.find(key); known != sessions_.end()) return known->second;
   SessionInfo info{key.first, key.second, hello.calibration};
-  auto sinks = make_sinks(settings_.sinks, info, main_, pool_);
+  auto sinks = make_sinks(settings_.sinks, info, main_, pool_, commit_.get());
   if (!sinks) return std::move(sinks).error();
   const Session::Timeouts timeouts{settings_.session_timeout, settings_.drain_timeout};
   auto session = std::make_shared<Session>(main_, std::move(info), std::move(sinks).value(),

@@ -75,7 +75,8 @@ class Listener final : public ConnectionOwner {
   boost::asio::thread_pool& pool_;
   const Settings settings_;
   Metrics* const metrics_;
-  std::shared_ptr<TlsContext> tls_;  // null: plain TCP
+  const std::unique_ptr<GroupCommit> commit_;  // null: no syncs
+  std::shared_ptr<TlsContext> tls_;            // null: plain TCP
   boost::asio::ip::tcp::acceptor acceptor_;
   boost::asio::steady_timer retry_;
   bool is_accept_failing_ = false;

@@ -58,6 +58,7 @@ void Session::attach(const std::shared_ptr<SessionPeer>& peer) {
   timer_.cancel();
   if (metrics_) metrics_->on_connected();
   if (old) old->on_replaced();
+  commit();  // of what an earlier process has written
   on_waiter_gone();
 }
 
@@ -75,8 +76,7 @@ void Session::write(FramePtr frame, Taken taken) {
   if (is_closing()) return;
   if (frame->sequence < position_.next_sequence) {
     spdlog::debug("{}: ignored frame {}, a repeat", name_, frame->sequence);
-    asio::post(main_, std::move(taken));
-    return;
+    return repeat(std::move(taken));
   }
   wire::Position then = position_;
   then.next_sequence = frame->sequence + 1;
@@ -97,11 +97,41 @@ void Session::write_drops(wire::Dropped dropped, Taken taken) {
         std::min<std::uint64_t>(position_.next_drop - dropped.first_drop, records.size());
     records.erase(records.begin(), records.begin() + static_cast<std::ptrdiff_t>(known));
   }
-  if (records.empty()) {
-    asio::post(main_, std::move(taken));
+  if (records.empty()) return repeat(std::move(taken));
+  begin({nullptr, std::move(records), then, std::move(taken)});
+}
+
+/// It is acknowledged as well: the robot may have missed the first acknowledgement.
+void Session::repeat(Taken taken) {
+  asio::post(main_, [weak = weak_from_this(), taken = std::move(taken)] {
+    const auto self = weak.lock();
+    const auto peer = self ? self->peer_.lock() : nullptr;
+    if (peer && self->kept_ == self->position_) peer->on_kept();
+    taken();
+  });
+}
+
+/// One commit at a time; the next takes all that was taken meanwhile.
+void Session::commit() {
+  if (kept_ == position_ || sinks_.empty() || std::exchange(is_committing_, true)) return;
+  sinks_.front()->async_commit(
+      [weak = weak_from_this(), upto = position_](const std::optional<Error>& error) {
+        if (const auto self = weak.lock()) self->on_committed(upto, error);
+      });
+}
+
+void Session::on_committed(const wire::Position& upto, const std::optional<Error>& error) {
+  is_commit_failed_ = error.has_value();
+  if (error) {  // is_committing_ stays, so nothing more is acknowledged
+    note_failure(error);
+    if (is_closing()) settle();
     return;
   }
-  begin({nullptr, std::move(records), then, std::move(taken)});
+  is_committing_ = false;
+  kept_ = upto;
+  if (const auto peer = peer_.lock()) peer->on_kept();
+  commit();
+  settle();
 }
 
 void Session::on_report(const wire::Report& report) {
@@ -155,6 +185,7 @@ void Session::on_sink_done(const std::optional<Error>& error) {
   show_job();
   const Taken taken = std::move(job_->taken);
   job_.reset();
+  commit();
   if (taken) return taken();
   settle();
 }
@@ -194,10 +225,13 @@ void Session::on_waiter_gone() {
 
 /// Does what had to wait for the sinks.
 void Session::settle() {
-  if (job_) return;
-  if (is_closing()) return drain();
+  if (job_ || (kept_ != position_ && !(is_commit_failed_ && is_closing()))) return;
+  if (is_closing()) {
+    if (!std::exchange(is_draining_, true)) drain();
+    return;
+  }
   if (!std::exchange(is_peer_waiting_, false)) return;
-  if (const auto peer = peer_.lock()) peer->on_attached(position_);
+  if (const auto peer = peer_.lock()) peer->on_attached(kept_);
 }
 
 /// The connection is gone; the robot has this long to come back.
@@ -242,7 +276,7 @@ void Session::finish_close() {
     if (*end_ == SessionEnd::kSuperseded) {
       peer->on_replaced();
     } else {
-      peer->on_ended(position_);
+      peer->on_ended(kept_);
     }
   }
   closed_();

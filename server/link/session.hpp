@@ -24,6 +24,8 @@ class SessionPeer {
   virtual ~SessionPeer() = default;
   /// The session is yours and stands at `position`: welcome the robot.
   virtual void on_attached(wire::Position position) = 0;
+  /// What was taken so far may be acknowledged: Session::kept().
+  virtual void on_kept() = 0;
   /// The session is another connection's now, or the robot began a new one.
   virtual void on_replaced() = 0;
   /// The session is over, its record ends at `position`: say bye.
@@ -41,7 +43,9 @@ enum class SessionEnd : std::uint8_t {
 /// One run of a robot's daemon as the server has it: its sinks, how far they got, and which
 /// connection may add to it. It survives connections.
 ///
-/// A frame goes to one sink after the other and counts as taken when all have it. A sink that fails
+/// A frame goes to one sink after the other and counts as taken when all have it. The next may then
+/// come; the frame is acknowledged once it is kept (FrameSink::async_commit()), as is a position in
+/// a welcome or a bye. A sink that fails
 /// is tried again every second, which holds the robot's stream, since nothing more is read before;
 /// it is logged once when that begins and once when it is over. A frame that no sink has taken
 /// is given up when its connection goes: it was not acknowledged, so the robot still has it.
@@ -90,7 +94,10 @@ class Session : public std::enable_shared_from_this<Session> {
   }
 
   bool is_closing() const { return end_.has_value(); }
+  /// Up to where the sinks have taken all.
   wire::Position position() const { return position_; }
+  /// Up to where they keep it, on the device if that is asked for: never beyond position().
+  wire::Position kept() const { return kept_; }
   const SessionInfo& info() const { return info_; }
 
  private:
@@ -106,6 +113,9 @@ class Session : public std::enable_shared_from_this<Session> {
   static constexpr std::chrono::seconds kRetry{1};
 
   void begin(Job job);
+  void repeat(Taken taken);
+  void commit();
+  void on_committed(const wire::Position& upto, const std::optional<Error>& error);
   void call_sink();
   void on_sink_done(const std::optional<Error>& error);
   bool is_partly_taken() const;
@@ -133,6 +143,10 @@ class Session : public std::enable_shared_from_this<Session> {
   bool is_peer_waiting_ = false;  // for on_attached()
   std::optional<Job> job_;
   bool is_sink_busy_ = false;  // else a job is waiting for retry_
+  wire::Position kept_;
+  bool is_committing_ = false;
+  bool is_commit_failed_ = false;
+  bool is_draining_ = false;
   bool is_failing_ = false;
   std::optional<SessionEnd> end_;
   std::size_t drained_ = 0;  // sinks

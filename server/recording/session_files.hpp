@@ -29,7 +29,7 @@ namespace orbbuf {
 /// middle of being written. Its checksums are written before, so that each accepted frame has them;
 /// those of a frame that was not accepted after all are no matter, and of two for one image the
 /// last counts. Each file appears by rename and each line by one append, without fsync:
-/// an accepted frame survives the death of this process, not of the machine.
+/// an accepted frame survives the death of this process; GroupCommit is for that of the machine.
 /// Blocking; reentrant. Called by one thread at a time; recover() is the first call.
 class SessionFiles final : public SessionRecord {
  public:

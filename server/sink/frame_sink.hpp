@@ -30,6 +30,11 @@ class FrameSink {
   virtual void async_write(FramePtr frame, Done done) = 0;
   virtual void async_write_drops(std::vector<DropRecord> records, Done done) = 0;
 
+  /// Brings all that was taken onto the device, if the sink keeps it on one. `done` runs on `main`,
+  /// possibly from within the call, when that much may be acknowledged; after an error never again.
+  // NOLINTNEXTLINE(performance-unnecessary-value-param): who overrides it keeps it
+  virtual void async_commit(Done done) { done(std::nullopt); }
+
   /// After an error: some of what was to be written is kept all the same, so the call has to be
   /// repeated until it is taken, or the session ends.
   virtual bool is_partly_taken() const { return false; }

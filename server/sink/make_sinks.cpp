@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <optional>
 #include <system_error>
 #include <utility>
@@ -19,6 +20,10 @@
 namespace orbbuf {
 namespace asio = boost::asio;
 
+/// Frames of many robots that come within this time share a sync.
+constexpr std::chrono::milliseconds kAckInterval{20};
+constexpr std::chrono::milliseconds kSecondInterval{1000};
+
 const SlamSettings& SinkSettings::slam_for(const std::string& robot_id) const {
   const auto own = slam_of.find(robot_id);
   return own == slam_of.end() ? slam : own->second;
@@ -30,7 +35,7 @@ namespace {
 /// for mcap::Recording::recover() relies on it: what it has beyond them was never acknowledged.
 Result<std::shared_ptr<FrameSink>> make_record_sink(const SinkSettings& settings,
                                                     const SessionInfo& info, asio::io_context& main,
-                                                    asio::thread_pool& pool,
+                                                    asio::thread_pool& pool, GroupCommit* commit,
                                                     std::optional<KeptFrames>& kept) {
   const auto folder = settings.files_path / info.robot_id / info.session_id;
   std::unique_ptr<SessionFiles> files;
@@ -56,8 +61,9 @@ Result<std::shared_ptr<FrameSink>> make_record_sink(const SinkSettings& settings
   }
   if (files) records.push_back(std::move(files));
   if (records.empty()) return std::shared_ptr<FrameSink>();
-  return std::shared_ptr<FrameSink>(
-      std::make_shared<RecordSink>(main, pool, std::move(records), held));
+  return std::shared_ptr<FrameSink>(std::make_shared<RecordSink>(
+      main, pool, std::move(records), held,
+      RecordSink::Commit{commit, settings.files_sync == FilesSync::kAck}));
 }
 
 }  // namespace
@@ -71,13 +77,23 @@ void check_sinks(const SinkSettings& settings) {
   }
 }
 
+std::unique_ptr<GroupCommit> make_group_commit(const SinkSettings& settings,
+                                               asio::io_context& main) {
+  const bool is_kept = settings.files_enabled || settings.mcap_enabled;
+  if (!is_kept || settings.files_sync == FilesSync::kOff) return nullptr;
+  const bool is_ack = settings.files_sync == FilesSync::kAck;
+  return std::make_unique<GroupCommit>(main, settings.files_path,
+                                       is_ack ? kAckInterval : kSecondInterval);
+}
+
 Result<std::vector<std::shared_ptr<FrameSink>>> make_sinks(const SinkSettings& settings,
                                                            const SessionInfo& info,
                                                            asio::io_context& main,
-                                                           asio::thread_pool& pool) {
+                                                           asio::thread_pool& pool,
+                                                           GroupCommit* commit) {
   std::vector<std::shared_ptr<FrameSink>> sinks;
   std::optional<KeptFrames> kept;
-  auto record = make_record_sink(settings, info, main, pool, kept);
+  auto record = make_record_sink(settings, info, main, pool, commit, kept);
   if (!record) return std::move(record).error();
   if (record.value()) sinks.push_back(std::move(record).value());
   const SlamSettings& slam = settings.slam_for(info.robot_id);

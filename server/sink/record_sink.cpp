@@ -18,11 +18,12 @@ struct RecordSink::Job {
 };
 
 RecordSink::RecordSink(asio::io_context& main, asio::thread_pool& pool, Records records,
-                       wire::Position position)
+                       wire::Position position, Commit commit)
     : main_(main),
       pool_(pool),
       job_(std::make_shared<Job>(Job{std::move(records)})),
-      position_(position) {}
+      position_(position),
+      commit_(commit) {}
 
 RecordSink::~RecordSink() = default;
 
@@ -56,6 +57,15 @@ void RecordSink::write_each(Write write, Done done) {
         job->is_begun = outcome.is_begun;
         done(outcome.error);
       });
+}
+
+void RecordSink::async_commit(Done done) {
+  if (commit_.group == nullptr) return done({});
+  if (commit_.is_awaited) return commit_.group->async_commit(std::move(done));
+  if (!std::exchange(*is_commit_due_, true)) {
+    commit_.group->async_commit([is_due = is_commit_due_](const auto&) { *is_due = false; });
+  }
+  done({});
 }
 
 bool RecordSink::is_partly_taken() const { return job_->is_begun; }

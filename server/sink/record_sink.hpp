@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "server/recording/session_record.hpp"
+#include "server/runtime/group_commit.hpp"
 #include "server/sink/frame_sink.hpp"
 
 namespace orbbuf {
@@ -25,16 +26,23 @@ class RecordSink final : public FrameSink {
  public:
   using Records = std::vector<std::unique_ptr<SessionRecord>>;
 
+  /// How the records get onto the device.
+  struct Commit {
+    GroupCommit* group = nullptr;  ///< null: as the kernel likes; must outlive the sink
+    bool is_awaited = false;       ///< async_commit() waits for it
+  };
+
   /// `records` have been recovered, to `position`. `main` and `pool` must outlive the sink; the
   /// pool is stopped before `main` is destroyed.
   RecordSink(boost::asio::io_context& main, boost::asio::thread_pool& pool, Records records,
-             wire::Position position);
+             wire::Position position, Commit commit);
   ~RecordSink() override;
 
   wire::Position position() const override { return position_; }
   void async_write(FramePtr frame, Done done) override;
   void async_write_drops(std::vector<DropRecord> records, Done done) override;
   bool is_partly_taken() const override;
+  void async_commit(Done done) override;
   void close() override;
 
  private:
@@ -47,6 +55,8 @@ class RecordSink final : public FrameSink {
   boost::asio::thread_pool& pool_;
   const std::shared_ptr<Job> job_;  // shared with what runs in the pool only
   const wire::Position position_;
+  const Commit commit_;
+  std::shared_ptr<bool> is_commit_due_ = std::make_shared<bool>(false);  // nobody waits for it
   bool is_closed_ = false;
 };
 

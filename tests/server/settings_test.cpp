@@ -46,6 +46,7 @@ TEST(Settings, EveryKeyIsRead) {
                              "session.drain_timeout=3 s",
                              "files.enabled=false",
                              "files.path=/out",
+                             "files.sync=off",
                              "files.keep_size=2 GiB",
                              "files.keep_time=720 h",
                              "mcap.enabled=true",
@@ -71,6 +72,7 @@ TEST(Settings, EveryKeyIsRead) {
   expected.drain_timeout = std::chrono::seconds(3);
   expected.sinks = {false,
                     "/out",
+                    FilesSync::kOff,
                     true,
                     {"", "/run/{robot}", PipeFormat::kMjpeg, Restart::kNever, Resume::kLive},
                     {}};
@@ -141,7 +143,7 @@ INSTANTIATE_TEST_SUITE_P(
         BadValue{{"listen.receive_buffer=-1 B"}, "listen.receive_buffer"},
         BadValue{{"session.timeout=never"}, "session.timeout"},
         BadValue{{"files.enabled=yes"}, "files.enabled"}, BadValue{{"files.path=''"}, "files.path"},
-        BadValue{{"files.enabled=false"}, "a sink"},
+        BadValue{{"files.sync=2 s"}, "files.sync"}, BadValue{{"files.enabled=false"}, "a sink"},
         BadValue{{"files.keep_size=1024"}, "files.keep_size"},
         BadValue{{"files.keep_time=-1 h"}, "files.keep_time"},
         BadValue{{"files.enabled=false", "slam.command=cat", "robot.a.slam.command="},

@@ -22,6 +22,7 @@ class HostilePeers : public testing::Test {
 
   HostilePeers() {
     settings_.sinks.files_path = folder_.path();
+    settings_.sinks.files_sync = FilesSync::kOff;  // each frame waits for its acknowledgement
     server_.emplace(settings_);
   }
 

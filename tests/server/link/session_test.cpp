@@ -41,6 +41,16 @@ class FakeSink : public FrameSink {
     std::exchange(done_, nullptr)(std::move(error));
   }
 
+  void async_commit(Done done) override {
+    if (!holds_commits) return done(std::nullopt);
+    EXPECT_FALSE(commit_);
+    commit_ = std::move(done);
+  }
+  void answer_commit(std::optional<Error> error = std::nullopt) {
+    std::exchange(commit_, nullptr)(std::move(error));
+  }
+
+  bool holds_commits = false;
   std::vector<Sequence> frames;
   std::vector<Sequence> drops;
   bool is_cancelled = false;
@@ -50,17 +60,20 @@ class FakeSink : public FrameSink {
  private:
   wire::Position position_;
   Done done_;
+  Done commit_;
   std::function<void()> drained_;
 };
 
 struct FakePeer : SessionPeer {
   void on_attached(wire::Position position) override { welcome = position; }
+  void on_kept() override { ++kept; }
   void on_replaced() override { is_replaced = true; }
   void on_ended(wire::Position position) override { bye = position; }
 
   std::optional<wire::Position> welcome;
   std::optional<wire::Position> bye;
   bool is_replaced = false;
+  int kept = 0;
 };
 
 class SessionTest : public test::EventLoop {
@@ -103,6 +116,60 @@ TEST_F(SessionTest, AFrameIsTakenWhenAllSinksHaveIt) {
   second->answer();
   EXPECT_EQ(taken_, 1);
   EXPECT_EQ(session_->position(), (wire::Position{5, 0}));
+}
+
+TEST_F(SessionTest, AFrameIsKeptWhenItsCommitIsDone) {
+  sink_->holds_commits = true;
+  make({sink_});
+  write(0);
+  sink_->answer();
+  EXPECT_EQ(taken_, 1);  // the next may come
+  EXPECT_EQ(peer_->kept, 0);
+  EXPECT_EQ(session_->kept(), wire::Position{});
+  write(1);
+  sink_->answer();
+  sink_->answer_commit();
+  EXPECT_EQ(peer_->kept, 1);
+  EXPECT_EQ(session_->kept(), (wire::Position{1, 0}));  // the commit began before frame 1
+  sink_->answer_commit();
+  EXPECT_EQ(session_->kept(), (wire::Position{2, 0}));
+}
+
+TEST_F(SessionTest, AWelcomeWaitsUntilWhatIsThereIsKept) {
+  sink_ = std::make_shared<FakeSink>(wire::Position{12, 3});
+  sink_->holds_commits = true;
+  make({sink_});
+  EXPECT_FALSE(peer_->welcome);
+  sink_->answer_commit();
+  EXPECT_EQ(peer_->welcome, (wire::Position{12, 3}));
+}
+
+TEST_F(SessionTest, ByeWaitsUntilAllIsKept) {
+  sink_->holds_commits = true;
+  make({sink_});
+  write(0);
+  sink_->answer();
+  session_->close(SessionEnd::kBye);
+  run_ready();
+  EXPECT_FALSE(peer_->bye);
+  sink_->answer_commit();
+  EXPECT_EQ(peer_->bye, (wire::Position{1, 0}));
+  EXPECT_EQ(closed_, 1);
+}
+
+TEST_F(SessionTest, AfterAFailedCommitNothingMoreIsKept) {
+  const test::CapturedLog log;
+  sink_->holds_commits = true;
+  make({sink_});
+  write(0);
+  sink_->answer();
+  sink_->answer_commit(Error{"sync: Input/output error"});
+  write(1);
+  sink_->answer();
+  EXPECT_EQ(peer_->kept, 0);
+  EXPECT_EQ(log.lines("error robot session: the robot's stream is held: sync").size(), 1U);
+  session_->close(SessionEnd::kStopping);
+  EXPECT_EQ(peer_->bye, wire::Position{});
 }
 
 TEST_F(SessionTest, ARepeatIsTakenButNotWrittenAgain) {

@@ -51,7 +51,8 @@ class RecordSinkTest : public test::EventLoop {
                                       wire::Position position = {}) {
     RecordSink::Records records;
     records.push_back(std::move(record));
-    return std::make_unique<RecordSink>(main_, files_, std::move(records), position);
+    return std::make_unique<RecordSink>(main_, files_, std::move(records), position,
+                                        RecordSink::Commit{});
   }
 
   test::TemporaryFolder folder_;
@@ -108,7 +109,7 @@ TEST_F(RecordSinkTest, WritesEachRecordInTurn) {
   RecordSink::Records records;
   records.push_back(std::make_unique<Calls>("a", calls));
   records.push_back(std::make_unique<Calls>("b", calls));
-  RecordSink sink(main_, files_, std::move(records), {});
+  RecordSink sink(main_, files_, std::move(records), {}, {});
   EXPECT_FALSE(write(sink, plain_frame_ptr(5)));
   EXPECT_EQ(calls, "a write, b write, ");
   sink.close();
@@ -125,7 +126,7 @@ TEST_F(RecordSinkTest, ARepeatGoesOnWithTheRecordThatFailed) {
   RecordSink::Records records;
   records.push_back(std::move(first));
   records.push_back(std::move(second));
-  RecordSink sink(main_, files_, std::move(records), {});
+  RecordSink sink(main_, files_, std::move(records), {}, {});
 
   EXPECT_EQ(write(sink, plain_frame_ptr(5)).value_or(Error{}).text, "a is full");
   EXPECT_FALSE(sink.is_partly_taken());

@@ -1,0 +1,356 @@
+// SPDX-License-Identifier: Apache-2.0
+// Cuts the power of a server under load, again and again, and audits what is left on its disk.
+//   orbbuf-powercut --server PROGRAM --work FOLDER [--cuts N] [--seed N] [--sync ack] [--mcap]
+// A cut is the file system's own: EXT4_IOC_SHUTDOWN without a flush of the journal, on a loop
+// device. Exit status 77: this machine cannot mount one.
+#include <fcntl.h>
+#include <poll.h>
+#include <sched.h>
+#include <spdlog/spdlog.h>
+#include <sys/ioctl.h>
+#include <sys/mount.h>
+
+#include <CLI/CLI.hpp>
+#include <atomic>
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <map>
+#include <random>
+#include <thread>
+
+#include "common/wire.hpp"
+#include "server/recording/file_io.hpp"
+#include "server/recording/recorded_session.hpp"
+#include "server/recording/session_names.hpp"
+#include "testing/process.hpp"
+#include "tests/server/robot_client.hpp"
+
+namespace orbbuf::bench {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kSkipped = 77;
+constexpr int kRobots = 3;
+constexpr Sequence kWindow = 16;
+
+struct Options {
+  std::string server;
+  fs::path work;
+  int cuts = 100;
+  unsigned seed = 1;
+  std::string sync = "ack";
+  bool has_mcap = false;
+};
+
+struct Counts {
+  int cuts = 0;
+  std::uint64_t acknowledged = 0;
+  std::uint64_t acknowledged_lost = 0;
+  std::uint64_t named_but_bad = 0;
+  std::uint64_t repeated = 0;
+  std::uint64_t unexplained = 0;
+};
+
+/// Frame `sequence` of a robot: every seventh is dropped by the robot.
+bool is_dropped(Sequence sequence) { return sequence % 7 == 3; }
+
+EncodedFrame frame_of(int robot, Sequence sequence) {
+  std::minstd_rand random(static_cast<unsigned>(1 + robot * 1'000'003 + sequence));
+  EncodedFrame frame;
+  frame.sequence = sequence;
+  frame.capture_time_ns =
+      1'600'000'000'000'000'000 + static_cast<std::int64_t>(sequence) * 5'000'000;
+  frame.width_px = 640;
+  frame.height_px = 480;
+  frame.jpeg.resize(2000 + random() % 60'000);
+  for (auto& byte : frame.jpeg) byte = static_cast<std::uint8_t>(1 + random() % 254);
+  frame.jpeg[0] = 0xFF;
+  frame.jpeg[1] = 0xD8;
+  frame.jpeg[frame.jpeg.size() - 2] = 0xFF;
+  frame.jpeg[frame.jpeg.size() - 1] = 0xD9;
+  frame.left_bytes = static_cast<std::uint32_t>(frame.jpeg.size());
+  frame.jpeg_crc = wire::crc32(frame.jpeg);
+  return frame;
+}
+
+std::uint64_t drops_before(Sequence sequence) {
+  std::uint64_t drops = 0;
+  for (Sequence i = 0; i < sequence; ++i) drops += is_dropped(i) ? 1 : 0;
+  return drops;
+}
+
+/// One robot of the load, which remembers what was acknowledged.
+class Robot {
+ public:
+  Robot(int number, std::string session) : number_(number), session_(std::move(session)) {}
+
+  std::string name() const { return "r" + std::to_string(number_); }
+  const wire::Position& acknowledged() const { return acknowledged_; }
+
+  /// Sends from where the server's welcome puts it, until `end`, or until the server is gone.
+  /// Returns the welcome's position.
+  std::optional<wire::Position> run(std::uint16_t port, const std::atomic<bool>& has_ended) {
+    const test::RobotClient link(port);
+    const auto welcome = link.hello(name(), session_);
+    if (!welcome) return std::nullopt;
+    wire::Position sent = *welcome;
+    bool is_alive = true;
+    while (is_alive && !has_ended) {
+      // The next that the server lacks: numbers of frames and records go up together.
+      if (is_dropped(next(sent))) {
+        link.send(wire::encode(wire::Dropped{
+            sent.next_drop, {{next(sent), 0, DropReason::kPolicy, kUnknownSimilarity}}}));
+        ++sent.next_drop;
+      } else {
+        link.send_frame(frame_of(number_, next(sent)));
+        sent.next_sequence = next(sent) + 1;
+      }
+      end_ = std::max(end_, std::max(sent.next_sequence, next(sent)));
+      const bool is_full = sent.next_sequence > acknowledged_.next_sequence + kWindow;
+      is_alive = read_acks(link, is_full ? 200 : 0);
+      std::this_thread::sleep_for(std::chrono::milliseconds(4));
+    }
+    return welcome;
+  }
+
+  /// Sends all that the server lacks, up to where it had got, and bye. The welcome's position.
+  std::optional<wire::Position> finish(std::uint16_t port) {
+    const test::RobotClient link(port);
+    const auto welcome = link.hello(name(), session_);
+    if (!welcome) return std::nullopt;
+    std::uint64_t drop = welcome->next_drop;
+    for (Sequence i = 0; i < end_; ++i) {
+      if (is_dropped(i) && drops_before(i) == drop) {
+        link.send(
+            wire::encode(wire::Dropped{drop++, {{i, 0, DropReason::kPolicy, kUnknownSimilarity}}}));
+      } else if (!is_dropped(i) && i >= welcome->next_sequence) {
+        link.send_frame(frame_of(number_, i));
+      }
+    }
+    wire::Position last{0, drop};
+    for (Sequence i = 0; i < end_; ++i)
+      last.next_sequence = is_dropped(i) ? last.next_sequence : i + 1;
+    link.send(wire::encode(wire::Bye{last}));
+    while (link.ack()) {  // until bye
+    }
+    return welcome;
+  }
+
+  /// What is wrong on disk, all that the robot had being delivered.
+  void audit(const fs::path& data, Counts& counts) const {
+    const auto session = read_recorded_session(data / name() / session_);
+    if (!session) {
+      counts.unexplained += end_;
+      spdlog::error("{}", session.error().text);
+      return;
+    }
+    std::map<Sequence, int> seen;
+    for (const RecordedFrame& frame : session.value().frames) {
+      ++seen[frame.sequence];
+      const auto image =
+          read_file(session.value().folder / session_names::left_image(frame.sequence));
+      if (!image || image.value() != frame_of(number_, frame.sequence).jpeg) ++counts.named_but_bad;
+    }
+    for (const DropRecord& drop : session.value().drops) ++seen[drop.sequence];
+    for (Sequence i = 0; i < end_; ++i) {
+      if (seen[i] == 0) ++counts.unexplained;
+      if (seen[i] > 1) ++counts.repeated;
+    }
+    counts.unexplained += session.value().problems.size();
+    for (const std::string& problem : session.value().problems) spdlog::error("{}", problem);
+  }
+
+ private:
+  /// The first frame that is neither sent nor in a record that was.
+  Sequence next(const wire::Position& sent) const {
+    Sequence sequence = sent.next_sequence;
+    while (is_dropped(sequence) && drops_before(sequence) < sent.next_drop) ++sequence;
+    return sequence;
+  }
+
+  bool read_acks(const test::RobotClient& link, int milliseconds) {
+    pollfd events{link.fd(), POLLIN, 0};
+    while (::poll(&events, 1, milliseconds) > 0) {
+      const auto position = link.ack();
+      if (!position) return false;
+      acknowledged_ = *position;
+      milliseconds = 0;
+    }
+    return true;
+  }
+
+  const int number_;
+  const std::string session_;
+  wire::Position acknowledged_;
+  Sequence end_ = 0;
+};
+
+/// The file system that loses power.
+class Disk {
+ public:
+  explicit Disk(const fs::path& work) : image_(work / "disk.img"), folder_(work / "disk") {
+    fs::create_directories(folder_);
+    std::ofstream(image_).close();
+    fs::resize_file(image_, std::uintmax_t{1} << 30U);
+    is_made_ = test::run({"mkfs.ext4", "-q", "-F", image_.string()}).status == 0;
+  }
+  ~Disk() { unmount(); }
+  Disk(const Disk&) = delete;
+  Disk& operator=(const Disk&) = delete;
+
+  const fs::path& folder() const { return folder_; }
+
+  bool mount() {
+    is_mounted_ = is_made_ &&
+                  test::run({"mount", "-o", "loop", image_.string(), folder_.string()}).status == 0;
+    return is_mounted_;
+  }
+  bool cut() const {
+    constexpr unsigned long kShutdown = _IOR('X', 125, std::uint32_t);
+    std::uint32_t no_flush = 2;  // EXT4_GOING_FLAGS_NOLOGFLUSH
+    const UniqueFd fd(::open(folder_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+    return fd && ::ioctl(fd.get(), kShutdown, &no_flush) == 0;
+  }
+  bool unmount() {
+    if (!std::exchange(is_mounted_, false)) return true;
+    return test::run({"umount", folder_.string()}).status == 0;
+  }
+
+ private:
+  const fs::path image_;
+  const fs::path folder_;
+  bool is_made_ = false;
+  bool is_mounted_ = false;
+};
+
+class Server {
+ public:
+  Server(const Options& options, const fs::path& data)
+      : process_({options.server, "--set", "listen.address=127.0.0.1:0", "--set", "status.socket=",
+                  "--set", "files.path=" + data.string(), "--set", "files.sync=" + options.sync,
+                  "--set", std::string("mcap.enabled=") + (options.has_mcap ? "true" : "false")}) {
+    const auto line = process_.wait_for_line("listening on 127.0.0.1:");
+    if (line) port_ = static_cast<std::uint16_t>(std::stoi(line->substr(line->rfind(':') + 1)));
+  }
+  std::uint16_t port() const { return port_; }
+  test::Process& process() { return process_; }
+
+ private:
+  test::Process process_;
+  std::uint16_t port_ = 0;
+};
+
+/// Runs the robots for a while, and cuts the power under them.
+bool cut_under_load(const Options& options, const Disk& disk, std::vector<Robot>& robots,
+                    std::chrono::milliseconds after) {
+  Server server(options, disk.folder() / "data");
+  std::atomic<bool> has_ended = false;
+  std::vector<std::jthread> threads;
+  for (Robot& robot : robots) {
+    threads.emplace_back([&] { robot.run(server.port(), has_ended); });
+  }
+  std::this_thread::sleep_for(after);
+  const bool is_cut = disk.cut();
+  server.process().signal(SIGKILL);
+  server.process().wait();
+  has_ended = true;
+  return is_cut;
+}
+
+void finish_and_audit(const Options& options, const Disk& disk, std::vector<Robot>& robots,
+                      Counts& counts) {
+  Server server(options, disk.folder() / "data");
+  for (Robot& robot : robots) {
+    const wire::Position acknowledged = robot.acknowledged();
+    const auto welcome = robot.finish(server.port());
+    counts.acknowledged += acknowledged.next_sequence + acknowledged.next_drop;
+    const wire::Position position = welcome.value_or(wire::Position{});
+    const auto lost = [](std::uint64_t had, std::uint64_t has) {
+      return had > has ? had - has : 0;
+    };
+    counts.acknowledged_lost += lost(acknowledged.next_sequence, position.next_sequence) +
+                                lost(acknowledged.next_drop, position.next_drop);
+  }
+  server.process().signal(SIGTERM);
+  server.process().wait();
+  for (const Robot& robot : robots) robot.audit(disk.folder() / "data", counts);
+  for (const Robot& robot : robots) {
+    const auto folder = disk.folder() / "data" / robot.name();
+    std::vector<std::string> command = {options.server, "check"};
+    for (const auto& entry : fs::directory_iterator(folder)) command.push_back(entry.path());
+    const auto check = test::run(command);
+    if (check.status != 0) {
+      ++counts.unexplained;
+      spdlog::error("check: {}", check.output);
+    }
+  }
+  if (counts.acknowledged_lost + counts.named_but_bad + counts.repeated + counts.unexplained > 0) {
+    std::cout << server.process().output();
+  }
+}
+
+/// A mount namespace of our own: a copy of the mount in another would keep the cut file system
+/// alive.
+bool leave_other_mounts() {
+  return ::unshare(CLONE_NEWNS) == 0 &&
+         ::mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) == 0;
+}
+
+int run(const Options& options) {
+  if (!leave_other_mounts()) {
+    std::cout << "powercut: skipped, this user cannot mount\n";
+    return kSkipped;
+  }
+  Disk disk(options.work);
+  std::mt19937 random(options.seed);
+  Counts counts;
+  while (counts.cuts < options.cuts) {
+    if (!disk.mount()) {
+      std::cout << "powercut: skipped, this machine cannot mount a loop device\n";
+      return kSkipped;
+    }
+    std::vector<Robot> robots;
+    for (int i = 0; i < kRobots; ++i) robots.emplace_back(i, "cut" + std::to_string(counts.cuts));
+    const std::chrono::milliseconds after(100 + random() % 1900);
+    if (!cut_under_load(options, disk, robots, after)) {
+      std::cout << "powercut: skipped, this kernel cannot shut a file system down\n";
+      return kSkipped;
+    }
+    if (!disk.unmount() || !disk.mount()) throw std::runtime_error("cannot mount the disk again");
+    finish_and_audit(options, disk, robots, counts);
+    fs::remove_all(disk.folder() / "data");
+    disk.unmount();
+    ++counts.cuts;
+  }
+  std::cout << "RESULT powercut.cuts " << counts.cuts << "\nRESULT powercut.acknowledged "
+            << counts.acknowledged << "\nRESULT powercut.acknowledged_lost "
+            << counts.acknowledged_lost << "\nRESULT powercut.named_but_bad "
+            << counts.named_but_bad << "\nRESULT powercut.repeated " << counts.repeated
+            << "\nRESULT powercut.unexplained " << counts.unexplained << '\n';
+  const auto wrong =
+      counts.acknowledged_lost + counts.named_but_bad + counts.repeated + counts.unexplained;
+  return wrong == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+}
+
+}  // namespace
+}  // namespace orbbuf::bench
+
+int main(int argc, char** argv) try {
+  orbbuf::bench::Options options;
+  CLI::App app("Cuts the power of a server's file system under load, and audits what is left.");
+  app.add_option("--server", options.server, "orbbuf-server")->required();
+  app.add_option("--work", options.work, "Folder for the disk")->required();
+  app.add_option("--cuts", options.cuts, "How many");
+  app.add_option("--seed", options.seed, "Of the instants");
+  app.add_option("--sync", options.sync, "files.sync");
+  app.add_flag("--mcap", options.has_mcap, "Record MCAP as well");
+  CLI11_PARSE(app, argc, argv);
+  return orbbuf::bench::run(options);
+} catch (const std::exception& error) {
+  std::cerr << "powercut: " << error.what() << '\n';
+  return EXIT_FAILURE;
+}

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// The bench of power cuts, short; ./dev bench powercut runs it at length.
+#include <gtest/gtest.h>
+
+#include "testing/process.hpp"
+#include "testing/temporary_folder.hpp"
+
+namespace orbbuf::test {
+namespace {
+
+TEST(PowerCut, FiveCutsLoseNothingThatWasAcknowledged) {
+  const TemporaryFolder folder;
+  const Finished cuts = run({ORBBUF_POWERCUT, "--server", ORBBUF_SERVER, "--work",
+                             (folder / "work").string(), "--cuts", "5", "--mcap"},
+                            std::chrono::seconds(280));  // ctest's limit is 300
+  if (cuts.status == 77) GTEST_SKIP() << cuts.output;
+  EXPECT_EQ(cuts.status, 0) << cuts.output;
+  for (const char* line : {"RESULT powercut.cuts 5\n", "RESULT powercut.acknowledged_lost 0\n",
+                           "RESULT powercut.named_but_bad 0\n", "RESULT powercut.repeated 0\n",
+                           "RESULT powercut.unexplained 0\n"}) {
+    EXPECT_NE(cuts.output.find(line), std::string::npos) << line << cuts.output;
+  }
+}
+
+}  // namespace
+}  // namespace orbbuf::test
