@@ -107,8 +107,7 @@ std::vector<Entry> entries(const PairSimilarity& similarity) {
 
 double percentile(std::vector<double>& values, double share) {
   if (values.empty()) return std::numeric_limits<double>::infinity();
-  const auto at = values.begin() +
-                  static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1) + 0.5);
+  const auto at = values.begin() + std::lround(share * static_cast<double>(values.size() - 1));
   std::ranges::nth_element(values, at);
   return *at;
 }
@@ -168,7 +167,7 @@ std::pair<std::size_t, std::size_t> extreme_gaps(const std::vector<FramePtr>& fr
                                                  const Delivery& delivery, double first_s) {
   std::size_t least = std::numeric_limits<std::size_t>::max();
   std::size_t most = 0;
-  const std::size_t first = static_cast<std::size_t>(first_s * kFps);
+  const auto first = static_cast<std::size_t>(first_s * kFps);
   const std::size_t last = frames.size() - static_cast<std::size_t>(kFps);
   for (std::size_t k = 1; k < delivery.received.size(); ++k) {
     if (delivery.received[k - 1] < first || delivery.received[k] > last) continue;

@@ -55,6 +55,7 @@ Sequences load(const Options& options) {
   }
   folders.insert(folders.end(), options.sequences.begin(), options.sequences.end());
   std::vector<std::future<std::unique_ptr<RecordedSequence>>> loading;
+  loading.reserve(folders.size());
   for (const auto& folder : folders) {
     loading.push_back(std::async(std::launch::async, load_folder, folder));
   }
