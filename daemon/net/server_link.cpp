@@ -93,13 +93,12 @@ void ServerLink::attempt() {
   if (addresses_.is_empty()) return;  // on_found() goes on
   make_room();
   const auto now = Clock::now();
-  const auto& attempt =
-      attempts_.emplace_back(std::make_shared<ServerConnection>(
-                                 io_, tls_.get(), static_cast<ServerConnection::Owner&>(*this)),
-                             now);
-  attempt.connection->open(addresses_.next(), settings_.server.host, hello_,
-                           static_cast<std::uint32_t>(settings_.unsent_bytes),
-                           segment_size_.limit());
+  attempts_.push_back({std::make_shared<ServerConnection>(
+                           io_, tls_.get(), static_cast<ServerConnection::Owner&>(*this)),
+                       now});
+  attempts_.back().connection->open(addresses_.next(), settings_.server.host, hello_,
+                                    static_cast<std::uint32_t>(settings_.unsent_bytes),
+                                    segment_size_.limit());
   pace_.on_attempt(now);
   attempt_at(pace_.next(now));
 }

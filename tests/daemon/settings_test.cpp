@@ -66,8 +66,8 @@ TEST(Settings, EveryValueReachesItsPlace) {
   const Settings s =
       with({"log.level=debug", "robot.id=front", "source.kind=folder", "source.path=/data",
             "source.realtime=false", "source.loop=true", "jpeg.color=true", "features.pixels=50000",
-            "buffer.policy=uniform", "link.server=[::1]:9", "link.stall_timeout=250 ms", "link.attempt_interval=70 ms",
-            "link.unsent=1 MiB"});
+            "buffer.policy=uniform", "link.server=[::1]:9", "link.stall_timeout=250 ms",
+            "link.attempt_interval=70 ms", "link.unsent=1 MiB"});
   EXPECT_EQ(s.log_level, "debug");
   EXPECT_EQ(s.robot_id, "front");
   EXPECT_EQ(s.source.kind, "folder");
