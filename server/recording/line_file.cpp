@@ -25,8 +25,17 @@ struct Scan {
   off_t complete_bytes = 0;
   off_t bytes = 0;
   std::string line;  // the one not ended yet
+  bool has_hole = false;
 
+  /// A power cut may leave zeros where lines were: nothing from there on counts.
   void add(std::string_view block) {
+    const std::size_t hole = block.find('\0');
+    if (!has_hole) add_text(block.substr(0, hole));
+    has_hole = has_hole || hole != block.npos;
+    if (has_hole) bytes = complete_bytes + 1;
+  }
+
+  void add_text(std::string_view block) {
     while (!block.empty()) {
       const std::size_t end = block.find('\n');
       const auto part = block.substr(0, end);

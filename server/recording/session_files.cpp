@@ -10,8 +10,10 @@
 #include <string_view>
 #include <system_error>
 #include <utility>
+#include <vector>
 
 #include "common/as_bytes.hpp"
+#include "server/recording/false_tail.hpp"
 #include "server/recording/file_io.hpp"
 #include "server/recording/session_lines.hpp"
 #include "server/recording/session_names.hpp"
@@ -49,24 +51,23 @@ std::string checksum_lines(const EncodedFrame& frame) {
          line(session_names::right_image(frame.sequence), wire::crc32(frame.right()));
 }
 
-/// Only what is named as a frame of ours; anything else in the folder is somebody's.
-std::optional<Error> remove_images_from(const fs::path& folder, Sequence first) {
+/// Moves the images from `first` on; only what is named as a frame of ours. Returns how many.
+Result<std::size_t> orphan_images_from(const fs::path& folder, const char* images, Sequence first) {
+  std::vector<std::string> orphans;
   std::error_code failed;
-  std::size_t removed = 0;
-  fs::directory_iterator entry(folder, failed);
+  fs::directory_iterator entry(folder / images, failed);
   for (; !failed && entry != fs::directory_iterator(); entry.increment(failed)) {
     const auto sequence = sequence_of(entry->path().filename().string());
-    if (!sequence || *sequence < first) continue;
-    if (::unlink(entry->path().c_str()) != 0) {
-      return system_error("remove " + entry->path().string(), errno);
-    }
-    ++removed;
+    if (sequence && *sequence >= first) orphans.push_back(entry->path().filename().string());
   }
-  if (removed > 0) {
-    spdlog::warn("{}: removed {} without a line in times.txt", folder.string(), removed);
+  if (failed && failed != std::errc::no_such_file_or_directory) {
+    return system_error("read " + (folder / images).string(), failed.value());
   }
-  if (!failed || failed == std::errc::no_such_file_or_directory) return std::nullopt;
-  return system_error("read " + folder.string(), failed.value());
+  for (const std::string& name : orphans) {
+    const auto moved = move_to_orphans(folder, std::string(images) + "/" + name);
+    if (!moved) return moved.error();
+  }
+  return orphans.size();
 }
 
 }  // namespace
@@ -81,14 +82,34 @@ SessionFiles::SessionFiles(fs::path folder, std::string calibration)
       drops_(folder_ / session_names::kDrops, std::string(kDropCsvHeader)),
       checksums_(folder_ / session_names::kChecksums) {}
 
+/// What a power cut has left behind: lines without their images.
+std::optional<Error> SessionFiles::cut_false_tail() {
+  auto tail = find_false_tail(folder_);
+  if (!tail) return std::move(tail).error();
+  if (tail.value().lines.empty()) return std::nullopt;
+  const fs::path orphans = folder_ / session_names::kOrphans;
+  std::error_code failed;
+  fs::create_directories(orphans, failed);
+  if (failed) return system_error("create " + orphans.string(), failed.value());
+  LineFile kept(orphans / session_names::kTimes);
+  if (auto error = kept.append(tail.value().lines)) return error;
+  fs::resize_file(times_.path(), tail.value().offset, failed);
+  if (failed) return system_error("truncate " + times_.path().string(), failed.value());
+  spdlog::error(
+      "{}: {} frames at the end of times.txt are not whole; their lines are in orphans/ now, and "
+      "the robot is asked for them again",
+      folder_.string(), tail.value().frames);
+  return std::nullopt;
+}
+
 Result<wire::Position> SessionFiles::recover() {
+  if (auto recovered = times_.recover(); !recovered) return std::move(recovered).error();
+  if (auto recovered = checksums_.recover(); !recovered) return std::move(recovered).error();
+  if (auto error = cut_false_tail()) return std::move(*error);
   auto times = times_.recover();
   if (!times) return std::move(times).error();
   auto drops = drops_.recover();
   if (!drops) return std::move(drops).error();
-
-  auto checksums = checksums_.recover();
-  if (!checksums) return std::move(checksums).error();
 
   wire::Position position;
   if (times.value().lines > 0) {
@@ -101,9 +122,18 @@ Result<wire::Position> SessionFiles::recover() {
     position.next_sequence = last->sequence + 1;
   }
   if (drops.value().lines > 0) position.next_drop = drops.value().lines - 1;
-  ::unlink(temporary_.c_str());
-  for (const fs::path& images : {images_, images_right_}) {
-    if (auto error = remove_images_from(images, position.next_sequence)) return std::move(*error);
+  if (auto moved = move_to_orphans(folder_, session_names::kIncoming); !moved) {
+    return std::move(moved).error();
+  }
+  std::size_t orphans = 0;
+  for (const char* images : {session_names::kImages, session_names::kRightImages}) {
+    const auto moved = orphan_images_from(folder_, images, position.next_sequence);
+    if (!moved) return moved.error();
+    orphans += moved.value();
+  }
+  if (orphans > 0) {
+    spdlog::warn("{}: moved {} images without a line in times.txt to orphans/", folder_.string(),
+                 orphans);
   }
   return position;
 }

@@ -22,6 +22,7 @@ namespace orbbuf {
 ///   times.txt           `123 1.633012000 0.000000`: sequence, seconds, exposure in ms (0: unknown)
 ///   camera.txt          the robot's calibration, if it sent one
 ///   drops.csv           the frames that will not come, kDropCsvHeader first
+///   orphans/      what recover() found and could not explain; no program reads it
 ///   checksums.sfv       `images/000123.jpg 8C4F21D3`: each image's CRC-32, as cksfv and rhash read
 ///   it
 ///
@@ -36,15 +37,17 @@ class SessionFiles final : public SessionRecord {
   /// Touches nothing: the folder is made by the first write.
   SessionFiles(std::filesystem::path folder, std::string calibration);
 
-  /// How far the record in the folder reaches. Removes what lies beyond: a torn last line, images
-  /// of either side at or past the position, a temporary file. No folder is an empty record. Reads
-  /// all three lists.
+  /// How far the record in the folder reaches. A torn last line is cut off. What a kill or a power
+  /// cut left behind goes to the folder `orphans`: frames at the end that are not whole
+  /// (FalseTail), images of either side at or past the position, a temporary file. No folder is an
+  /// empty record. Reads all three lists.
   Result<wire::Position> recover();
 
   std::optional<Error> write(const EncodedFrame& frame) override;
   std::optional<Error> write_drops(std::span<const DropRecord> records) override;
 
  private:
+  std::optional<Error> cut_false_tail();
   std::optional<Error> prepare();
   std::optional<Error> write_right(const EncodedFrame& frame);
   std::optional<Error> append_lines(const EncodedFrame& frame);

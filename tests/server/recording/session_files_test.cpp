@@ -112,7 +112,7 @@ TEST_F(SessionFilesTest, ResumesBehindTheLastAcceptedFrame) {
   EXPECT_EQ(test::read_lines(folder_ / "times.txt").size(), 3U);
 }
 
-TEST_F(SessionFilesTest, ResumeRemovesWhatWasInTheMiddleOfBeingWritten) {
+TEST_F(SessionFilesTest, WhatWasInTheMiddleOfBeingWrittenBecomesAnOrphan) {
   const test::CapturedLog log;
   auto out = files();
   EXPECT_FALSE(out.write(plain_frame(0)));
@@ -133,10 +133,12 @@ TEST_F(SessionFilesTest, ResumeRemovesWhatWasInTheMiddleOfBeingWritten) {
   EXPECT_EQ(read_file(folder_ / "checksums.sfv"), checksums);
   EXPECT_EQ(names(folder_ / "images"), (std::vector<std::string>{"000000.jpg", "notes.txt"}));
   EXPECT_FALSE(std::filesystem::exists(folder_ / "incoming.tmp"));
-  EXPECT_EQ(log.lines("removed 1 without a line").size(), 1U);
+  EXPECT_EQ(read_file(folder_ / "orphans/incoming.tmp"), "torn");
+  EXPECT_EQ(read_file(folder_ / "orphans/images/000002.jpg"), "whole, but not accepted");
+  EXPECT_EQ(log.lines("moved 1 images without a line").size(), 1U);
 }
 
-TEST_F(SessionFilesTest, ResumeRemovesBothImagesOfAPairWithoutALine) {
+TEST_F(SessionFilesTest, BothImagesOfAPairWithoutALineBecomeOrphans) {
   auto out = files();
   EXPECT_FALSE(out.write(plain_pair(0, 10, 10)));
   for (const char* image : {"images/000001.jpg", "images_right/000001.jpg"}) {
@@ -145,6 +147,79 @@ TEST_F(SessionFilesTest, ResumeRemovesBothImagesOfAPairWithoutALine) {
   EXPECT_EQ(recovered(), (wire::Position{1, 0}));
   EXPECT_EQ(names(folder_ / "images"), std::vector<std::string>{"000000.jpg"});
   EXPECT_EQ(names(folder_ / "images_right"), std::vector<std::string>{"000000.jpg"});
+}
+
+TEST_F(SessionFilesTest, LinesWithoutWholeImagesAreAskedForAgain) {
+  const test::CapturedLog log;
+  auto out = files();
+  for (Sequence i = 0; i < 6; ++i) EXPECT_FALSE(out.write(plain_frame(i)));
+  const std::string times = read_file(folder_ / "times.txt");
+  test::write_file(folder_ / "images/000003.jpg", "");
+  std::filesystem::remove(folder_ / "images/000005.jpg");
+  EXPECT_EQ(recovered(), (wire::Position{3, 0}));
+  const auto kept = test::read_lines(folder_ / "times.txt").size();
+  EXPECT_EQ(kept, 3U);
+  EXPECT_EQ(read_file(folder_ / "times.txt") + read_file(folder_ / "orphans/times.txt"), times);
+  EXPECT_EQ(names(folder_ / "images").size(), 3U);
+  EXPECT_EQ(read_file(folder_ / "orphans/images/000004.jpg"), as_text(plain_frame(4).jpeg));
+  EXPECT_EQ(log.lines("3 frames at the end of times.txt are not whole").size(), 1U);
+  EXPECT_EQ(recovered(), (wire::Position{3, 0}));  // and that was all
+}
+
+TEST_F(SessionFilesTest, AnImageWithOtherBytesIsNotWhole) {
+  auto out = files();
+  for (Sequence i = 0; i < 2; ++i) EXPECT_FALSE(out.write(plain_frame(i)));
+  test::write_file(folder_ / "images/000001.jpg", std::string(plain_frame(1).jpeg.size(), '\0'));
+  EXPECT_EQ(recovered(), (wire::Position{1, 0}));
+}
+
+TEST_F(SessionFilesTest, BothImagesOfAPairMustBeWhole) {
+  auto out = files();
+  for (Sequence i = 0; i < 2; ++i) EXPECT_FALSE(out.write(plain_pair(i, 10, 10)));
+  std::filesystem::resize_file(folder_ / "images_right/000001.jpg", 4);
+  EXPECT_EQ(recovered(), (wire::Position{1, 0}));
+}
+
+TEST_F(SessionFilesTest, AFrameWhoseChecksumIsLostIsAskedForAgain) {
+  auto out = files();
+  for (Sequence i = 0; i < 2; ++i) EXPECT_FALSE(out.write(plain_frame(i)));
+  const auto checksums = read_file(folder_ / "checksums.sfv");
+  test::write_file(folder_ / "checksums.sfv", checksums.substr(0, checksums.find('\n') + 1));
+  EXPECT_EQ(recovered(), (wire::Position{1, 0}));
+}
+
+TEST_F(SessionFilesTest, ASessionWithoutChecksumsIsBelieved) {
+  auto out = files();
+  for (Sequence i = 0; i < 2; ++i) EXPECT_FALSE(out.write(plain_frame(i)));
+  std::filesystem::remove(folder_ / "checksums.sfv");
+  EXPECT_EQ(recovered(), (wire::Position{2, 0}));
+}
+
+TEST_F(SessionFilesTest, AllImagesGoneIsAnEmptyRecord) {
+  auto out = files();
+  for (Sequence i = 0; i < 2; ++i) EXPECT_FALSE(out.write(plain_frame(i)));
+  std::filesystem::remove_all(folder_ / "images");
+  EXPECT_EQ(recovered(), wire::Position{});
+}
+
+TEST_F(SessionFilesTest, AnOrphanTakesNoOthersPlace) {
+  auto out = files();
+  EXPECT_FALSE(out.write(plain_frame(0)));
+  for (const char* content : {"first", "second"}) {
+    test::write_file(folder_ / "images/000001.jpg", content);
+    EXPECT_EQ(recovered(), (wire::Position{1, 0}));
+  }
+  EXPECT_EQ(read_file(folder_ / "orphans/images/000001.jpg"), "first");
+  EXPECT_EQ(read_file(folder_ / "orphans/images/000001.jpg.1"), "second");
+}
+
+TEST_F(SessionFilesTest, ZerosInAListAreItsEnd) {
+  auto out = files();
+  for (Sequence i = 0; i < 2; ++i) EXPECT_FALSE(out.write(plain_frame(i)));
+  const auto times = read_file(folder_ / "times.txt");
+  test::write_file(folder_ / "times.txt", times + std::string(100, '\0') + "7 1.000000000 0.0\n");
+  EXPECT_EQ(recovered(), (wire::Position{2, 0}));
+  EXPECT_EQ(read_file(folder_ / "times.txt"), times);
 }
 
 TEST_F(SessionFilesTest, ATornHeaderOfDropsIsNoRecord) {
