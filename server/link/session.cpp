@@ -106,7 +106,7 @@ void Session::write_drops(wire::Dropped dropped, Taken taken) {
 
 void Session::on_report(const wire::Report& report) {
   if (metrics_) metrics_->on_report(report);
-  const wire::Stats& stats = report.account;
+  const wire::Stats& stats = report.stats;
   spdlog::debug(
       "{}: captured {} = skipped {} + failed {} + dropped {} + acknowledged {} + waiting {} + "
       "in flight {}",
