@@ -134,7 +134,7 @@ std::vector<std::uint8_t> encode(const Dropped& dropped) {
 
 std::vector<std::uint8_t> encode(const Report& report) {
   Message message(Type::kStats);
-  const Stats& stats = report.account;
+  const Stats& stats = report.stats;
   for (const std::uint64_t count : {stats.captured, stats.skipped, stats.failed, stats.dropped,
                                     stats.acknowledged, stats.waiting, stats.in_flight}) {
     message.put(count);

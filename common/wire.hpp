@@ -93,7 +93,7 @@ struct Dropped {
   friend bool operator==(const Dropped&, const Dropped&) = default;
 };
 
-/// The robot's account. At every instant
+/// What became of the robot's frames. At every instant
 /// captured = skipped + failed + dropped + acknowledged + waiting + in_flight.
 struct Stats {
   std::uint64_t captured = 0;
@@ -107,9 +107,9 @@ struct Stats {
   friend bool operator==(const Stats&, const Stats&) = default;
 };
 
-/// What a stats message says: the account, and how buffer and link do at that moment.
+/// What a stats message says: the counts, and how buffer and link do at that moment.
 struct Report {
-  Stats account;
+  Stats stats;
   std::uint32_t capacity = 0;       ///< of the buffer, in frames
   std::uint64_t waiting_bytes = 0;  ///< JPEGs in the buffer
   std::uint64_t link_rate = 0;      ///< bytes a second that the peer's kernel took, lately

@@ -243,7 +243,7 @@ Parsed<Report> parse_stats(const Header& header, std::span<const std::uint8_t> b
   assert(header.type == Type::kStats);
   Body in(header, body);
   Report report;
-  auto& [captured, skipped, failed, dropped, acknowledged, waiting, in_flight] = report.account;
+  auto& [captured, skipped, failed, dropped, acknowledged, waiting, in_flight] = report.stats;
   for (std::uint64_t* const count :
        {&captured, &skipped, &failed, &dropped, &acknowledged, &waiting, &in_flight}) {
     *count = in.take<std::uint64_t>();

@@ -29,16 +29,16 @@ std::string describe(const ServerLink& link) {
 Health::Health(ServiceStatus& service) : service_(service), watchdog_(service.watchdog()) {}
 
 void Health::report(const wire::Report& report, const Sender& sender) {
-  if (Clock::now() >= told_time_ + kTellInterval) tell(report, sender);
-  if (report.account.captured > 0 && sender.link().has_tried()) service_.ready();
+  if (Clock::now() >= reported_time_ + kTellInterval) tell(report, sender);
+  if (report.stats.captured > 0 && sender.link().has_tried()) service_.ready();
   if (watchdog_ > nanoseconds(0)) feed_if_moving();
 }
 
 void Health::tell(const wire::Report& report, const Sender& sender) {
-  const wire::Stats& stats = report.account;
+  const wire::Stats& stats = report.stats;
   const auto now = Clock::now();
-  const double seconds = duration<double>(now - std::exchange(told_time_, now)).count();
-  const wire::Stats before = std::exchange(told_, stats);
+  const double seconds = duration<double>(now - std::exchange(reported_time_, now)).count();
+  const wire::Stats before = std::exchange(reported_, stats);
   const auto rate = [seconds](std::uint64_t from, std::uint64_t to) {
     return static_cast<double>(to - from) / seconds;
   };

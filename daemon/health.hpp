@@ -32,8 +32,8 @@ class Health {
   ServiceStatus& service_;
   const std::chrono::nanoseconds watchdog_;  // 0: none
   std::set<std::string> still_;              // threads, and logged
-  wire::Stats told_;                         // at told_time_
-  Clock::time_point told_time_ = Clock::now();
+  wire::Stats reported_;                     // at reported_time_
+  Clock::time_point reported_time_ = Clock::now();
 };
 
 }  // namespace orbbuf

@@ -31,7 +31,7 @@ void Pipeline::capture(const std::stop_token& stop) {
   try {
     for (Sequence sequence = 0; auto raw = source_->next(stop); ++sequence) {
       beat();
-      buffer_.captured();
+      buffer_.on_captured();
       Captured captured{std::move(*raw), sequence};
       if (!source_->is_live() && !mailbox_.wait_until_empty(stop)) {
         lose(captured, DropReason::kShutdown);
@@ -75,7 +75,7 @@ void Pipeline::encode(const Captured& captured) {
 }
 
 void Pipeline::lose(const Captured& captured, DropReason reason) {
-  buffer_.lost({captured.sequence, captured.raw.capture_time_ns, reason});
+  buffer_.on_lost({captured.sequence, captured.raw.capture_time_ns, reason});
 }
 
 }  // namespace orbbuf

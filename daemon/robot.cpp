@@ -30,7 +30,7 @@ class Robot {
   void await_signal();
   void on_source_ended(bool failed);
   void report();
-  void log_account() const;
+  void log_stats() const;
 
   ServiceStatus service_;
   asio::io_context io_{1};
@@ -94,7 +94,7 @@ bool Robot::run() {
   pipeline_.start();
   report();
   io_.run();
-  log_account();
+  log_stats();
   return !source_failed_ && (is_complete_ || is_stopping_);
 }
 
@@ -127,7 +127,7 @@ void Robot::report() {
   report_timer_.async_wait([this](const boost::system::error_code& /*error*/) { report(); });
 }
 
-void Robot::log_account() const {
+void Robot::log_stats() const {
   const wire::Stats stats = buffer_.stats();
   spdlog::info(
       "session ended: captured {} = skipped {} + failed {} + dropped {} + acknowledged {} + "

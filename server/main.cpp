@@ -51,7 +51,7 @@ void add_serve(CLI::App& app, Command& command) {
   app.add_option("--config", options->config,
                  "Configuration file (TOML); without one, the defaults")
       ->type_name("FILE");
-  app.add_option("--set", options->overrides, "Lay a value over the configuration; repeatable")
+  app.add_option("--set", options->overrides, "Override a configuration value; repeatable")
       ->type_name("TABLE.KEY=VALUE")
       ->allow_extra_args(false);
   app.add_flag("--check-config", options->is_check, "Check the configuration and exit");

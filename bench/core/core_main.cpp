@@ -101,7 +101,7 @@ void enqueue(benchmark::State& state, const sim::RecordedSequence& sequence) {
   }
   std::size_t next = 0;
   const auto push = [&] {
-    buffer.captured();
+    buffer.on_captured();
     buffer.push(frames[next++]);
   };
   push();
@@ -151,7 +151,7 @@ void steady(benchmark::State& state, const sim::RecordedSequence& /*sequence*/) 
   }
   std::size_t next = 0;
   while (state.KeepRunning()) {
-    buffer.captured();
+    buffer.on_captured();
     buffer.push(frames[next++]);
     buffer.prepare();
     benchmark::DoNotOptimize(buffer.take());

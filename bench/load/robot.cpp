@@ -21,7 +21,7 @@ constexpr std::chrono::seconds kQuietAccountInterval{4};
 }  // namespace
 
 Robot::Robot(asio::io_context& io, const Content& content, Plan plan)
-    : content_(content), plan_(plan), socket_(io), capture_timer_(io), account_timer_(io) {
+    : content_(content), plan_(plan), socket_(io), capture_timer_(io), stats_timer_(io) {
   latencies_.reserve(plan_.frames);
 }
 
@@ -44,7 +44,7 @@ void Robot::connect(const asio::ip::tcp::endpoint& server, std::function<void()>
 void Robot::start(Clock::time_point first, std::function<void()> settled) {
   settled_ = std::move(settled);
   if (plan_.frames > 0) capture_at(first);
-  account_at(first + account_interval());
+  stats_at(first + stats_interval());
 }
 
 void Robot::capture_at(Clock::time_point due) {
@@ -58,20 +58,20 @@ void Robot::capture_at(Clock::time_point due) {
   });
 }
 
-std::chrono::seconds Robot::account_interval() const {
+std::chrono::seconds Robot::stats_interval() const {
   return plan_.frames > 0 ? kAccountInterval : kQuietAccountInterval;
 }
 
-void Robot::account_at(Clock::time_point due) {
-  account_timer_.expires_at(due);
-  account_timer_.async_wait([this, due](const error_code& failed) {
+void Robot::stats_at(Clock::time_point due) {
+  stats_timer_.expires_at(due);
+  stats_timer_.async_wait([this, due](const error_code& failed) {
     if (failed) return;  // at the end
-    say(wire::encode(wire::Report{account()}));
-    account_at(due + account_interval());
+    say(wire::encode(wire::Report{stats()}));
+    stats_at(due + stats_interval());
   });
 }
 
-wire::Stats Robot::account() const {
+wire::Stats Robot::stats() const {
   wire::Stats stats;
   stats.captured = captured_;
   stats.acknowledged = captured_ - kept_.size();
@@ -82,7 +82,7 @@ wire::Stats Robot::account() const {
 
 void Robot::end(std::function<void()> ended) {
   ended_ = std::move(ended);
-  account_timer_.cancel();
+  stats_timer_.cancel();
   say(wire::encode(wire::Bye{{captured_, 0}}));
 }
 

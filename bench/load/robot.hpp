@@ -21,7 +21,7 @@ namespace orbbuf::load {
 using Clock = std::chrono::steady_clock;
 
 /// A robot's side of the link without its camera and policy: it captures by the clock, drops
-/// nothing, keeps each frame until its ack, and sends its account once a second. The clock is that
+/// nothing, keeps each frame until its ack, and sends its stats once a second. The clock is that
 /// of the plan: a frame that this process is late to make is as old as if it had been in time.
 ///
 /// Any fault throws std::runtime_error out of io_context::run(). Thread-bound, like its io_context,
@@ -38,7 +38,7 @@ class Robot {
 
   /// Connects and says hello; `welcome` runs when the server has answered.
   void connect(const boost::asio::ip::tcp::endpoint& server, std::function<void()> welcome);
-  /// Captures from `first` on and sends the account every second; `settled` runs when all frames
+  /// Captures from `first` on and sends stats every second; `settled` runs when all frames
   /// are acknowledged, so not at all without frames.
   void start(Clock::time_point first, std::function<void()> settled);
   /// Says bye; `ended` runs when the server has. Requires that all is settled.
@@ -59,9 +59,9 @@ class Robot {
   };
 
   void capture_at(Clock::time_point due);
-  std::chrono::seconds account_interval() const;
-  void account_at(Clock::time_point due);
-  wire::Stats account() const;
+  std::chrono::seconds stats_interval() const;
+  void stats_at(Clock::time_point due);
+  wire::Stats stats() const;
   void say(std::vector<std::uint8_t> message);
   void write_next();
   void read();
@@ -74,7 +74,7 @@ class Robot {
   const Plan plan_;
   boost::asio::ip::tcp::socket socket_;
   boost::asio::steady_timer capture_timer_;
-  boost::asio::steady_timer account_timer_;
+  boost::asio::steady_timer stats_timer_;
   std::function<void()> welcome_;
   std::function<void()> settled_;
   std::function<void()> ended_;

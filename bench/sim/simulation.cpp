@@ -25,9 +25,9 @@ class Simulation {
   void arrive(const FramePtr& frame) {
     const std::int64_t now_ns = frame->capture_time_ns;
     run_link_until(now_ns);
-    buffer_.captured();
+    buffer_.on_captured();
     if (admits_ && !admits_(buffer_.stats().waiting - 1)) {
-      buffer_.lost({frame->sequence, now_ns, DropReason::kBusy, kUnknownSimilarity});
+      buffer_.on_lost({frame->sequence, now_ns, DropReason::kBusy, kUnknownSimilarity});
     } else {
       buffer_.push(stand_ins_ ? (*stand_ins_)[frame->sequence] : frame);
     }

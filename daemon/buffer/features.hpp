@@ -15,21 +15,21 @@ using Descriptor = std::array<std::uint64_t, 4>;
 
 /// Where a feature is: right and down from the image's upper left corner, kWidth to the width of
 /// the image, whatever its size in pixels.
-struct Position {
+struct ImagePoint {
   static constexpr int kWidth = 1024;
 
   std::int16_t x = 0;
   std::int16_t y = 0;
 
-  bool operator==(const Position&) const = default;
+  bool operator==(const ImagePoint&) const = default;
 };
 
 /// The ORB features of one image; may be empty (a blank wall). 36 bytes a feature.
 struct FeatureSet {
   std::vector<Descriptor> descriptors;
-  std::vector<Position> positions = {};  ///< as many
+  std::vector<ImagePoint> positions = {};  ///< as many
 
-  void add(const Descriptor& descriptor, Position position) {
+  void add(const Descriptor& descriptor, ImagePoint position) {
     descriptors.push_back(descriptor);
     positions.push_back(position);
   }

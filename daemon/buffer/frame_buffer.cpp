@@ -41,13 +41,13 @@ FrameBuffer::FrameBuffer(BufferLimits limits, std::unique_ptr<DropPolicy> policy
   view_.waiting.reserve(expected + 1);
 }
 
-void FrameBuffer::captured() {
+void FrameBuffer::on_captured() {
   const std::lock_guard lock(mutex_);
   ++counts_.captured;
   ++entering_;
 }
 
-void FrameBuffer::lost(const DropRecord& record) {
+void FrameBuffer::on_lost(const DropRecord& record) {
   const std::lock_guard lock(mutex_);
   assert(entering_ > 0 && record.reason != DropReason::kPolicy);
   --entering_;
@@ -205,7 +205,7 @@ void FrameBuffer::give_up() {
 
 wire::Stats FrameBuffer::stats() const {
   const std::lock_guard lock(mutex_);
-  return account();
+  return current_stats();
 }
 
 wire::Report FrameBuffer::report() const {
@@ -216,10 +216,10 @@ wire::Report FrameBuffer::report() const {
     capacity = std::min(capacity, static_cast<std::size_t>(frames));
   }
   constexpr std::size_t kMost = std::numeric_limits<std::uint32_t>::max();
-  return {account(), static_cast<std::uint32_t>(std::min(capacity, kMost)), waiting_bytes_};
+  return {current_stats(), static_cast<std::uint32_t>(std::min(capacity, kMost)), waiting_bytes_};
 }
 
-wire::Stats FrameBuffer::account() const {
+wire::Stats FrameBuffer::current_stats() const {
   wire::Stats stats = counts_;
   stats.waiting = waiting_.size() + entering_;
   stats.in_flight = in_flight_.size();

@@ -25,7 +25,7 @@ struct BufferLimits {
   std::size_t bytes = std::numeric_limits<std::size_t>::max();   ///< of JPEG
 };
 
-/// The robot's frames from capture to acknowledgement, and the account of every one of them.
+/// The robot's frames from capture to acknowledgement, and the count of what became of each.
 ///
 /// When the link is slower than the camera the buffer fills, and each push then costs one frame.
 /// Which one is the policy's choice: OrbPolicy gives up the frame whose two neighbours are most
@@ -57,10 +57,10 @@ class FrameBuffer {
   FrameBuffer(BufferLimits limits, std::unique_ptr<DropPolicy> policy,
               std::unique_ptr<SendPlanner> planner = nullptr);
 
-  /// `capture`: one more frame exists. Each ends in exactly one push() or lost().
-  void captured();
+  /// `capture`: one more frame exists. Each ends in exactly one push() or on_lost().
+  void on_captured();
   /// Any thread: a captured frame that will never be pushed (kBusy, kFailed, kShutdown).
-  void lost(const DropRecord& record);
+  void on_lost(const DropRecord& record);
 
   /// `worker`: adds the newest frame; gives up as many as it takes to be within the limits again.
   /// The newest is never given up. Does not wait, but takes as long as the policy does, which is
@@ -111,7 +111,7 @@ class FrameBuffer {
   };
 
   // All require mutex_.
-  wire::Stats account() const;
+  wire::Stats current_stats() const;
   bool is_over_limit() const;
   double next_position(const EncodedFrame& frame);
   std::size_t choose(const SendMoment& moment);

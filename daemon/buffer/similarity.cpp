@@ -16,13 +16,13 @@ namespace {
 
 constexpr std::uint32_t kMaxDistance = 64;  // of 256 bits; unrelated descriptors lie around 128
 
-// In units of Position, 1024 to the width of the image.
+// In units of ImagePoint, 1024 to the width of the image.
 constexpr int kNear = 184;  // two matches this far apart, dx + dy, can support each other
 constexpr int kAlike = 30;  // if they have moved alike to this much, along each axis
 
 struct Match {
-  Position in_a;
-  Position in_b;
+  ImagePoint in_a;
+  ImagePoint in_b;
 };
 
 // Where there is no second, kNone stands for one that is far away.
@@ -92,7 +92,7 @@ std::optional<double> image_motion(const FeatureSet& a, const FeatureSet& b) {
   if (squares.empty()) return std::nullopt;
   const auto middle = squares.begin() + static_cast<std::ptrdiff_t>(squares.size() / 2);
   std::ranges::nth_element(squares, middle);
-  return std::sqrt(static_cast<double>(*middle)) / Position::kWidth;
+  return std::sqrt(static_cast<double>(*middle)) / ImagePoint::kWidth;
 }
 
 }  // namespace orbbuf

@@ -33,10 +33,10 @@ Descriptor descriptor_of(const std::uint8_t* bytes) {
 }
 
 /// An image over 32 times as high as wide has its lowest features piled up at the end of the range.
-Position position_of(const cv::Point2f& point, int width_px) {
+ImagePoint position_of(const cv::Point2f& point, int width_px) {
   const auto scaled = [width_px](float px) {
     return static_cast<std::int16_t>(
-        std::min(std::lround(px * Position::kWidth / static_cast<float>(width_px)), 32767L));
+        std::min(std::lround(px * ImagePoint::kWidth / static_cast<float>(width_px)), 32767L));
   };
   return {scaled(point.x), scaled(point.y)};
 }

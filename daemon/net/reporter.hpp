@@ -11,7 +11,7 @@
 namespace orbbuf {
 
 /// When the server is told how the robot does, and how fast the link is: a report is due once a
-/// second, or every four while the account stands still. Knows no clock and no socket. Reentrant.
+/// second, or every four while the stats stands still. Knows no clock and no socket. Reentrant.
 class Reporter {
  public:
   using Time = std::chrono::steady_clock::time_point;
@@ -19,8 +19,8 @@ class Reporter {
   void start(Time now) { next_look_ = now + kInterval; }
   /// Whether a second has passed since the last look().
   bool is_time(Time now) const { return now >= next_look_; }
-  /// `account` as it is `now`, and what the kernel says of the connection; nothing without one.
-  void look(Time now, const wire::Stats& account, const std::optional<TcpProgress>& progress);
+  /// `stats` as it is `now`, and what the kernel says of the connection; nothing without one.
+  void look(Time now, const wire::Stats& stats, const std::optional<TcpProgress>& progress);
 
   bool is_due() const { return is_due_; }
   /// `report`, of the buffer, with what is known of the link: to be sent `now`.
@@ -34,7 +34,7 @@ class Reporter {
 
   Time next_look_;
   bool is_due_ = false;
-  wire::Stats told_;  // the last account that was taken
+  wire::Stats told_;  // the last stats that was taken
   Time told_time_;
   Time measured_time_;
   std::uint64_t acked_bytes_ = 0;  // by then, of the connection that there was

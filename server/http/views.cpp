@@ -48,13 +48,13 @@ class Json {
 };
 
 void add_report(Json& json, const wire::Report& report, double age_s) {
-  const wire::Stats& account = report.account;
+  const wire::Stats& stats = report.stats;
   json.add(R"("report":{{"age_s":{:.3f},"captured":{},"skipped":{},"failed":{},"dropped":{},)"
            R"("acknowledged":{},"waiting":{},"in_flight":{},"capacity":{},"waiting_bytes":{},)"
            R"("link_rate":{},"round_trip_us":{}}},)",
-           age_s, account.captured, account.skipped, account.failed, account.dropped,
-           account.acknowledged, account.waiting, account.in_flight, report.capacity,
-           report.waiting_bytes, report.link_rate, report.round_trip_us);
+           age_s, stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged,
+           stats.waiting, stats.in_flight, report.capacity, report.waiting_bytes, report.link_rate,
+           report.round_trip_us);
 }
 
 /// Nothing has come for longer than the robot is ever silent.
@@ -133,7 +133,7 @@ std::optional<double> reported(const RobotMetrics& robot, RobotMetrics::Time /*n
 template <auto Member>
 std::optional<double> counted(const RobotMetrics& robot, RobotMetrics::Time /*now*/) {
   if (!robot.report()) return std::nullopt;
-  return as_value(robot.report()->account.*Member);
+  return as_value(robot.report()->stats.*Member);
 }
 
 std::optional<double> round_trip(const RobotMetrics& robot, RobotMetrics::Time /*now*/) {
@@ -167,7 +167,7 @@ const auto kMetrics = std::to_array<Metric>({
      [](const auto& robot, auto now) { return as_value(robot.frame_rate(now)); }},
     {"orbbuf_newest_frame_age_seconds", "Since the newest frame was captured", MetricType::Gauge,
      age},
-    {"orbbuf_robot_captured_total", "Frames captured, by the robot's account", MetricType::Counter,
+    {"orbbuf_robot_captured_total", "Frames captured, as the robot reports", MetricType::Counter,
      counted<&wire::Stats::captured>},
     {"orbbuf_robot_skipped_total", "Of these, not encoded: a newer one came", MetricType::Counter,
      counted<&wire::Stats::skipped>},
@@ -189,7 +189,7 @@ const auto kMetrics = std::to_array<Metric>({
      reported<&wire::Report::link_rate>},
     {"orbbuf_robot_round_trip_seconds", "TCP's round trip, smoothed", MetricType::Gauge,
      round_trip},
-    {"orbbuf_robot_report_age_seconds", "Since the robot's account came", MetricType::Gauge,
+    {"orbbuf_robot_report_age_seconds", "Age of the robot's last report", MetricType::Gauge,
      report_age},
 });
 

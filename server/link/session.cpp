@@ -136,7 +136,7 @@ void Session::on_committed(const wire::Position& upto, const std::optional<Error
 
 void Session::on_report(const wire::Report& report) {
   if (metrics_) metrics_->on_report(report);
-  const wire::Stats& stats = report.account;
+  const wire::Stats& stats = report.stats;
   spdlog::debug(
       "{}: captured {} = skipped {} + failed {} + dropped {} + acknowledged {} + waiting {} + "
       "in flight {}",

@@ -94,18 +94,18 @@ Row row_of(const RobotMetrics& robot, RobotMetrics::Time now) {
   std::fill(row.begin() + 5, row.end(), std::string(1, '-'));
   if (!robot.report()) return row;
   const wire::Report& report = *robot.report();
-  const wire::Stats& account = report.account;
-  row[5] = fmt::format("{}/{}", account.waiting, report.capacity);
+  const wire::Stats& stats = report.stats;
+  row[5] = fmt::format("{}/{}", stats.waiting, report.capacity);
   if (is_connected)
     row[6] = fmt::format("{:.2f} MB/s", static_cast<double>(report.link_rate) / 1e6);
   if (is_connected && report.round_trip_us > 0) {
     row[7] = fmt::format("{:.1f} ms", report.round_trip_us / 1e3);
   }
-  row[8] = std::to_string(account.captured);
-  row[9] = std::to_string(account.acknowledged);
-  row[10] = std::to_string(account.dropped);
-  row[11] = std::to_string(account.skipped);
-  row[12] = std::to_string(account.failed);
+  row[8] = std::to_string(stats.captured);
+  row[9] = std::to_string(stats.acknowledged);
+  row[10] = std::to_string(stats.dropped);
+  row[11] = std::to_string(stats.skipped);
+  row[12] = std::to_string(stats.failed);
   return row;
 }
 

@@ -14,8 +14,8 @@ FeatureSet related(std::mt19937_64& random, const FeatureSet& of) {
   for (int i = 0; i < 60; ++i) {
     const auto k = static_cast<std::size_t>(i);
     Descriptor descriptor = {random(), random(), random(), random()};
-    Position position{static_cast<std::int16_t>(random() % 1024),
-                      static_cast<std::int16_t>(random() % 768)};
+    ImagePoint position{static_cast<std::int16_t>(random() % 1024),
+                        static_cast<std::int16_t>(random() % 768)};
     if (i < 40 && k < of.descriptors.size()) {
       descriptor = of.descriptors[k];
       descriptor[random() % 4] ^= random() & random() & random();

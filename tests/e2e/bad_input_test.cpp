@@ -35,7 +35,7 @@ TEST(BadInput, TruncatedImageIsNamedAndTheRestArrives) {
   expect_exactly_once(record, 5);
   EXPECT_EQ(record.dropped, (std::map<std::uint64_t, std::string>{{2, "failed"}, {3, "failed"}}));
   EXPECT_EQ(robot.count_lines("frame 2: "), 1) << robot.output();
-  EXPECT_EQ(closing_account(robot).at("failed"), 2U);
+  EXPECT_EQ(closing_stats(robot).at("failed"), 2U);
 }
 
 /// A file system of its own with very little room.

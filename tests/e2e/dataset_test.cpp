@@ -17,11 +17,11 @@ class DatasetTest : public testing::Test {
 
   void SetUp() override {
     Server server(out_);
-    film(server);
+    run_robot(server);
     session_ = read_record(out_, "r").folder;
   }
 
-  static void film(const Server& server) {
+  static void run_robot(const Server& server) {
     Process robot(robot_command("r", server.address(),
                                 {"source.width=160", "source.height=120", "source.realtime=false",
                                  "source.frames=" + std::to_string(kFrames)}));
@@ -68,7 +68,7 @@ TEST_F(DatasetTest, IsExportedOnce) {
 TEST_F(DatasetTest, OverTheQuotaTheOlderSessionGoesWhenTheServerIsStartedAgain) {
   {
     Server server(out_, {"files.keep_size=1 GiB"});
-    film(server);
+    run_robot(server);
     EXPECT_TRUE(fs::exists(session_));
   }
   Server server(out_, {"files.keep_size=1 B"});

@@ -62,9 +62,9 @@ TEST_P(DeliveryTest, EveryFrameOfARealSequenceArrivesInOrderWithItsTime) {
   expect_exactly_once(record, times.size());
   EXPECT_EQ(record.delivered.size(), times.size());
   EXPECT_EQ(record.times, times);
-  const auto account = closing_account(robot);
-  EXPECT_EQ(account.at("captured"), times.size());
-  EXPECT_EQ(account.at("acknowledged"), times.size());
+  const auto stats = closing_stats(robot);
+  EXPECT_EQ(stats.at("captured"), times.size());
+  EXPECT_EQ(stats.at("acknowledged"), times.size());
 }
 
 INSTANTIATE_TEST_SUITE_P(Sequences, DeliveryTest,
@@ -141,9 +141,9 @@ TEST(Delivery, KilledServerGoesOnWhereItsFilesEndAfterARestart) {
   robot.signal(SIGTERM);
   ASSERT_EQ(robot.wait(), 0) << robot.output();
   const Record record = read_record(out.path(), "r");
-  const auto account = closing_account(robot);
-  expect_exactly_once(record, account.at("captured"));
-  EXPECT_EQ(record.delivered.size(), account.at("acknowledged"));
+  const auto stats = closing_stats(robot);
+  expect_exactly_once(record, stats.at("captured"));
+  EXPECT_EQ(record.delivered.size(), stats.at("acknowledged"));
   EXPECT_EQ(record.images_right, record.images);
   for (const char* side : {"images", "images_right"}) {
     for (const auto& image : fs::directory_iterator(record.folder / side)) {
@@ -161,9 +161,9 @@ TEST(Delivery, StoppedRobotDeliversWhatWaitsAndSaysBye) {
   ASSERT_TRUE(robot.wait_for_line("captured "));
   robot.signal(SIGTERM);
   ASSERT_EQ(robot.wait(), 0) << robot.output();
-  const auto account = closing_account(robot);
-  EXPECT_EQ(account.at("waiting") + account.at("in flight"), 0U);
-  expect_exactly_once(read_record(out.path(), "r"), account.at("captured"));
+  const auto stats = closing_stats(robot);
+  EXPECT_EQ(stats.at("waiting") + stats.at("in flight"), 0U);
+  expect_exactly_once(read_record(out.path(), "r"), stats.at("captured"));
 }
 
 TEST(Delivery, SlamProgramReadsTheFramesFromAPipe) {

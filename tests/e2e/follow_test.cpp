@@ -78,7 +78,7 @@ TEST_P(FollowTest, EveryFrameIsSeenOnceThroughAnOutageAndRestartsOfTheServer) {
   robot.signal(SIGTERM);
   ASSERT_EQ(robot.wait(), 0) << robot.output();
   const Record record = read_record(folder_ / "out", "r");
-  expect_exactly_once(record, closing_account(robot).at("captured"));
+  expect_exactly_once(record, closing_stats(robot).at("captured"));
   EXPECT_TRUE(follower_->wait_for_lines(" camera 0: ", static_cast<int>(record.delivered.size())));
   EXPECT_EQ(seen(), record.delivered);
 }

@@ -113,9 +113,9 @@ TEST(Hostile, TwoThousandStrangersCostAGoodRobotNoFrame) {
   ASSERT_EQ(good.wait(), 0) << good.output();
 
   EXPECT_EQ(good.count_lines("connected to"), 1) << good.output();
-  const auto account = closing_account(good);
+  const auto stats = closing_stats(good);
   const Record record = read_record(out.path(), "good");
-  expect_exactly_once(record, account.at("captured"));
+  expect_exactly_once(record, stats.at("captured"));
   EXPECT_GT(record.delivered.size(), 100U);
   for (const auto& [sequence, reason] : record.dropped) EXPECT_EQ(reason, "shutdown");
   server.process().signal(SIGTERM);

@@ -69,7 +69,7 @@ TEST_F(NameTest, TheLinkIsUsedWhileALookupIsUnanswered) {
   EXPECT_TRUE(robot->wait_for_line("connected to")) << robot->output();
   robot->signal(SIGTERM);
   ASSERT_EQ(robot->wait(), 0) << robot->output();
-  expect_exactly_once(read_record(folder_ / "out", kRobot), closing_account(*robot).at("captured"));
+  expect_exactly_once(read_record(folder_ / "out", kRobot), closing_stats(*robot).at("captured"));
 }
 
 TEST_F(NameTest, AServerThatHasMovedIsFoundWhereTheNameSays) {

@@ -64,28 +64,28 @@ TEST_F(PageTest, AtTheEndPageMetricsAndStatusTellWhatTheRobotsLogTells) {
   server_.process().signal(SIGCONT);
   robot.signal(SIGTERM);
   ASSERT_EQ(robot.wait(), 0) << robot.output();
-  auto account = closing_account(robot);
-  EXPECT_GT(account["dropped"], 0U);
-  EXPECT_EQ(account["waiting"] + account["in flight"], 0U);
+  auto stats = closing_stats(robot);
+  EXPECT_GT(stats["dropped"], 0U);
+  EXPECT_EQ(stats["waiting"] + stats["in flight"], 0U);
 
   ASSERT_TRUE(server_.process().wait_for_line("the robot ended the session"));
   const std::string metrics = get("/metrics");
   const std::string json = get("/api/robots");
   for (const char* name : {"captured", "skipped", "failed", "dropped", "acknowledged"}) {
-    const std::string count = std::to_string(account[name]);
+    const std::string count = std::to_string(stats[name]);
     EXPECT_THAT(metrics, HasSubstr(std::string("orbbuf_robot_") + name +
                                    "_total{robot=\"robot\"} " + count + "\n"));
     EXPECT_THAT(json, HasSubstr(std::string("\"") + name + "\":" + count + ","));
   }
   EXPECT_THAT(metrics, HasSubstr("orbbuf_frames_total{robot=\"robot\"} " +
-                                 std::to_string(account["acknowledged"]) + "\n"));
+                                 std::to_string(stats["acknowledged"]) + "\n"));
   EXPECT_THAT(json, HasSubstr("\"state\":\"ended\""));
   const Finished status = run({ORBBUF_SERVER, "status", (folder_ / "status").string()});
   EXPECT_EQ(status.status, 0);
   EXPECT_THAT(status.output, testing::ContainsRegex("robot .* ended .* 0/5 +- +- +" +
-                                                    std::to_string(account["captured"]) + " +" +
-                                                    std::to_string(account["acknowledged"]) + " +" +
-                                                    std::to_string(account["dropped"]) + " "));
+                                                    std::to_string(stats["captured"]) + " +" +
+                                                    std::to_string(stats["acknowledged"]) + " +" +
+                                                    std::to_string(stats["dropped"]) + " "));
 }
 
 TEST_F(PageTest, StatusWithoutAServerSaysWhereItLooked) {
@@ -113,8 +113,8 @@ TEST_F(PageTest, GarbageAndSlowVisitorsCostAStreamNothing) {
     visit("GET /sessions/robot/../../../etc/passwd HTTP/1.1\r\nHost: localhost\r\n\r\n");
   }
   ASSERT_EQ(robot.wait(), 0) << robot.output();
-  auto account = closing_account(robot);
-  EXPECT_EQ(account["acknowledged"], 200U);
+  auto stats = closing_stats(robot);
+  EXPECT_EQ(stats["acknowledged"], 200U);
   EXPECT_EQ(robot.count_lines("connection to"), 0) << robot.output();
   expect_exactly_once(read_record(folder_ / "out", "robot"), 200);
   slow.clear();

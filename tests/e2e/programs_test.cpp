@@ -90,7 +90,7 @@ TEST(Programs, WrongPortIsSaidOnceAndTriedOn) {
   EXPECT_EQ(robot.wait(), 1) << "frames that could not be delivered are a failure";
   EXPECT_EQ(robot.count_lines("no connection to " + address + ": "), 1) << robot.output();
   EXPECT_EQ(robot.count_lines("Connection refused"), 1) << robot.output();
-  EXPECT_EQ(closing_account(robot).at("dropped"), 50U);
+  EXPECT_EQ(closing_stats(robot).at("dropped"), 50U);
 }
 
 TEST(Programs, ASecondServerOnTheSameFolderRefusesToStart) {

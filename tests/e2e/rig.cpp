@@ -62,9 +62,9 @@ fs::path shared_sequence(const std::string& name) {
 }
 
 bool wait_for_drops(Process& robot) {
-  const std::string account = "] captured ";
-  for (int lines = 1; lines <= 200 && robot.wait_for_lines(account, lines); ++lines) {
-    if (robot.count_lines(account) > robot.count_lines(" dropped 0 ")) return true;
+  const std::string stats = "] captured ";
+  for (int lines = 1; lines <= 200 && robot.wait_for_lines(stats, lines); ++lines) {
+    if (robot.count_lines(stats) > robot.count_lines(" dropped 0 ")) return true;
   }
   return false;
 }
@@ -120,15 +120,15 @@ void expect_exactly_once(const Record& record, std::uint64_t captured) {
 }
 
 // No std::regex: with asan, g++ 12 warns of what it finds in there.
-std::map<std::string, std::uint64_t> closing_account(const Process& robot) {
+std::map<std::string, std::uint64_t> closing_stats(const Process& robot) {
   static const std::string kBegin = "session ended: ";
   const std::string output = robot.output();
   const std::size_t begin = output.find(kBegin);
-  if (begin == std::string::npos) throw std::runtime_error("no closing account in: " + output);
-  const std::string account =
+  if (begin == std::string::npos) throw std::runtime_error("no closing stats in: " + output);
+  const std::string stats =
       output.substr(begin + kBegin.size(), output.find('\n', begin) - begin - kBegin.size());
   std::map<std::string, std::uint64_t> counts;
-  std::istringstream words(account);
+  std::istringstream words(stats);
   std::string name;
   for (std::string word; words >> word;) {
     if (word == "=" || word == "+") {
@@ -139,11 +139,11 @@ std::map<std::string, std::uint64_t> closing_account(const Process& robot) {
       name += (name.empty() ? "" : " ") + word;
     }
   }
-  EXPECT_EQ(counts.size(), 7U) << account;
+  EXPECT_EQ(counts.size(), 7U) << stats;
   EXPECT_EQ(counts["captured"], counts["skipped"] + counts["failed"] + counts["dropped"] +
                                     counts["acknowledged"] + counts["waiting"] +
                                     counts["in flight"])
-      << account;
+      << stats;
   return counts;
 }
 

@@ -44,7 +44,7 @@ Overrides replay(const std::filesystem::path& folder);
 /// A sequence of ../shared/data, or empty where that is absent.
 std::filesystem::path shared_sequence(const std::string& name);
 
-/// Waits until an account that the robot has logged names dropped frames.
+/// Waits until an stats that the robot has logged names dropped frames.
 bool wait_for_drops(Process& robot);
 
 /// What the server's folder says of one robot's only session.
@@ -64,7 +64,7 @@ Record read_record(const std::filesystem::path& out, const std::string& robot);
 /// holds exactly these.
 void expect_exactly_once(const Record& record, std::uint64_t captured);
 
-/// The robot's closing account, `captured` first, as in its last log line; checks that it adds up.
-std::map<std::string, std::uint64_t> closing_account(const Process& robot);
+/// The robot's closing stats, `captured` first, as in its last log line; checks that it adds up.
+std::map<std::string, std::uint64_t> closing_stats(const Process& robot);
 
 }  // namespace orbbuf::test

@@ -37,8 +37,8 @@ class ServiceTest : public ::testing::Test {
   std::unique_ptr<Server> serve(const Words& where = {}) const {
     return std::make_unique<Server>(folder_ / "out", Overrides{}, "127.0.0.1:0", where);
   }
-  static std::unique_ptr<Process> film(const std::string& server, const Words& where,
-                                       Overrides overrides = {}) {
+  static std::unique_ptr<Process> start_robot(const std::string& server, const Words& where,
+                                              Overrides overrides = {}) {
     overrides.insert(overrides.end(), kFilm.begin(), kFilm.end());
     return std::make_unique<Process>(robot_command("r", server, overrides, where));
   }
@@ -89,17 +89,17 @@ TEST_F(ServiceTest, TheServerIsReadyWhenItListensAndSaysWhoIsThere) {
   EXPECT_THAT(server_manager_.until("STATUS"),
               ::testing::ElementsAre(
                   "READY=1", "STATUS=listening on " + server->address() + "; robots connected: 0"));
-  const auto robot = film(server->address(), watched());
+  const auto robot = start_robot(server->address(), watched());
   EXPECT_THAT(server_manager_.until("STATUS").back(), HasSubstr("robots connected: 1"));
   server->process().signal(SIGTERM);
   EXPECT_EQ(server_manager_.until("STOPPING=1").back(), "STOPPING=1");
   EXPECT_EQ(server->process().wait(), 0) << server->process().output();
 }
 
-TEST_F(ServiceTest, TheRobotIsReadyWhenItFilmsAndIsConnected) {
+TEST_F(ServiceTest, TheRobotIsReadyWhenItCapturesAndIsConnected) {
   const auto server = serve();
   const auto robot =
-      film(server->address(), watched(robot_manager_), {"link.connect_timeout=60 s"});
+      start_robot(server->address(), watched(robot_manager_), {"link.connect_timeout=60 s"});
   auto messages = robot_manager_.until("READY=1");
   EXPECT_EQ(messages.back(), "READY=1");
   EXPECT_TRUE(has_said(*robot, "connected to")) << "before that";
@@ -118,7 +118,7 @@ TEST_F(ServiceTest, PgrepFindsBothByTheirNames) {
     return read_file("/proc/" + std::to_string(process) + "/comm");
   };
   const auto server = serve();
-  const auto robot = film(server->address(), watched());
+  const auto robot = start_robot(server->address(), watched());
   ASSERT_TRUE(robot->wait_for_line("connected to"));
   EXPECT_EQ(name_of(robot->pid()), "orbbufd\n");
   EXPECT_EQ(name_of(server->process().pid()), "orbbuf-server\n");
@@ -126,12 +126,13 @@ TEST_F(ServiceTest, PgrepFindsBothByTheirNames) {
 
 TEST_F(ServiceTest, WithoutAServerTheRobotIsReadyOnceItHasTried) {
   ScriptedServer silent;  // takes the connection, but says nothing
-  const auto robot = film("127.0.0.1:" + std::to_string(silent.port()), watched(robot_manager_),
-                          {"link.connect_timeout=5 s", "link.drain_timeout=0 s"});
+  const auto robot =
+      start_robot("127.0.0.1:" + std::to_string(silent.port()), watched(robot_manager_),
+                  {"link.connect_timeout=5 s", "link.drain_timeout=0 s"});
   auto messages = robot_manager_.until("READY=1");
   EXPECT_THAT(messages, Contains(AllOf(Not(HasSubstr("STATUS=0.0 frames/s captured")),
                                        HasSubstr("link connecting"))))
-      << "it films but has not tried yet";
+      << "it captures but has not tried yet";
   EXPECT_EQ(messages.back(), "READY=1");
   EXPECT_TRUE(has_said(*robot, "no answer")) << robot->output();
   EXPECT_TRUE(is_fed(robot_manager_, 60s)) << "a server that is not there is no hang";
@@ -145,7 +146,7 @@ class RobotWatchdogTest : public ServiceTest, public ::testing::WithParamInterfa
 
 TEST_P(RobotWatchdogTest, IsNotFedWhileAThreadStandsStill) {
   const auto server = serve();
-  const auto robot = film(server->address(), watched(robot_manager_));
+  const auto robot = start_robot(server->address(), watched(robot_manager_));
   expect_watched(robot_manager_, *robot, GetParam());
 }
 
@@ -164,7 +165,7 @@ INSTANTIATE_TEST_SUITE_P(Thread, ServerWatchdogTest, ::testing::Values("main", "
 
 TEST_F(ServiceTest, TheRobotSaysWhichThreadStandsStill) {
   const auto server = serve();
-  const auto robot = film(server->address(), watched());
+  const auto robot = start_robot(server->address(), watched());
   const StoppedThread stuck(robot->pid(), "capture");
   if (!stuck.is_stopped()) GTEST_SKIP() << "ptrace is not permitted";
   EXPECT_TRUE(robot->wait_for_line("thread capture has not responded for ")) << robot->output();

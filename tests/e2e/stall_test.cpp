@@ -56,7 +56,7 @@ class StallTest : public ::testing::TestWithParam<Link> {
     return done.output;
   }
 
-  /// Whether the robot's last account says so; it logs one a second.
+  /// Whether the robot's last stats says so; it logs one a second.
   bool is_stalled() const {
     const std::string log = robot_->output();
     return log.find("stalled", log.rfind("] captured ")) != std::string::npos;
@@ -78,10 +78,10 @@ class StallTest : public ::testing::TestWithParam<Link> {
   void end_and_expect_exactly_once() {
     robot_->signal(SIGTERM);
     ASSERT_EQ(robot_->wait(), 0) << robot_->output();
-    const auto account = closing_account(*robot_);
+    const auto stats = closing_stats(*robot_);
     const Record record = read_record(folder_ / "out", kRobot);
-    expect_exactly_once(record, account.at("captured"));
-    EXPECT_EQ(record.delivered.size(), account.at("acknowledged"));
+    expect_exactly_once(record, stats.at("captured"));
+    EXPECT_EQ(record.delivered.size(), stats.at("acknowledged"));
   }
 
   const Namespaces hosts_;

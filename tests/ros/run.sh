@@ -43,12 +43,12 @@ end_server() {
 serve server
 camera='camera.calibration="RadTan 100 101 80 60 -0.1 0.01 0.001 -0.001\n160 120\nnone\n160 120\n0.1\n"'
 
-film() { # ID SEED FRAMES
+capture() { # ID SEED FRAMES
   "$build/daemon/orbbufd" --set "robot.id=$1" --set "link.server=$address" --set "$camera" \
     --set source.kind=generated --set source.width=160 --set source.height=120 --set source.fps=50 \
     --set "source.seed=$2" --set "source.frames=$3" >"$work/robot-$1.log" 2>&1 || fail "$1 ended with $?"
 }
-film_pairs() { # ID LEFT RIGHT
+capture_pairs() { # ID LEFT RIGHT
   "$build/daemon/orbbufd" --set "robot.id=$1" --set "link.server=$address" --set "$camera" \
     --set source.kind=folder --set "source.path=$2/images" --set "source.path_right=$3/images" \
     >"$work/robot-$1.log" 2>&1 || fail "$1 ended with $?"
@@ -56,8 +56,8 @@ film_pairs() { # ID LEFT RIGHT
 last_session() { find "$work/data/$1" -mindepth 1 -maxdepth 1 -printf '%T@ %p\n' | sort -n | tail -n 1 | cut -d' ' -f2; }
 
 # Without a master all goes on, and is said once.
-film a 3 100
-film b 4 100
+capture a 3 100
+capture b 4 100
 grep -c 'no master' "$work/server.log" | grep -qx 1 || fail 'the missing master is not said once'
 [ "$(wc -l <"$(last_session b)/times.txt")" -eq 100 ] || fail 'a missing master has cost frames'
 
@@ -70,7 +70,7 @@ until (exec 3<>"/dev/tcp/127.0.0.1/${ROS_MASTER_URI##*:}") 2>/dev/null; do
   sleep 0.05
 done
 kill -STOP "$master"
-film c 5 300
+capture c 5 300
 [ "$(wc -l <"$(last_session c)/times.txt")" -eq 300 ] || fail 'a master that has stopped has cost frames'
 end_server
 kill -CONT "$master"
@@ -82,13 +82,13 @@ for topic in {/mono_1,/ros_2/left,/ros_2/right}/{image_raw/compressed,camera_inf
   for ((try = 0; ; ++try)); do # a publisher's first messages are gone before it is found
     grep -sqx "receiving $topic" "$work/listener.log" && break
     [ $try -lt 10 ] || fail "nothing comes on $topic"
-    film mono-1 1 100
-    film_pairs 2 "$(last_session mono-1)" "$(last_session a)"
+    capture mono-1 1 100
+    capture_pairs 2 "$(last_session mono-1)" "$(last_session a)"
   done
 done
 
-film mono-1 2 100
-film_pairs 2 "$(last_session a)" "$(last_session b)"
+capture mono-1 2 100
+capture_pairs 2 "$(last_session a)" "$(last_session b)"
 
 # equal BASE SESSION SIDE TX: every frame of the session was heard, and its calibration.
 equal() {

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Where every frame is that the robots of tests/vm/ship.sh filmed: from the server's folder, and from the
+# Where every frame is that the robots of tests/vm/ship.sh captured: from the server's folder, and from the
 # robot's logs beside it. A session that ended in peace has each frame once, delivered or in drops.csv; of
 # one that was killed, frames after the last that came died with it. Usage: tests/vm/record.sh RECORD
 set -euo pipefail

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Films with the kernel's own simulated cameras in a virtual machine: vivid, vimc through libcamera,
+# Captures with the kernel's own simulated cameras in a virtual machine: vivid, vimc through libcamera,
 # and a USB camera that is played by a program. One line for each case, PASS or FAIL; what the guest
 # printed, with the logs of what failed, is in BUILD/vm/console.log. Usage: tests/vm/run.sh BUILD
 set -euo pipefail

@@ -12,7 +12,7 @@ build=$(cd "$1" && pwd)
 vm=$build/../vm
 packages=("$(cd "$2" && pwd)"/{orbbufd,orbbuf-server}_*.deb)
 
-# The kernel and its modules are those of the films.
+# The kernel and its modules are those of the capture tests.
 "$here/image.sh" "$vm" "$build/daemon/orbbufd" "$build/server/orbbuf-server"
 vm=$(cd "$vm" && pwd)
 mkdir -p "$vm/ship"

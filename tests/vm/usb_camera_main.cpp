@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A USB camera that is a program: plugged in while it runs, unplugged when it is killed. It films a
-// pattern that moves, no two images alike, and keeps every JPEG that it gave away entirely.
-// Usage: orbbuf-usb-camera FOLDER [broken], broken: it gives but the first half of each JPEG
+// A USB camera that is a program: plugged in while it runs, unplugged when it is killed. It
+// captures a pattern that moves, no two images alike, and keeps every JPEG that it gave away
+// entirely. Usage: orbbuf-usb-camera FOLDER [broken], broken: it gives but the first half of each
+// JPEG
 #include <turbojpeg.h>
 
 #include <algorithm>
@@ -56,7 +57,7 @@ class Camera {
  private:
   void answer_control(const UsbRequest& request);
   Bytes descriptor(std::uint8_t kind, std::uint8_t index) const;
-  void film();
+  void capture();
   Bytes draw() const;
   void stream();
   void keep() const;
@@ -79,7 +80,7 @@ void Camera::run() {
     if (const auto request = port_.next_control(is_busy ? Clock::duration() : until_due)) {
       answer_control(*request);
     } else if (port_.is_asked()) {
-      if (image_.empty() && Clock::now() >= due_) film();
+      if (image_.empty() && Clock::now() >= due_) capture();
       if (!image_.empty()) stream();
     }
   }
@@ -126,7 +127,7 @@ Bytes Camera::descriptor(std::uint8_t kind, std::uint8_t index) const {
 }
 
 /// The next image, and when the one after it is due: late ones are left out.
-void Camera::film() {
+void Camera::capture() {
   due_ = std::max(due_ + kInterval, Clock::now());
   ++count_;
   sent_ = 0;

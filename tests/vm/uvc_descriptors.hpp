@@ -7,7 +7,8 @@
 
 namespace orbbuf::vm {
 
-/// What the camera films: the formats by their index in the descriptors, from 1, each in all sizes.
+/// What the camera captures: the formats by their index in the descriptors, from 1, each in all
+/// sizes.
 inline constexpr std::uint8_t kUncompressed = 1;  // YUYV
 inline constexpr std::uint8_t kMotionJpeg = 2;
 

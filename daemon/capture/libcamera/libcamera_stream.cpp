@@ -67,17 +67,17 @@ std::int64_t stamp_ns_of(const libcamera::ControlList& metadata,
 }  // namespace
 
 /// One libcamera camera, from its acquisition to its release.
-class LibcameraStream::Film {
+class LibcameraStream::Capture {
  public:
-  explicit Film(const std::string& camera)
+  explicit Capture(const std::string& camera)
       : manager_(libcamera_manager()),
         camera_(find_libcamera(*manager_, camera)),
         event_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
     if (!event_) throw_system_error("cannot create an eventfd");
   }
-  ~Film();
-  Film(const Film&) = delete;
-  Film& operator=(const Film&) = delete;
+  ~Capture();
+  Capture(const Capture&) = delete;
+  Capture& operator=(const Capture&) = delete;
 
   void start(const SourceSettings& settings);
 
@@ -108,7 +108,7 @@ class LibcameraStream::Film {
   std::string failure_;
 };
 
-LibcameraStream::Film::~Film() {
+LibcameraStream::Capture::~Capture() {
   camera_->stop();  // all that was queued comes back; does nothing to an unplugged camera
   camera_->requestCompleted.disconnect(this);
   camera_->disconnected.disconnect(this);
@@ -118,7 +118,7 @@ LibcameraStream::Film::~Film() {
   if (is_acquired_) camera_->release();
 }
 
-void LibcameraStream::Film::must(std::string_view attempt, int status) const {
+void LibcameraStream::Capture::must(std::string_view attempt, int status) const {
   if (status >= 0) return;
   const auto tried = fmt::format("camera {}: cannot {}", camera_->id(), attempt);
   const auto text = system_error(tried, -status).text + std::string(hint_at(-status));
@@ -126,7 +126,7 @@ void LibcameraStream::Film::must(std::string_view attempt, int status) const {
   throw std::runtime_error(text);
 }
 
-void LibcameraStream::Film::start(const SourceSettings& settings) {
+void LibcameraStream::Capture::start(const SourceSettings& settings) {
   must("acquire it", camera_->acquire());
   is_acquired_ = true;
   setup_ = set_up(*camera_, settings);
@@ -139,8 +139,8 @@ void LibcameraStream::Film::start(const SourceSettings& settings) {
   }
   setup_.mode.fps = set_rate(controls, camera_->controls(), settings.fps);
   make_requests();
-  camera_->requestCompleted.connect(this, &Film::completed);
-  camera_->disconnected.connect(this, &Film::disconnected);
+  camera_->requestCompleted.connect(this, &Capture::completed);
+  camera_->disconnected.connect(this, &Capture::disconnected);
   must("start capturing", camera_->start(&controls));
   // Some pipelines read the controls of start(), some only those of requests.
   requests_.front()->controls().merge(controls);
@@ -149,7 +149,7 @@ void LibcameraStream::Film::start(const SourceSettings& settings) {
   }
 }
 
-void LibcameraStream::Film::make_requests() {
+void LibcameraStream::Capture::make_requests() {
   allocator_ = std::make_unique<libcamera::FrameBufferAllocator>(camera_);
   must("allocate buffers", allocator_->allocate(setup_.stream));
   for (const auto& buffer : allocator_->buffers(setup_.stream)) {
@@ -161,7 +161,7 @@ void LibcameraStream::Film::make_requests() {
   if (requests_.size() < kLeastRequests) must("allocate three buffers", -ENOMEM);
 }
 
-std::string LibcameraStream::Film::description() const {
+std::string LibcameraStream::Capture::description() const {
   return fmt::format("{} ({}, libcamera {})", camera_->id(), model_of(*camera_),
                      libcamera::CameraManager::version());
 }
@@ -170,7 +170,7 @@ std::string LibcameraStream::Film::description() const {
 /// notices that no image comes. It is not given up at once: a camera that is being unplugged
 /// cancels them before it is `disconnected`, and libcamera aborts the process if it is stopped in
 /// between.
-void LibcameraStream::Film::completed(Request* request) {
+void LibcameraStream::Capture::completed(Request* request) {
   if (request->status() == Request::RequestCancelled) return;
   const std::lock_guard lock(mutex_);
   ready_.push_back(request);
@@ -178,13 +178,13 @@ void LibcameraStream::Film::completed(Request* request) {
 }
 
 /// Called on libcamera's thread.
-void LibcameraStream::Film::disconnected() {
+void LibcameraStream::Capture::disconnected() {
   const std::lock_guard lock(mutex_);
   failure_ = "the camera is unplugged";
   ::eventfd_write(event_.get(), 1);
 }
 
-Result<std::optional<CameraBuffer>> LibcameraStream::Film::borrow() {
+Result<std::optional<CameraBuffer>> LibcameraStream::Capture::borrow() {
   const std::lock_guard lock(mutex_);
   if (ready_.empty()) {
     if (!failure_.empty()) return Error{failure_};
@@ -197,7 +197,7 @@ Result<std::optional<CameraBuffer>> LibcameraStream::Film::borrow() {
   return std::optional(lend(*request));
 }
 
-CameraBuffer LibcameraStream::Film::lend(Request& request) {
+CameraBuffer LibcameraStream::Capture::lend(Request& request) {
   const FrameBuffer& buffer = *request.findBuffer(setup_.stream);
   const libcamera::FrameMetadata& frame = buffer.metadata();
   CameraBuffer lent;
@@ -214,7 +214,7 @@ CameraBuffer LibcameraStream::Film::lend(Request& request) {
   return lent;
 }
 
-std::optional<Error> LibcameraStream::Film::give_back(std::size_t index) {
+std::optional<Error> LibcameraStream::Capture::give_back(std::size_t index) {
   Request& request = *requests_[index];
   synchronise(*request.findBuffer(setup_.stream), DMA_BUF_SYNC_END);
   request.reuse(Request::ReuseBuffers);
@@ -224,22 +224,22 @@ std::optional<Error> LibcameraStream::Film::give_back(std::size_t index) {
 }
 
 LibcameraStream::LibcameraStream(const SourceSettings& settings)
-    : film_(std::make_unique<Film>(settings.camera)) {
-  film_->start(settings);
+    : capture_(std::make_unique<Capture>(settings.camera)) {
+  capture_->start(settings);
 }
 
 LibcameraStream::~LibcameraStream() = default;
 
-int LibcameraStream::fd() const { return film_->fd(); }
+int LibcameraStream::fd() const { return capture_->fd(); }
 
-const CameraMode& LibcameraStream::mode() const { return film_->mode(); }
+const CameraMode& LibcameraStream::mode() const { return capture_->mode(); }
 
-std::string LibcameraStream::description() const { return film_->description(); }
+std::string LibcameraStream::description() const { return capture_->description(); }
 
-Result<std::optional<CameraBuffer>> LibcameraStream::borrow() { return film_->borrow(); }
+Result<std::optional<CameraBuffer>> LibcameraStream::borrow() { return capture_->borrow(); }
 
 std::optional<Error> LibcameraStream::give_back(const CameraBuffer& buffer) {
-  return film_->give_back(buffer.index);
+  return capture_->give_back(buffer.index);
 }
 
 }  // namespace orbbuf

@@ -26,8 +26,8 @@ class LibcameraStream : public CameraStream {
   std::optional<Error> give_back(const CameraBuffer& buffer) override;
 
  private:
-  class Film;
-  std::unique_ptr<Film> film_;
+  class Capture;
+  std::unique_ptr<Capture> capture_;
 };
 
 }  // namespace orbbuf

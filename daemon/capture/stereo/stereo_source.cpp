@@ -80,12 +80,12 @@ void StereoSource::add(Side side, RawFrame frame) {
     changed_.notify_all();
   }
   const auto unpaired = pairer_.unpaired(Side::kLeft) + pairer_.unpaired(Side::kRight);
-  if (unpaired == told_ || !unpaired_log_.lets_through()) return;
+  if (unpaired == logged_ || !unpaired_log_.lets_through()) return;
   spdlog::warn(
       "stereo: {} images without a partner within {:.4g} ms, {} in all (not logged again "
       "for 10 s)",
-      unpaired - told_, ms(pairer_.tolerance()), unpaired);
-  told_ = unpaired;
+      unpaired - logged_, ms(pairer_.tolerance()), unpaired);
+  logged_ = unpaired;
 }
 
 std::string StereoSource::description() const { return description_; }

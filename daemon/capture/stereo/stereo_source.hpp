@@ -50,7 +50,7 @@ class StereoSource : public FrameSource {
   StereoPairer pairer_;          // guarded by mutex_
   std::deque<RawFrame> pairs_;   // guarded by mutex_
   std::uint64_t overtaken_ = 0;  // guarded by mutex_: pairs that next() did not take in time
-  std::uint64_t told_ = 0;       // guarded by mutex_: images without a partner that were logged
+  std::uint64_t logged_ = 0;     // guarded by mutex_: images without a partner that were logged
   LogLimit unpaired_log_{std::chrono::seconds(10)};  // guarded by mutex_
   int capturing_ = 2;                                // guarded by mutex_
   std::exception_ptr failure_;                       // guarded by mutex_

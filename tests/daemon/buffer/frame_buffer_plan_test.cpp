@@ -34,7 +34,7 @@ class FrameBufferPlanTest : public testing::Test {
     for (Sequence sequence = first; sequence <= last; ++sequence) {
       EncodedFrame frame = make_frame(sequence);
       frame.jpeg.resize(kFrameBytes);
-      buffer_.captured();
+      buffer_.on_captured();
       buffer_.push(std::make_shared<const EncodedFrame>(std::move(frame)));
     }
   }
@@ -117,7 +117,7 @@ TEST_F(FrameBufferPlanTest, AFullStoreIsThinnedEvenly) {
 TEST_F(FrameBufferPlanTest, TheNewestIsKeptHoweverLargeItIs) {
   EncodedFrame large = make_frame(0);
   large.jpeg.resize(100 * kFrameBytes);
-  buffer_.captured();
+  buffer_.on_captured();
   buffer_.push(std::make_shared<const EncodedFrame>(std::move(large)));
   EXPECT_EQ(buffer_.stats().waiting, 1U);
   push(1, 1);

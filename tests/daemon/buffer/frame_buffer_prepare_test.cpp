@@ -100,7 +100,7 @@ TEST_F(FrameBufferPrepareTest, KeepsNoFrameAliveForWhatThePolicyHasSeen) {
   for (Sequence sequence = 0; sequence < 6; ++sequence) {
     FramePtr frame = make_frame_ptr(sequence);
     frames.emplace_back(frame);
-    buffer_.captured();
+    buffer_.on_captured();
     buffer_.push(std::move(frame));
   }
   EXPECT_TRUE(frames[0].expired());

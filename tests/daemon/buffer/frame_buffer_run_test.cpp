@@ -132,7 +132,7 @@ struct Witness final : DropPolicy {
 class FrameBufferRunTest : public testing::TestWithParam<std::string_view> {
  protected:
   void capture() {
-    buffer_.captured();
+    buffer_.on_captured();
     ++account_.counts.captured;
     ++account_.counts.waiting;
   }
@@ -144,11 +144,11 @@ class FrameBufferRunTest : public testing::TestWithParam<std::string_view> {
       case 0:
         ++account_.counts.skipped;
         account_.final_drops.push_back(sequence);
-        return buffer_.lost({sequence, 0, DropReason::kBusy});
+        return buffer_.on_lost({sequence, 0, DropReason::kBusy});
       case 1:
         ++account_.counts.failed;
         account_.final_drops.push_back(sequence);
-        return buffer_.lost({sequence, 0, DropReason::kFailed});
+        return buffer_.on_lost({sequence, 0, DropReason::kFailed});
       default:
         account_.waiting.push_back(sequence);
         return buffer_.push(make_frame_ptr(sequence));

@@ -144,11 +144,11 @@ TEST_F(FrameBufferTest, AConnectionThatDiesBeforeItSpeaksSettlesNothing) {
 }
 
 TEST_F(FrameBufferTest, CountsLostFramesByTheirReason) {
-  for (int i = 0; i < 4; ++i) buffer_.captured();
+  for (int i = 0; i < 4; ++i) buffer_.on_captured();
   EXPECT_EQ(buffer_.stats().waiting, 4U);
-  buffer_.lost({0, 0, DropReason::kBusy});
-  buffer_.lost({1, 0, DropReason::kFailed});
-  buffer_.lost({2, 0, DropReason::kShutdown});
+  buffer_.on_lost({0, 0, DropReason::kBusy});
+  buffer_.on_lost({1, 0, DropReason::kFailed});
+  buffer_.on_lost({2, 0, DropReason::kShutdown});
   buffer_.push(make_frame_ptr(3));
   const wire::Stats expected{
       .captured = 4, .skipped = 1, .failed = 1, .dropped = 1, .acknowledged = 0, .waiting = 1};
@@ -161,7 +161,7 @@ TEST_F(FrameBufferTest, ReportsItsCapacityAndWhatWaits) {
   push(0, 2);
   take(1);
   const wire::Report report = buffer_.report();
-  EXPECT_EQ(report.account, buffer_.stats());
+  EXPECT_EQ(report.stats, buffer_.stats());
   EXPECT_EQ(report.waiting_bytes, 2 * make_frame_ptr(0)->jpeg.size());
   EXPECT_GT(report.waiting_bytes, 0U);
 }

@@ -31,7 +31,7 @@ inline FramePtr make_frame_ptr(Sequence sequence) {
 }
 
 inline void capture_and_push(FrameBuffer& buffer, Sequence sequence) {
-  buffer.captured();
+  buffer.on_captured();
   buffer.push(make_frame_ptr(sequence));
 }
 

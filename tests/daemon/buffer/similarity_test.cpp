@@ -37,12 +37,12 @@ int match_of(const Descriptor& from, const std::vector<Descriptor>& to) {
 }
 
 struct Motion {
-  Position from;
-  Position to;
+  ImagePoint from;
+  ImagePoint to;
 };
 
 bool naive_support(const Motion& one, const Motion& other) {
-  const auto distance = [](const Position& p, const Position& q) {
+  const auto distance = [](const ImagePoint& p, const ImagePoint& q) {
     return std::abs(p.x - q.x) + std::abs(p.y - q.y);
   };
   const int turn_x = (one.to.x - one.from.x) - (other.to.x - other.from.x);
@@ -75,7 +75,7 @@ class SimilarityTest : public testing::Test {
  protected:
   Descriptor random_descriptor() { return {random_(), random_(), random_(), random_()}; }
 
-  /// Within a square of `side`, in units of Position.
+  /// Within a square of `side`, in units of ImagePoint.
   FeatureSet random_set(int count, std::uint64_t side = 90) {
     FeatureSet set;
     while (count-- > 0) {

@@ -36,7 +36,7 @@ class SteadyStateTest : public testing::Test {
   void push(Sequence sequence) {
     FramePtr frame = make_frame_ptr(sequence);
     const int before = allocations();
-    buffer_.captured();
+    buffer_.on_captured();
     buffer_.push(std::move(frame));
     buffer_allocations_ += allocations() - before;
   }

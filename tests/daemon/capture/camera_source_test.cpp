@@ -33,7 +33,7 @@ struct Script {
   std::chrono::milliseconds interval{0};  ///< from buffer to buffer
 };
 
-/// To poll: readable at each interval, or for ever if there is none.
+/// To poll: readable at each interval, or always if there is none.
 UniqueFd event_every(std::chrono::milliseconds interval) {
   if (interval == 0ms) return UniqueFd(::eventfd(1, 0));
   const timespec step = {0, std::chrono::nanoseconds(interval).count()};
@@ -89,7 +89,7 @@ CameraBuffer buffer(std::uint32_t sequence) {
   return buffer;
 }
 
-Script films(std::deque<CameraBuffer> buffers) {
+Script gives(std::deque<CameraBuffer> buffers) {
   Script script;
   script.buffers = std::move(buffers);
   return script;
@@ -106,8 +106,8 @@ CameraSource source_of(std::deque<Script> scripts) {
   return {std::move(open), "7", kFps};
 }
 
-TEST(CameraSource, TellsWhatItFilms) {
-  const auto source = source_of({films({})});
+TEST(CameraSource, DescribesItsCameraAndMode) {
+  const auto source = source_of({gives({})});
   EXPECT_EQ(source.description(), "camera 7 (Eye, attic): GREY 2x1 px, 1000 fps");
   EXPECT_TRUE(source.is_live());
 }
@@ -121,7 +121,7 @@ TEST(CameraSource, ACameraThatCannotBeOpenedAtTheStartIsAnError) {
 TEST(CameraSource, AFrameIsACopyWithTimesOfItsOwn) {
   auto first = buffer(1);
   first.exposure_ns = 5'000'000;
-  auto source = source_of({films({first, buffer(2)})});
+  auto source = source_of({gives({first, buffer(2)})});
   const auto frame = source.next({});
   ASSERT_TRUE(frame);
   EXPECT_EQ(frame->defect, "");
@@ -136,7 +136,7 @@ TEST(CameraSource, CorruptAndCutShortIsADefect) {
   corrupt.is_corrupt = true;
   auto cut = buffer(2);
   cut.data = cut.data.first(1);
-  auto source = source_of({films({corrupt, cut, buffer(3)})});
+  auto source = source_of({gives({corrupt, cut, buffer(3)})});
   EXPECT_THAT(source.next({})->defect, HasSubstr("marked the image as corrupt"));
   EXPECT_THAT(source.next({})->defect, HasSubstr("truncated"));
   EXPECT_EQ(source.next({})->defect, "");
@@ -145,7 +145,7 @@ TEST(CameraSource, CorruptAndCutShortIsADefect) {
 TEST(CameraSource, ACameraThatFailsIsOpenedAgainUntilItIsBack) {
   Script refused;
   refused.refusal = "no such camera";
-  auto source = source_of({films({buffer(90)}), films({}), refused, films({buffer(1)})});
+  auto source = source_of({gives({buffer(90)}), gives({}), refused, gives({buffer(1)})});
   const auto before = source.next({});
   const auto after = source.next({});
   ASSERT_TRUE(after);
@@ -154,9 +154,9 @@ TEST(CameraSource, ACameraThatFailsIsOpenedAgainUntilItIsBack) {
 
 TEST(CameraSource, ACameraThatIsBackInAnotherSizeIsOpenedUntilItHasTheFirst) {
   const test::CapturedLog log;
-  Script wide = films({buffer(1)});
+  Script wide = gives({buffer(1)});
   wide.width_px = 4;
-  auto source = source_of({films({buffer(1)}), wide, wide, films({buffer(1)})});
+  auto source = source_of({gives({buffer(1)}), wide, wide, gives({buffer(1)})});
   source.next({});
   EXPECT_EQ(source.next({})->width_px, 2);
   EXPECT_THAT(
@@ -165,14 +165,14 @@ TEST(CameraSource, ACameraThatIsBackInAnotherSizeIsOpenedUntilItHasTheFirst) {
                            "1000 fps, not GREY 2x1 px, 1000 fps; retrying"));
 }
 
-TEST(CameraSource, WhyItDoesNotOpenIsToldOnceUnlessItIsGone) {
+TEST(CameraSource, WhyItDoesNotOpenIsLoggedOnceUnlessItIsGone) {
   const test::CapturedLog log;
   Script gone;
   gone.refusal = "no such camera";
   gone.is_gone = true;
   Script refused;
   refused.refusal = "not allowed";
-  const Script brief = films({buffer(1)});
+  const Script brief = gives({buffer(1)});
   auto source = source_of({brief, gone, refused, refused, brief});
   source.next({});
   source.next({});
@@ -181,9 +181,9 @@ TEST(CameraSource, WhyItDoesNotOpenIsToldOnceUnlessItIsGone) {
 }
 
 TEST(CameraSource, ACameraThatStandsStillIsOpenedAgain) {
-  Script still = films({buffer(1)});
+  Script still = gives({buffer(1)});
   still.failure = "";
-  auto source = source_of({still, films({buffer(1)})});
+  auto source = source_of({still, gives({buffer(1)})});
   const auto start = Clock::now();
   source.next({});
   ASSERT_TRUE(source.next({}));
@@ -193,7 +193,7 @@ TEST(CameraSource, ACameraThatStandsStillIsOpenedAgain) {
 }
 
 TEST(CameraSource, ACameraThatFailsAfterEachFrameIsOpenedLessAndLessOften) {
-  const Script brief = films({buffer(1)});
+  const Script brief = gives({buffer(1)});
   auto source = source_of({brief, brief, brief, brief});
   source.next({});
   const auto start = Clock::now();
@@ -201,9 +201,9 @@ TEST(CameraSource, ACameraThatFailsAfterEachFrameIsOpenedLessAndLessOften) {
   EXPECT_GE(Clock::now() - start, 300ms);  // 0 + 100 + 200
 }
 
-TEST(CameraSource, ACameraThatFilmedForAWhileIsOpenedAtOnceAgain) {
-  const Script brief = films({buffer(1)});
-  Script lasting = films({});
+TEST(CameraSource, ACameraThatWorkedForAWhileIsOpenedAtOnceAgain) {
+  const Script brief = gives({buffer(1)});
+  Script lasting = gives({});
   for (std::uint32_t i = 0; i < 22; ++i) lasting.buffers.push_back(buffer(i));
   lasting.interval = 100ms;
   auto source = source_of({brief, brief, brief, brief, brief, lasting, brief});
@@ -214,7 +214,7 @@ TEST(CameraSource, ACameraThatFilmedForAWhileIsOpenedAtOnceAgain) {
 }
 
 TEST(CameraSource, StopEndsTheWaitForACameraThatIsGone) {
-  auto source = source_of({films({})});
+  auto source = source_of({gives({})});
   std::stop_source stop;
   std::jthread stopper([&stop] { stop.request_stop(); });
   EXPECT_FALSE(source.next(stop.get_token()));

@@ -82,9 +82,9 @@ TEST(OrbExtractor, FindsAboutAsManyFeaturesAsAskedForAndTheSameEveryTime) {
 TEST(OrbExtractor, PositionsAreSharesOfTheWidthWhateverTheScale) {
   for (const int pixels : {640 * 480, 320 * 240}) {
     const FeatureSet features = features_of({}, 1, {.pixels = pixels})[0];
-    for (const Position& position : features.positions) {
-      EXPECT_THAT(position.x, AllOf(Ge(31), Lt(Position::kWidth - 31)));
-      EXPECT_THAT(position.y, AllOf(Ge(31), Lt(Position::kWidth * 480 / 640 - 31)));
+    for (const ImagePoint& position : features.positions) {
+      EXPECT_THAT(position.x, AllOf(Ge(31), Lt(ImagePoint::kWidth - 31)));
+      EXPECT_THAT(position.y, AllOf(Ge(31), Lt(ImagePoint::kWidth * 480 / 640 - 31)));
     }
   }
 }

@@ -41,7 +41,7 @@ class SenderTest : public ::testing::Test {
       frame->capture_time_ns = static_cast<std::int64_t>(sequence) * 1000;
       frame->jpeg.assign(100, static_cast<std::uint8_t>(sequence));
       frame->jpeg_crc = wire::crc32(frame->jpeg);
-      buffer_.captured();
+      buffer_.on_captured();
       buffer_.push(std::move(frame));
     }
     asio::post(io_, [this] { sender_->wake(); });
@@ -219,7 +219,7 @@ TEST_F(SenderTest, TheLastStatsComeJustBeforeTheBye) {
   }
   ASSERT_TRUE(last && last->type() == Type::kStats);
   const wire::Report report = wire::parse_stats(last->header, last->body).value();
-  EXPECT_EQ(report.account, (wire::Stats{.captured = 2, .acknowledged = 2}));
+  EXPECT_EQ(report.stats, (wire::Stats{.captured = 2, .acknowledged = 2}));
   server_.send(wire::encode(wire::Bye{{2, 0}}));
   EXPECT_TRUE(done.get());
 }
@@ -229,7 +229,7 @@ TEST_F(SenderTest, StatsAddUp) {
   push(0, 9);
   server_.welcome({});
   const Message message = server_.read(Type::kStats);
-  const wire::Stats s = wire::parse_stats(message.header, message.body).value().account;
+  const wire::Stats s = wire::parse_stats(message.header, message.body).value().stats;
   EXPECT_EQ(s.captured, 10U);
   EXPECT_EQ(s.captured,
             s.skipped + s.failed + s.dropped + s.acknowledged + s.waiting + s.in_flight);

@@ -99,7 +99,7 @@ class LayoutTest : public test::Recording {
     return report ? std::move(report).value() : ExportReport{};
   }
 
-  /// Times to the microsecond, images to the byte, and OpenCV sees what was filmed.
+  /// Times to the microsecond, images to the byte, and OpenCV sees what was captured.
   void expect_as_recorded(const std::vector<Loaded>& frames, bool is_stereo) const {
     ASSERT_EQ(frames.size(), delivered().size());
     for (std::size_t i = 0; i < frames.size(); ++i) {

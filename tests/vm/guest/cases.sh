@@ -1,6 +1,6 @@
 # shellcheck shell=bash
 # SPDX-License-Identifier: Apache-2.0
-# What every case needs: a server, a daemon that films, waiting, and a verdict.
+# What every case needs: a server, a daemon that captures, waiting, and a verdict.
 
 frames=/tmp/frames # the server's folder
 log=/tmp/daemon.log
@@ -41,8 +41,8 @@ start_server() {
   wait_for 30 grep -q 'listening' server.log
 }
 
-# film ROBOT SETTING...: starts the daemon with [source] SETTINGs.
-film() {
+# capture ROBOT SETTING...: starts the daemon with [source] SETTINGs.
+capture() {
   local robot=$1 arguments=() setting
   shift
   for setting in "$@"; do arguments+=(--set "source.$setting"); done
@@ -66,8 +66,8 @@ ends_with() {
 }
 daemon_has_ended() { ! kill -0 "$daemon" 2>/dev/null || grep -q '^State:.Z' "/proc/$daemon/status"; }
 
-# end_film: the daemon stops as it should.
-end_film() {
+# end_capture: the daemon stops as it should.
+end_capture() {
   kill -TERM "$daemon"
   expect 'exit status' ends_with 0
 }

@@ -1,7 +1,7 @@
 # shellcheck shell=bash
 # SPDX-License-Identifier: Apache-2.0
 # vimc through libcamera: no gray, no rate, and only widths that can be divided by 6. libcamera finds
-# cameras by udev, and films with them by an IPA module of its own.
+# cameras by udev, and captures with them by an IPA module of its own.
 
 /lib/systemd/systemd-udevd --daemon
 modprobe vimc
@@ -25,20 +25,20 @@ in_row() {
 }
 
 mode=(kind=libcamera width=192 height=144)
-film vimc "${mode[@]}" camera=0 controls.brightness=0.25
+capture vimc "${mode[@]}" camera=0 controls.brightness=0.25
 expect '100 frames in a row' wait_for 60 in_row vimc
 expect 'brightness' [ "$(v4l2-ctl -d "$sensor" -C brightness)" = 'brightness: 160' ]
-end_film
+end_capture
 expect 'times increase' times_increase vimc
 expect 'every frame accounted for' all_accounted
 expect 'images of 192x144' [ "$(size_of "$(session_of vimc)/images/$(tail -n 1 row.txt)")" = 192x144 ]
 expect 'none missed by the camera' logged 1 ' 0 missed by the camera, 0 corrupt, reopened 0 times'
 verdict 'libcamera: 100 frames in a row, none lost'
 
-film adjusted kind=libcamera width=200 height=150 format=GREY 'camera=platform/vimc.0 Sensor B'
+capture adjusted kind=libcamera width=200 height=150 format=GREY 'camera=platform/vimc.0 Sensor B'
 expect 'adjusted' wait_for 20 logged 1 'captures RGB24 198x150 px instead of GREY 200x150 px'
 expect 'frames' wait_for 30 has_frames adjusted 5
-end_film
+end_capture
 expect 'size' [ "$(size_of "$(find $frames/adjusted -name '*.jpg' | head -n 1)")" = 198x150 ]
 settings=()
 for setting in "${mode[@]}"; do settings+=(--set "source.$setting"); done
@@ -52,20 +52,20 @@ verdict 'libcamera: as adjusted, and --probe'
 refuses 'libcamera has no camera 1: this machine has 0: platform/vimc.0 Sensor B' "${mode[@]}" camera=1
 refuses 'no control zoom; its controls: brightness, ' "${mode[@]}" controls.zoom=1
 refuses 'control brightness: must be -1 to .*, got 7' "${mode[@]}" controls.brightness=7
-film taken "${mode[@]}"
+capture taken "${mode[@]}"
 expect 'frames' wait_for 30 has_frames taken 5
 first=$daemon
 log=/tmp/refused.log
 refuses 'no camera that it can open; it may hide a camera that another program uses' "${mode[@]}"
 log=/tmp/daemon.log
 daemon=$first
-end_film
+end_capture
 cat "$log" >>refusals.log
 chmod 660 /dev/media* /dev/video*
 as=(chroot --userspec=65534:65534 --groups=65534 /)
 refuses 'Permission denied; add the user to group video' "${mode[@]}"
 as=()
 mv refusals.log "$log"
-verdict 'libcamera: what cannot be filmed is refused by name'
+verdict 'libcamera: what cannot be captured is refused by name'
 
 modprobe -r vimc

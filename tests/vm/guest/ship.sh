@@ -76,7 +76,7 @@ before() {
   expect 'which is not given up' has orbbufd ActiveState activating
   say camera
   modprobe vivid n_devs=1 node_types=0x1 num_inputs=1 input_types=0x0
-  expect 'films when there is a camera' wait_for 60 is_active orbbufd
+  expect 'captures when there is a camera' wait_for 60 is_active orbbufd
   expect 'says that there is no server' wait_for 20 has orbbufd StatusText '*link no connection: *refused*'
   say server
   systemctl start orbbuf-server

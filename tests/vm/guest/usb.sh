@@ -38,21 +38,21 @@ row_is_whole() {
 plug_in
 expect 'a camera appears' wait_for 20 [ -e /dev/video0 ]
 mode=(device=/dev/video0 width=320 height=240 fps=15)
-film mjpg "${mode[@]}" format=MJPG
+capture mjpg "${mode[@]}" format=MJPG
 expect '100 frames in a row at 15 fps' wait_for 60 has_row mjpg 15
-end_film
+end_capture
 expect 'times increase' times_increase mjpg
 expect 'byte for byte' same_bytes mjpg
 expect 'none left out' row_is_whole mjpg
 verdict 'USB MJPG: 100 frames in a row at 15 fps, none lost, byte for byte as the camera gave them'
 
-film yuyv "${mode[@]}"
+capture yuyv "${mode[@]}"
 expect 'YUYV by itself' wait_for 30 logged 1 'YUYV 320x240 px, 15 fps'
 expect '20 frames' wait_for 30 has_frames yuyv 20
-end_film
+end_capture
 verdict 'USB: uncompressed where that is fast enough'
 
-film plugged "${mode[@]}" format=MJPG
+capture plugged "${mode[@]}" format=MJPG
 expect 'frames' wait_for 30 has_frames plugged 5
 for cycle in {1..10}; do
   unplug
@@ -61,15 +61,15 @@ for cycle in {1..10}; do
   expect "plugged in $cycle" wait_for 20 logged "$cycle" ': recovered after '
 done
 before=$(frame_count plugged)
-expect 'films on' wait_for 10 has_frames plugged $((before + 5))
-end_film
+expect 'captures again' wait_for 10 has_frames plugged $((before + 5))
+end_capture
 expect 'one session' [ "$(find $frames/plugged -mindepth 1 -maxdepth 1 | wc -l)" = 1 ]
 expect 'times increase' times_increase plugged
 expect 'every frame accounted for' all_accounted
 expect 'two lines for each' [ "$(grep -cE ': (lost: |recovered after )' "$log")" = 20 ]
 verdict 'USB: ten times unplugged and plugged in again in one run'
 
-film bad "${mode[@]}" format=MJPG
+capture bad "${mode[@]}" format=MJPG
 expect 'frames' wait_for 30 has_frames bad 5
 kill -STOP $usb
 expect 'a camera that stands still is noticed' wait_for 10 logged 1 ': lost: no frame for '
@@ -82,8 +82,8 @@ expect 'and not all logged' [ "$(grep -c 'JPEG is truncated' "$log")" -le 2 ]
 unplug
 plug_in
 before=$(frame_count bad)
-expect 'films on' wait_for 20 has_frames bad $((before + 5))
-end_film
+expect 'captures again' wait_for 20 has_frames bad $((before + 5))
+end_capture
 expect 'every frame accounted for' all_accounted
 verdict 'USB: a camera that stands still, and one that gives broken images for ever'
 
@@ -93,15 +93,15 @@ rm -f $given/*
 plug_in
 as=(env LD_PRELOAD=/share/orbbuf-usb-firmware-path.so)
 mode=(kind=libcamera width=320 height=240 fps=15 format=MJPG)
-film whole "${mode[@]}"
+capture whole "${mode[@]}"
 expect '100 frames in a row at 15 fps' wait_for 60 has_row whole 15
-end_film
+end_capture
 expect 'times increase' times_increase whole
 expect 'byte for byte' same_bytes whole
 expect 'none left out' row_is_whole whole
 verdict 'libcamera USB MJPG: 100 frames in a row at 15 fps, none lost, byte for byte'
 
-film libcamera "${mode[@]}"
+capture libcamera "${mode[@]}"
 expect 'frames' wait_for 30 has_frames libcamera 5
 first=$daemon
 log=/tmp/refused.log
@@ -115,12 +115,12 @@ for cycle in {1..3}; do
   expect "plugged in $cycle" wait_for 20 logged "$cycle" ': recovered after '
 done
 before=$(frame_count libcamera)
-expect 'films on' wait_for 10 has_frames libcamera $((before + 5))
+expect 'captures again' wait_for 10 has_frames libcamera $((before + 5))
 kill -STOP $usb
 expect 'a camera that stands still is noticed' wait_for 10 logged 1 ': lost: no frame for '
 kill -CONT $usb
 expect 'and back' wait_for 30 logged 4 ': recovered after '
-end_film
+end_capture
 as=()
 expect 'one session' [ "$(find $frames/libcamera -mindepth 1 -maxdepth 1 | wc -l)" = 1 ]
 expect 'times increase' times_increase libcamera

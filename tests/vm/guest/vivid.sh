@@ -8,9 +8,9 @@ camera=/dev/video0
 mode=("device=$camera" "width=$width" "height=$height" "fps=$fps")
 
 for format in GREY NV12 YUV420 YUYV UYVY BGR24 RGB24; do
-  film "$format" "${mode[@]}" "format=$format"
+  capture "$format" "${mode[@]}" "format=$format"
   expect "100 frames in a row at $fps fps" wait_for 60 has_row "$format" $fps
-  end_film
+  end_capture
   expect 'times increase' times_increase "$format"
   expect 'every frame accounted for' all_accounted
   image=$(session_of "$format")/images/$(tail -n 1 row.txt)
@@ -37,7 +37,7 @@ cause() {
   for control in "$@"; do v4l2-ctl -d $camera -c "$control=1"; done
 }
 
-# survives TEXT: for the TEXTth time the camera is lost, and then back, and films on.
+# survives TEXT: for the TEXTth time the camera is lost, and then back, and captures again.
 lost=0
 survives() {
   local before
@@ -45,10 +45,10 @@ survives() {
   expect "$1: noticed" wait_for 10 logged $lost ': lost: '
   expect "$1: back" wait_for 20 logged $lost ': recovered after '
   before=$(frame_count faults)
-  expect "$1: films on" wait_for 10 has_frames faults $((before + 5))
+  expect "$1: captures again" wait_for 10 has_frames faults $((before + 5))
 }
 
-film faults "${mode[@]}" format=YUYV controls.brightness=100 controls.gain_automatic=false controls.gain=77
+capture faults "${mode[@]}" format=YUYV controls.brightness=100 controls.gain_automatic=false controls.gain=77
 expect 'frames' wait_for 30 has_frames faults 10
 expect 'brightness' [ "$(v4l2-ctl -d $camera -C brightness)" = 'brightness: 100' ]
 expect 'gain, which was automatic' [ "$(v4l2-ctl -d $camera -C gain)" = 'gain: 77' ]
@@ -68,7 +68,7 @@ survives 'fatal error'
 cause disconnect
 survives 'disconnect'
 expect 'brightness is set again' [ "$(v4l2-ctl -d $camera -C brightness)" = 'brightness: 100' ]
-end_film
+end_capture
 expect 'one session' [ "$(find $frames/faults -mindepth 1 -maxdepth 1 | wc -l)" = 1 ]
 expect 'times increase' times_increase faults
 expect 'every frame accounted for' all_accounted
@@ -79,7 +79,7 @@ verdict 'vivid: every fault survived in one run'
 refuses() {
   local text=$1
   shift
-  film refused "$@"
+  capture refused "$@"
   expect "exit status of: $text" ends_with 1
   expect "$text" logged 1 "$text"
   cat "$log" >>refusals.log
@@ -96,33 +96,33 @@ as=(chroot --userspec=65534:65534 --groups=65534 /)
 chmod 660 $camera
 refuses 'Permission denied; add the user to group video' "${mode[@]}"
 as=()
-film busy "${mode[@]}" format=GREY
+capture busy "${mode[@]}" format=GREY
 expect 'frames' wait_for 30 has_frames busy 5
 first=$daemon
 refuses 'another program uses the camera' "${mode[@]}" format=GREY
 daemon=$first
-end_film
+end_capture
 modprobe -r vivid
 modprobe vivid n_devs=1 node_types=0x100 # an output
 refuses 'does not capture images' "${mode[@]}"
 modprobe -r vivid
 mv refusals.log "$log"
-verdict 'what cannot be filmed is refused by name'
+verdict 'what cannot be captured is refused by name'
 
 # A part of the sensor: of vivid's webcam there is none, of its HDMI input there is.
 modprobe vivid n_devs=1 node_types=0x1 num_inputs=1 input_types=0x3
-film crop "${mode[@]}" format=GREY crop=320x180+480+270
+capture crop "${mode[@]}" format=GREY crop=320x180+480+270
 expect 'frames' wait_for 60 has_frames crop 20
 v4l2-ctl -d $camera --get-selection target=crop >part.txt 2>&1
 expect "the part, not $(cat part.txt)" grep -q 'Left 480, Top 270, Width 320, Height 180' part.txt
-end_film
+end_capture
 first_image=$(find "$(session_of crop)/images" -name '*.jpg' | sort | head -n 1)
 expect "images of ${width}x$height" [ "$(size_of "$first_image")" = ${width}x$height ]
-film all "${mode[@]}" format=GREY
+capture all "${mode[@]}" format=GREY
 expect 'frames' wait_for 60 has_frames all 5
 v4l2-ctl -d $camera --get-selection target=crop >part.txt 2>&1
 expect "all again, not $(cat part.txt)" grep -q 'Left 0, Top 0, Width 1280, Height 720' part.txt
-end_film
+end_capture
 refuses 'cannot crop its sensor to 320x180+1200+0: its driver would use 320x180+960+0 of 1280x720+0+0' \
   "${mode[@]}" crop=320x180+1200+0
 modprobe -r vivid
@@ -135,7 +135,7 @@ same_names() { # no diff <() <(): the guest has no /dev/fd
   [ "$(cd "$(session_of "$1")/images" && ls)" = "$(cd "$(session_of "$1")/images_right" && ls)" ]
 }
 camera=/dev/video1
-film stereo "${mode[@]}" format=GREY device_right=$camera
+capture stereo "${mode[@]}" format=GREY device_right=$camera
 expect '50 pairs' wait_for 60 has_frames stereo 100
 v4l2-ctl -d $camera -c percentage_of_dropped_buffers=50
 expect 'images without a partner' wait_for 20 logged 1 'stereo: .* images without a partner within'
@@ -144,8 +144,8 @@ cause disconnect
 expect 'right camera: lost' wait_for 10 logged 1 "camera $camera: lost: "
 expect 'right camera: back' wait_for 20 logged 1 "camera $camera .* recovered after "
 before=$(frame_count stereo)
-expect 'films on' wait_for 20 has_frames stereo $((before + 20))
-end_film
+expect 'captures again' wait_for 20 has_frames stereo $((before + 20))
+end_capture
 expect 'times increase' times_increase stereo
 expect 'every frame accounted for' all_accounted
 expect 'two images of each frame' same_names stereo

@@ -67,7 +67,7 @@ TEST(LibcameraControls, OneThatIsNotThereIsRefusedWithThoseThatCanBeSet) {
             "no control zoom; its controls: none");
 }
 
-TEST(LibcameraControls, APartOfTheSensorIsFilmedWhereThereIsOne) {
+TEST(LibcameraControls, APartOfTheSensorIsCapturedWhereThereIsOne) {
   const libcamera::Rectangle sensor(0, 0, 3280, 2464);
   const ControlInfoMap cropping(
       {{&controls::ScalerCrop, ControlInfo(libcamera::Rectangle(), sensor, sensor)}},

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What needs no camera; ./dev test-vm films with one of a virtual machine.
+// What needs no camera; ./dev test-vm captures with one of a virtual machine.
 #include "daemon/capture/libcamera/libcamera_stream.hpp"
 
 #include <gmock/gmock.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What needs no camera; ./dev test-vm films with those of a virtual machine.
+// What needs no camera; ./dev test-vm captures with those of a virtual machine.
 #include "daemon/capture/v4l2/v4l2_stream.hpp"
 
 #include <gmock/gmock.h>
