@@ -72,7 +72,7 @@ TEST_P(PathTest, DefaultsConnectOverARoundTripOfTwoSeconds) {
   robot->signal(SIGTERM);
   ASSERT_EQ(robot->wait(), 0) << robot->output();
   EXPECT_EQ(robot->count_lines("connected to"), 1) << robot->output();
-  expect_exactly_once(read_record(folder_ / "out", kRobot), closing_account(*robot).at("captured"));
+  expect_exactly_once(read_record(folder_ / "out", kRobot), closing_stats(*robot).at("captured"));
 }
 
 // An MTU black hole: nothing says that they were lost.
