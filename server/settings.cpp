@@ -30,14 +30,13 @@ Address to_address(const ConfigReader& reader, std::string_view key, const std::
   return std::move(parsed).value();
 }
 
-/// Off this machine either the link and the page know who is there, or somebody has said that it
-/// does not matter.
+/// Off this machine the link and the page need TLS, or the administrator's explicit consent.
 void require_admission(const ConfigReader& reader, std::string_view key, const Address& address,
                        const ListenSettings& listen) {
   if (listen.tls.is_on() || listen.insecure || is_loopback(address)) return;
   reader.fail(key,
               fmt::format("{} can be reached from the network: set up [tls] (docs/security.md), "
-                          "or say listen.insecure = true to let anybody in",
+                          "or set listen.insecure = true to accept any host",
                           to_string(address)));
 }
 
@@ -118,7 +117,7 @@ void check_slam(const ConfigReader& reader, const std::string& table, const Slam
   }
   if (!slam.command.empty() && slam.restart != Restart::kAlways && !is_kept) {
     reader.fail(table + ".restart",
-                "without files or mcap only \"always\": the robot's stream would be held for ever");
+                "without files or mcap only \"always\": the robot's stream would stay paused");
   }
   if (slam.is_on() && slam.resume == Resume::kBacklog && !sinks.files_enabled) {
     reader.fail(table + ".resume", "\"backlog\" needs files.enabled = true");

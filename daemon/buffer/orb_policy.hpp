@@ -26,9 +26,9 @@ using Similarity = std::function<int(const FeatureSet&, const FeatureSet&)>;
 /// neighbour, and those of the two which lost theirs to the last drop.
 ///
 /// Cost of an arrival: three M() at most, and the features of the new frame; nothing at all while
-/// the link keeps up, since nobody asks then. Features are kept as long as the frame itself is, so
-/// they are extracted at most once; their memory is then used for another frame and never given
-/// back: 32 bytes each, 16 KB for a frame of 500, times the most frames alive at once.
+/// the link keeps up, since there is nothing to drop. Features are kept as long as the frame itself
+/// is, so they are extracted at most once; their memory is then used for another frame and never
+/// given back: 32 bytes each, 16 KB for a frame of 500, times the most frames alive at once.
 ///
 /// When waiting begins, and when a broken connection returns what was in flight, far more is
 /// missing at once. prepare() makes up for that in idle time. A victim that is wanted sooner is

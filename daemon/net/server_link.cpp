@@ -47,7 +47,7 @@ ServerLink::~ServerLink() { close(); }
 void ServerLink::start() {
   if (!tls_ && !is_loopback(settings_.server)) {
     spdlog::warn(
-        "link: plain TCP to {}: whoever is on the way can see and change the frames; "
+        "link: plain TCP to {}: any host on the path can read and change the frames; "
         "docs/security.md says how to set up [tls]",
         to_string(settings_.server));
   }

@@ -29,8 +29,8 @@ struct CalibratedCameras {
 };
 
 /// Both cameras have the same lens, and the right one is the left one moved along x by the
-/// baseline. Nothing of DSO's FOV, which has no name there, nor of a right camera of which nobody
-/// knows where it is. camera_txt: as parse_calibration() reads it; empty if there is none.
+/// baseline. Nothing of DSO's FOV, which has no name there, nor of a right camera whose
+/// position is unknown. camera_txt: as parse_calibration() reads it; empty if there is none.
 CalibratedCameras calibrated_cameras(std::string_view camera_txt);
 
 /// The same; a problem is logged as `ATTEMPT without calibration: PROBLEM`.

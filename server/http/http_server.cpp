@@ -38,7 +38,7 @@ void HttpServer::stop() {
   error_code ignored;  // it is closed either way
   acceptor_.close(ignored);
   retry_.cancel();
-  const auto connections = connections_;  // whoever closes leaves the original
+  const auto connections = connections_;  // a connection that closes leaves the original
   for (const auto& connection : connections) connection->close();
 }
 

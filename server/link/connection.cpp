@@ -22,7 +22,7 @@ using wire::ErrorCode;
 constexpr std::chrono::seconds kPartingTime{1};
 
 tcp::endpoint peer_of(const tcp::socket& socket) {
-  error_code gone;  // then it is nobody's address, and reading will tell
+  error_code gone;  // then there is no address, and the next read fails
   return socket.remote_endpoint(gone);
 }
 

@@ -47,7 +47,7 @@ Listener::Listener(asio::io_context& main, asio::thread_pool& pool, Settings set
 void Listener::start() {
   spdlog::info("{}listening on {}", tls_ ? "with TLS, " : "", to_text(endpoint()));
   if (!tls_ && !is_loopback(settings_.listen.address)) {
-    spdlog::warn("listen.insecure: plain TCP on {}; anybody on the network can be any robot",
+    spdlog::warn("listen.insecure: plain TCP on {}; any host on the network can act as any robot",
                  to_string(settings_.listen.address));
   }
   accept();
@@ -156,7 +156,7 @@ std::string Listener::reason_to_refuse(const SessionKey& key) const {
   return fmt::format("all {} robots' places are taken", settings_.listen.max_robots);
 }
 
-/// A robot is in one session at a time: whoever says hello for a new one has left the old.
+/// A robot is in one session at a time: a hello for a new session ends the old one.
 void Listener::close_other_sessions(const SessionKey& key) {
   std::vector<std::shared_ptr<Session>> others;
   for (auto it = sessions_.lower_bound({key.first, ""});
@@ -197,7 +197,7 @@ void Listener::stop(std::function<void()> stopped) {
   error_code ignored;  // it is closed either way
   acceptor_.close(ignored);
   retry_.cancel();
-  // Copies: whoever ends leaves the originals.
+  // Copies: a session that ends removes itself from the originals.
   const auto connections = connections_;
   for (const auto& connection : connections) {
     if (!connection->is_introduced()) connection->refuse("the server stops");

@@ -25,7 +25,7 @@ namespace orbbuf {
 /// Robots do not wait for each other: everything on `main` is one message at a time, and whatever
 /// blocks is done elsewhere. Sessions are made when a robot asks for them, from what their files
 /// hold; a robot that begins a new one ends its old one, for good: else two robots with one id
-/// would for ever take each other's place.
+/// would replace each other again and again.
 ///
 /// Memory for one robot, at most: the kernel's receive buffer, twice the largest frame while one
 /// comes, and as much again while a replaced connection's frame is still being written.
@@ -34,7 +34,7 @@ namespace orbbuf {
 class Listener final : public ConnectionOwner {
  public:
   /// Listens; accepts from start() on. Throws std::runtime_error, saying on what and why not, or
-  /// which key or certificate cannot be used. `metrics`, null if nobody looks, must outlive it.
+  /// which key or certificate cannot be used. `metrics`, null if there is no page, must outlive it.
   Listener(boost::asio::io_context& main, boost::asio::thread_pool& pool, Settings settings,
            Metrics* metrics = nullptr);
 

@@ -206,13 +206,13 @@ void Session::note_failure(const std::optional<Error>& error) {
   if (is_failing_ == error.has_value()) return;
   is_failing_ = error.has_value();
   if (error) {
-    spdlog::error("{}: the robot's stream is held: {}", name_, error->text);
+    spdlog::error("{}: stream paused: {}", name_, error->text);
   } else {
-    spdlog::info("{}: the robot's stream goes on", name_);
+    spdlog::info("{}: stream resumed", name_);
   }
 }
 
-/// Whoever waited for the job is gone: ends it, as far as that can be done.
+/// The connection that waited for the job is gone: ends the job, as far as that can be done.
 void Session::on_waiter_gone() {
   if (!job_) return settle();
   job_->taken = nullptr;
@@ -263,7 +263,7 @@ void Session::drain() {
   });
 }
 
-/// All that was begun has ended: the sinks are closed before anybody hears of it, so that a
+/// All that was begun has ended: the sinks are closed before the end is reported, so that a
 /// reader's end and a robot's bye mean that nothing more follows.
 void Session::finish_close() {
   const auto self = shared_from_this();  // `closed_` may drop the last reference

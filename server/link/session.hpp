@@ -106,7 +106,7 @@ class Session : public std::enable_shared_from_this<Session> {
     FramePtr frame;  // or, if null, records
     std::vector<DropRecord> records;
     wire::Position then;  // the session's position when all sinks have it
-    Taken taken;          // empty: nobody waits for it any more
+    Taken taken;          // empty: no connection waits for it
     std::size_t sink = 0;
   };
 
@@ -136,7 +136,7 @@ class Session : public std::enable_shared_from_this<Session> {
   boost::asio::steady_timer timer_;  // until a connection comes, or the sinks drain
   boost::asio::steady_timer retry_;
 
-  std::shared_ptr<RobotMetrics> metrics_;  // null: nobody looks
+  std::shared_ptr<RobotMetrics> metrics_;  // null: there is no page
 
   wire::Position position_;
   std::weak_ptr<SessionPeer> peer_;

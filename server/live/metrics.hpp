@@ -20,7 +20,7 @@ namespace orbbuf {
 
 /// What is known of a robot's latest session, for people and their tools: nothing in the server
 /// depends on it. The session tells; the page, /metrics and `status` read. Holds one frame, the
-/// newest, if anybody can see it. Thread-bound to `main`.
+/// newest, if a page can show it. Thread-bound to `main`.
 class RobotMetrics {
  public:
   using Clock = std::chrono::steady_clock;

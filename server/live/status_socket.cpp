@@ -153,7 +153,7 @@ void StatusSocket::accept() {
     if (!acceptor_.is_open() || failed == asio::error::operation_aborted) return;
     if (failed) return accept_later();  // no descriptors, of which the robots' listener tells
     const std::string table = to_table(metrics_, RobotMetrics::Clock::now());
-    error_code ignored;  // whoever asked has gone
+    error_code ignored;  // the client has gone
     socket.non_blocking(true, ignored);
     socket.write_some(asio::buffer(table), ignored);
     accept();

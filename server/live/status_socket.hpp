@@ -20,9 +20,9 @@ inline constexpr const char* kAutomaticSocket = "auto";
 /// which systemd sets, or else in $XDG_RUNTIME_DIR.
 std::filesystem::path status_socket_path(const std::string& setting);
 
-/// Gives whoever connects the table of metrics, and closes. The socket is this user's alone. What
-/// cannot be written at once is not written, so nobody is waited for. Thread-bound to `main`. Must
-/// outlive every run of the io_context.
+/// Sends each client the table of metrics, and closes. The socket is this user's alone. What
+/// cannot be written at once is not written, so the server waits for no client. Thread-bound to
+/// `main`. Must outlive every run of the io_context.
 class StatusSocket {
  public:
   /// Listens; a socket that a server has left behind is replaced. Throws std::runtime_error, saying

@@ -65,7 +65,7 @@ std::optional<nanoseconds> Timeline::age(Time now) const {
 }
 
 /// How much later than the fastest a frame of that `offset` comes. What was least long ago does not
-/// count for ever, since clocks drift and are set.
+/// count forever, since clocks drift and are set.
 nanoseconds Timeline::note_offset(nanoseconds offset, Time now) {
   if (now - minute_ >= kMinute) {
     minute_ = now;

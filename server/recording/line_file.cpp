@@ -98,7 +98,7 @@ std::optional<Error> LineFile::cut(int fd, off_t bytes) {
   cut_due_ = bytes;
   struct stat status {};
   if (::fstat(fd, &status) != 0) return system_error("stat " + path_.string(), errno);
-  // A file that became shorter meanwhile was replaced by somebody: nothing of ours is in it.
+  // A file that became shorter meanwhile was replaced by another program: nothing of ours is in it.
   if (status.st_size > bytes && ::ftruncate(fd, bytes) != 0) {
     return system_error("truncate " + path_.string(), errno);
   }

@@ -16,7 +16,7 @@ namespace orbbuf {
 /// A text file that grows by whole lines, each ended by '\n'.
 ///
 /// It is opened anew for each append, so that idle sessions hold no descriptors and a file that
-/// somebody removed comes back. No fsync. Blocking; reentrant.
+/// was removed comes back. No fsync. Blocking; reentrant.
 class LineFile {
  public:
   struct Content {

@@ -115,7 +115,7 @@ Result<wire::Position> SessionFiles::recover() {
   if (times.value().lines > 0) {
     const auto last = session_lines::parse_times(times.value().last);
     if (!last) {
-      // Taking this for an empty record would remove images that are somebody's data.
+      // Taking this for an empty record would remove images that hold data.
       return Error{"resume from " + times_.path().string() + ": the last line, \"" +
                    times.value().last + "\", is not SEQUENCE SECONDS EXPOSURE"};
     }
@@ -175,7 +175,7 @@ std::optional<Error> SessionFiles::write_drops(std::span<const DropRecord> recor
   return error;
 }
 
-/// Folders and calibration, again after each failure, in case somebody has removed them.
+/// Folders and calibration, again after each failure, in case they were removed.
 std::optional<Error> SessionFiles::prepare() {
   if (is_prepared_) return std::nullopt;
   std::error_code failed;

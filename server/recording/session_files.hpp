@@ -28,7 +28,7 @@ namespace orbbuf {
 ///
 /// The line in times.txt is what makes a frame accepted: whatever is found without one was in the
 /// middle of being written. Its checksums are written before, so that each accepted frame has them;
-/// those of a frame that was not accepted after all are no matter, and of two for one image the
+/// those of a frame that was not accepted after all are ignored, and of two for one image the
 /// last counts. Each file appears by rename and each line by one append, without fsync:
 /// an accepted frame survives the death of this process; GroupCommit is for that of the machine.
 /// Blocking; reentrant. Called by one thread at a time; recover() is the first call.

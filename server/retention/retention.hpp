@@ -25,7 +25,7 @@ namespace orbbuf {
 /// Finished: no session of this server's (`is_open`), and, since one from before its start might
 /// still be continued, not the robot's newest one while its last write is not `session_timeout`
 /// ago. That is decided, and the folder renamed, in one go on `main`, where robots are let into
-/// their sessions; so nobody can come back to a session that is on its way out. What is read and
+/// their sessions; so no robot can come back to a session that is on its way out. What is read and
 /// removed goes in steps of a few milliseconds through the `files` thread, behind the frames that
 /// wait there, with pauses in between. A folder that was renamed when the server died is removed by
 /// the next one.

@@ -39,12 +39,12 @@ class FrameSink {
   /// repeated until it is taken, or the session ends.
   virtual bool is_partly_taken() const { return false; }
 
-  /// Stops waiting for somebody to come: a call that has not begun to write ends soon, with an
+  /// Stops waiting for a reader: a call that has not begun to write ends soon, with an
   /// error. What has begun goes on, at the pace of the disk or of the reader.
   virtual void cancel() {}
 
   /// Nothing more will be written: `drained` runs, possibly from within the call, when all that was
-  /// answered has gone where it goes. It may take for ever; close() ends it.
+  /// answered has gone where it goes. It may never end; close() ends it.
   // NOLINTNEXTLINE(performance-unnecessary-value-param): who overrides it keeps it
   virtual void async_drain(std::function<void()> drained) { drained(); }
 

@@ -20,8 +20,8 @@ namespace orbbuf {
 /// hold more. A record that fails ends the job, and the next try goes on with that record.
 ///
 /// A job that has begun cannot be cancelled: it ends when the disk does. The sink may be destroyed
-/// before that. close() has the records finished there, behind what was begun; nobody waits for it
-/// but who joins `pool`.
+/// before that. close() has the records finished there, behind what was begun; only a join
+/// of `pool` waits for it.
 class RecordSink final : public FrameSink {
  public:
   using Records = std::vector<std::unique_ptr<SessionRecord>>;
@@ -56,7 +56,7 @@ class RecordSink final : public FrameSink {
   const std::shared_ptr<Job> job_;  // shared with what runs in the pool only
   const wire::Position position_;
   const Commit commit_;
-  std::shared_ptr<bool> is_commit_due_ = std::make_shared<bool>(false);  // nobody waits for it
+  std::shared_ptr<bool> is_commit_due_ = std::make_shared<bool>(false);  // no call waits for it
   bool is_closed_ = false;
 };
 

@@ -101,7 +101,7 @@ TEST_F(Tls, AServerOnTheNetworkWantsTlsOrToBeToldOtherwise) {
   EXPECT_EQ(refused.status, 1);
   EXPECT_NE(refused.output.find("listen.insecure = true"), std::string::npos) << refused.output;
   Server warned(folder_ / "out", {"listen.insecure=true"}, "0.0.0.0:0");
-  EXPECT_TRUE(warned.process().wait_for_line("anybody on the network can be any robot"));
+  EXPECT_TRUE(warned.process().wait_for_line("any host on the network can act as any robot"));
 }
 
 }  // namespace

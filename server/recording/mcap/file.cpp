@@ -129,7 +129,7 @@ Result<UniqueFd> File::open_at_end() {
   if (!fd && (errno != ENOENT || end == 0)) return system_error("open " + path_.string(), errno);
   if (!fd || size < end) {
     if (auto error = recover(is_none_beyond)) return std::move(*error);
-    return Error{"write " + path_.string() + ": somebody has removed or cut it"};
+    return Error{"write " + path_.string() + ": another program removed or truncated it"};
   }
   if (size == end) return fd;
   if (!contents_.open.empty()) {  // its head never promises more than there is

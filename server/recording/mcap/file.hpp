@@ -52,7 +52,7 @@ class File {
 
   /// Requires a batch with messages, whose channels stand in it or were in one before. On error the
   /// file is as before, unless even that fails: then the next append cuts it first. A file that
-  /// somebody has removed is an error once and begins anew then.
+  /// was removed is an error once and begins anew then.
   std::optional<Error> append(const Batch& batch);
 
   /// Writes indexes and summary, which more batches may replace. summary: the schema records, and

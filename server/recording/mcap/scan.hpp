@@ -43,13 +43,13 @@ void extend(TimeSpan& time, bool is_first, const TimeSpan& more);
 void close_chunk(Contents& contents, const std::map<std::uint16_t, std::size_t>& counts,
                  std::span<const std::uint8_t> message_indexes);
 
-/// What is in the file, up to where somebody was killed while writing; a missing or a torn first
+/// What is in the file, up to where a server was killed while writing; a missing or a torn first
 /// record is nothing. The last chunk becomes the open one, even if it had been closed. Of it,
 /// everything from the first message on for which `is_beyond` holds is left out, unless it holds
 /// in a chunk before: then so much is beyond that it is no leftover of a kill.
 ///
 /// Reads some hundred bytes of each closed chunk and all of the last; changes nothing. An error if
-/// the file cannot be read or is somebody else's, its library not beginning with `library`.
+/// the file cannot be read or is another program's, its library not beginning with `library`.
 Result<Contents> scan(const std::filesystem::path& path, std::string_view library,
                       const std::function<bool(const MessageHead&)>& is_beyond);
 

@@ -16,7 +16,7 @@
 
 namespace orbbuf {
 
-/// Text of somebody else's, line by line in the log, each after `label`. A line ends with '\n' or
+/// Text of another program, line by line in the log, each after `label`. A line ends with '\n' or
 /// '\r'; the rest of one that is longer than kLineBytes is left out. So are lines beyond kBurst at
 /// once and kPerSecond from then on; how many is told by the next line that is not. Thread-bound.
 class OutputLog {
@@ -46,7 +46,7 @@ class OutputLog {
 };
 
 /// Reads what a child writes to its standard output and error, for as long as it does: at most
-/// 16 KiB every 5 ms, so that a chatty child slows down nobody but itself.
+/// 16 KiB every 5 ms, so that a chatty child slows down only itself.
 ///
 /// Thread-bound to `main`. Lives in a shared_ptr, which its outstanding operations hold.
 class ChildOutput : public std::enable_shared_from_this<ChildOutput> {
@@ -55,8 +55,8 @@ class ChildOutput : public std::enable_shared_from_this<ChildOutput> {
   ChildOutput(boost::asio::io_context& main, UniqueFd end, std::shared_ptr<OutputLog> log);
 
   void start();
-  /// The child is gone: takes what it left in the pipe, and no more, whoever else may still hold
-  /// the other end.
+  /// The child is gone: takes what it left in the pipe, and no more, also if another process still
+  /// holds the other end.
   void finish();
 
  private:

@@ -16,7 +16,7 @@ Fifo::Fifo(std::filesystem::path path) : path_(std::move(path)) {}
 
 Result<UniqueFd> Fifo::connect(std::function<void()> /*gone*/) {
   std::error_code ignored;  // mkfifo says what is wrong with the folder
-  // Every time: somebody may have removed it while it had no reader.
+  // Every time: it may have been removed while it had no reader.
   if (path_.has_parent_path()) std::filesystem::create_directories(path_.parent_path(), ignored);
   if (::mkfifo(path_.c_str(), 0666) != 0 && errno != EEXIST) {
     return system_error("make FIFO " + path_.string(), errno);
@@ -27,7 +27,7 @@ Result<UniqueFd> Fifo::connect(std::function<void()> /*gone*/) {
 
   UniqueFd fd(::open(path_.c_str(), O_WRONLY | O_NONBLOCK | O_CLOEXEC));
   if (!fd) {
-    if (errno == ENXIO) return UniqueFd();  // nobody reads
+    if (errno == ENXIO) return UniqueFd();  // no reader
     return system_error("open FIFO " + path_.string(), errno);
   }
   if (::flock(fd.get(), LOCK_EX | LOCK_NB) != 0) {

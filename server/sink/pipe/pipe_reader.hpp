@@ -14,7 +14,7 @@ class PipeReader {
  public:
   virtual ~PipeReader() = default;
 
-  /// The writing end of a pipe that somebody reads; empty if nobody does yet. Closing it shows the
+  /// The writing end of a pipe that has a reader; empty if it has none yet. Closing it shows the
   /// reader the end. Never blocks. Called again when the pipe broke or `gone` ran.
   /// gone: runs, before the next connect(), when the reader has left in a way that the pipe itself
   /// may not show; possibly when the pipe is long closed.

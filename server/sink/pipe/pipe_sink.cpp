@@ -76,7 +76,7 @@ void PipeSink::look_for_reader() {
   if (!end) {
     log_state(spdlog::level::err, end.error().text);
   } else if (!end.value()) {
-    log_state(spdlog::level::info, "nobody reads");
+    log_state(spdlog::level::info, "no reader");
   } else {
     log_state(spdlog::level::info, "has a reader");
     frames_read_ = 0;
@@ -161,7 +161,7 @@ void PipeSink::serve_call() {
   if (call_->frame->sequence < next_) return finish(std::nullopt);  // read from the files already
   if (reader_state_ == ReaderState::kPresent && place_ == Place::kLive) return;
   if (without_reader_ == WithoutReader::kHold) {
-    if (call_->is_cancelled) finish(Error{"write to " + reader_->name() + ": nobody reads"});
+    if (call_->is_cancelled) finish(Error{"write to " + reader_->name() + ": no reader"});
     return;
   }
   if (without_reader_ == WithoutReader::kCatchUp) {

@@ -25,7 +25,7 @@
 
 namespace orbbuf {
 
-/// What becomes of frames while nobody reads the pipe.
+/// What becomes of frames while the pipe has no reader.
 enum class WithoutReader : std::uint8_t {
   kHold,     ///< they wait, and with them the robot's stream
   kPass,     ///< they pass the pipe by, being safe elsewhere: the next reader begins live

@@ -38,7 +38,7 @@ struct SlamSettings {
 };
 
 /// The pipe to a session's SLAM program, which it begins to look for or starts. `kept`: what a sink
-/// before this one keeps of the session, whose frames then pass the pipe by while nobody reads it;
+/// before this one keeps of the session, whose frames then pass the pipe by while it has no reader;
 /// nothing: they wait. `main` and `pool` as in PipeSink.
 std::shared_ptr<FrameSink> make_slam_sink(const SlamSettings& settings, const SessionInfo& info,
                                           const std::optional<KeptFrames>& kept,

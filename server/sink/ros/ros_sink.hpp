@@ -20,10 +20,10 @@ namespace orbbuf {
 /// robot's id becomes _, and ros_ goes before a digit. The topics stay until this process ends, so
 /// that a subscriber of one session has the next from its first frame on.
 ///
-/// It holds nobody: a frame is taken at once. Frames pass while there is no master, for which it
-/// looks every second; of those that come while roscpp waits for one that does not answer, the
-/// first 64 MiB of all sessions wait as well and the others pass; and roscpp itself gives up the
-/// oldest of 100 that wait for a slow subscriber. All calls of roscpp are made on one thread,
+/// It never pauses the stream: a frame is taken at once. Frames pass while there is no master, for
+/// which it looks every second; of those that come while roscpp waits for one that does not answer,
+/// the first 64 MiB of all sessions wait as well and the others pass; and roscpp itself gives up
+/// the oldest of 100 that wait for a slow subscriber. All calls of roscpp are made on one thread,
 /// `ros`, of all the sinks there are, but for roscpp's own threads, none of which calls anything of
 /// ours. Drop records are not published.
 std::shared_ptr<FrameSink> make_ros_sink(boost::asio::io_context& main, const SessionInfo& info);

@@ -160,12 +160,12 @@ TEST_F(ListenerTest, AFullDiskHoldsTheStreamUntilThereIsRoom) {
     const test::ResourceLimit full(RLIMIT_FSIZE, 1000);
     robot.send_frame(plain_frame(1, 5000));
     robot.send_frame(plain_frame(2, 100));
-    log_.wait_for("the robot's stream is held");
+    log_.wait_for("stream paused");
     EXPECT_FALSE(has_answer(robot, 1500));  // longer than one retry
   }
   EXPECT_TRUE(robot.acked(3));
   server_->stop();
-  EXPECT_EQ(log_.lines("error r s: the robot's stream is held: write ").size(), 1U);
+  EXPECT_EQ(log_.lines("error r s: stream paused: write ").size(), 1U);
   EXPECT_EQ(frames_kept("r/s"), 3U);
 }
 

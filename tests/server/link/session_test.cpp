@@ -167,7 +167,7 @@ TEST_F(SessionTest, AfterAFailedCommitNothingMoreIsKept) {
   write(1);
   sink_->answer();
   EXPECT_EQ(peer_->kept, 0);
-  EXPECT_EQ(log.lines("error robot session: the robot's stream is held: sync").size(), 1U);
+  EXPECT_EQ(log.lines("error robot session: stream paused: sync").size(), 1U);
   session_->close(SessionEnd::kStopping);
   EXPECT_EQ(peer_->bye, wire::Position{});
 }
@@ -221,8 +221,8 @@ TEST_F(SessionTest, AFailingSinkHoldsTheStreamAndIsLoggedOnceEachWay) {
   sink_->answer();
   EXPECT_EQ(taken_, 1);
   EXPECT_EQ(sink_->frames, (Sequences{0, 0, 0}));
-  EXPECT_EQ(log.lines("error robot session: the robot's stream is held: no space").size(), 1U);
-  EXPECT_EQ(log.lines("info robot session: the robot's stream goes on").size(), 1U);
+  EXPECT_EQ(log.lines("error robot session: stream paused: no space").size(), 1U);
+  EXPECT_EQ(log.lines("info robot session: stream resumed").size(), 1U);
 }
 
 TEST_F(SessionTest, ASinkThatHasTheFrameIsNotGivenItAgain) {

@@ -144,7 +144,7 @@ TEST_F(PipeSinkTest, AloneItHoldsFramesUntilAReaderComes) {
   const UniqueFd end = reader();
   ASSERT_TRUE(run_until_answered());
   EXPECT_EQ(read(end, in_pipe(0).size()), in_pipe(0));
-  EXPECT_EQ(log.lines("nobody reads").size(), 1U);
+  EXPECT_EQ(log.lines("no reader").size(), 1U);
   EXPECT_EQ(log.lines("has a reader").size(), 1U);
 }
 
@@ -210,7 +210,7 @@ TEST_F(PipeSinkTest, CancelEndsTheWaitForAReader) {
   out.cancel();
   ASSERT_TRUE(run_until_answered());
   ASSERT_TRUE(answers_[0]);
-  EXPECT_EQ(answers_[0]->text, "write to " + fifo_.string() + ": nobody reads");
+  EXPECT_EQ(answers_[0]->text, "write to " + fifo_.string() + ": no reader");
   const UniqueFd end = reader();
   EXPECT_FALSE(write(out, jpeg_like_frame_ptr(0)));
 }
