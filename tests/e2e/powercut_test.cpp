@@ -11,7 +11,7 @@ namespace {
 TEST(PowerCut, FiveCutsLoseNothingThatWasAcknowledged) {
   const TemporaryFolder folder;
   const Finished cuts = run({ORBBUF_POWERCUT, "--server", ORBBUF_SERVER, "--work",
-                             (folder / "work").string(), "--cuts", "5", "--mcap"},
+                             (folder / "work").string(), "--cuts", "5"},
                             std::chrono::seconds(280));  // ctest's limit is 300
   if (cuts.status == 77) GTEST_SKIP() << cuts.output;
   EXPECT_EQ(cuts.status, 0) << cuts.output;
