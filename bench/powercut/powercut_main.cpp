@@ -59,7 +59,8 @@ struct Counts {
 bool is_dropped(Sequence sequence) { return sequence % 7 == 3; }
 
 EncodedFrame frame_of(int robot, Sequence sequence) {
-  std::minstd_rand random(static_cast<unsigned>(1 + robot * 1'000'003 + sequence));
+  std::minstd_rand random(
+      static_cast<unsigned>(1 + static_cast<std::uint64_t>(robot) * 1'000'003 + sequence));
   EncodedFrame frame;
   frame.sequence = sequence;
   frame.capture_time_ns =
