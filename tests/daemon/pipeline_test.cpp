@@ -79,7 +79,9 @@ TEST_F(PipelineTest, FramesReachTheBufferNumberedInOrder) {
 TEST_F(PipelineTest, SourceThatCanWaitLosesNothingToAFullBuffer) {
   start(std::make_unique<FakeSource>(50, false));
   Sequence next = 0;
+  const auto limit = std::chrono::steady_clock::now() + std::chrono::minutes(1);
   while (next < 50) {
+    ASSERT_LT(std::chrono::steady_clock::now(), limit) << "frame " << next << " did not come";
     if (const FramePtr frame = buffer_.take()) {
       EXPECT_EQ(frame->sequence, next++);
       buffer_.acknowledge(next);

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <cstdlib>
 #include <numeric>
+#include <optional>
 #include <random>
 #include <utility>
 #include <vector>
@@ -130,6 +131,23 @@ class SimilarityTest : public testing::Test {
 
   std::mt19937_64 random_{1};
 };
+
+TEST_F(SimilarityTest, ImageMotionIsTheMedianDisplacementOfTheMatches) {
+  const FeatureSet set = random_set(100);
+  EXPECT_EQ(image_motion(set, set), 0.0);
+  FeatureSet moved = set;
+  for (ImagePoint& point : moved.positions) {
+    point.x = static_cast<std::int16_t>(point.x + 30);
+    point.y = static_cast<std::int16_t>(point.y - 40);
+  }
+  EXPECT_EQ(image_motion(set, moved), 50.0 / ImagePoint::kWidth);
+  EXPECT_EQ(image_motion(moved, set), 50.0 / ImagePoint::kWidth);
+}
+
+TEST_F(SimilarityTest, WithoutMatchesThereIsNoImageMotion) {
+  EXPECT_EQ(image_motion(random_set(100), random_set(100)), std::nullopt);
+  EXPECT_EQ(image_motion({}, random_set(100)), std::nullopt);
+}
 
 TEST_F(SimilarityTest, AFrameMatchesItselfInEveryFeature) {
   for (const int count : {3, 4, 500}) {
