@@ -43,8 +43,6 @@ std::shared_ptr<Retention> make_retention(asio::io_context& main, asio::thread_p
       });
 }
 
-bool is_kept(const SinkSettings& sinks) { return sinks.files_enabled || sinks.mcap_enabled; }
-
 /// SIGHUP never ends the server.
 void await_reload(asio::signal_set& reload, Listener& listener) {
   reload.async_wait([&](const error_code& failed, int /*signal*/) {
@@ -74,7 +72,7 @@ void serve(const Settings& settings) {
   std::signal(SIGPIPE, SIG_IGN);
   check_sinks(settings.sinks);
   const UniqueFd lock =
-      is_kept(settings.sinks) ? lock_folder(settings.sinks.files_path) : UniqueFd();
+      settings.sinks.is_kept() ? lock_folder(settings.sinks.files_path) : UniqueFd();
   allow_descriptors_for(settings.listen.max_connections + HttpServer::kMaxConnections);
   asio::io_context main(1);
   asio::thread_pool files(1);  // ends before `main`, to which its work reports

@@ -109,7 +109,7 @@ SlamSettings load_slam(ConfigReader& reader, const std::string& table,
 
 void check_slam(const ConfigReader& reader, const std::string& table, const SlamSettings& slam,
                 const SinkSettings& sinks) {
-  const bool is_kept = sinks.files_enabled || sinks.mcap_enabled;
+  const bool is_kept = sinks.is_kept();
   if (!slam.is_on() && !is_kept && !sinks.ros_enabled) {
     const auto text =
         fmt::format("frames need a sink: files, mcap, {0}.command, {0}.fifo or ros", table);

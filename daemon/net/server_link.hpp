@@ -46,16 +46,18 @@ struct LinkSettings {
 /// Keeps one connection to the server: makes it, watches it, and makes it anew when it breaks or
 /// stalls, until close(). What is written to it is the owner's choice.
 ///
-/// | state       | connection     | attempts | the next state, and when |
-/// |-------------|----------------|----------|-----------------------------------------------------|
-/// | kConnecting | none           | yes      | kConnected: the server welcomes one | | kConnected
-/// | the link's own | none     | kConnecting: the connection breaks                  | | | | |
-/// kStalled: the server's kernel acknowledges nothing  | |             |                | | for
-/// stall_timeout                                   | | kStalled    | the link's own | yes      |
-/// kConnected, on the old connection: it recovers      | |             |                | | before
-/// a new one says hello                         | |             |                |          |
-/// kConnected, on the new one: the server welcomes it  | |             |                | |
-/// kConnecting: the old connection breaks              | | kClosed     | none           | none | |
+/// | state         | connection     | attempts | the next state, and when                         |
+/// |---------------|----------------|----------|--------------------------------------------------|
+/// | kConnecting   | none           | yes      | kConnected: the server welcomes one              |
+/// | kConnected    | the link's own | none     | kConnecting: the connection breaks               |
+/// |               |                |          | kStalled: the server's kernel acknowledges       |
+/// |               |                |          | nothing for stall_timeout                        |
+/// | kStalled      | the link's own | yes      | kConnected, on the old connection: it recovers   |
+/// |               |                |          | before a new one says hello                      |
+/// |               |                |          | kConnected, on the new one: the server welcomes  |
+/// |               |                |          | it                                               |
+/// |               |                |          | kConnecting: the old connection breaks           |
+/// | kClosed       | none           | none     |                                                  |
 ///
 /// Attempts overlap: AttemptPace says when the next begins, whatever has become of those before,
 /// and each may wait for connect_timeout. When there are kMostAttempts, the next takes the place of

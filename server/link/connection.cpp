@@ -191,15 +191,18 @@ void Connection::handle_hello(const Message& message) {
   owner_.on_hello(shared_from_this(), hello.value());
 }
 
+bool Connection::expect_near(const char* what, std::uint64_t number, std::uint64_t position) {
+  if (Session::can_follow(number, position)) return true;
+  fail({ErrorCode::kUnexpected,
+        fmt::format("{} {} cannot follow position {}", what, number, position)});
+  return false;
+}
+
 void Connection::handle_frame(Message message) {
   auto frame = wire::parse_frame(message.header, message.meta, std::move(message.body));
   if (!frame) return fail(frame.error());
-  const wire::Position position = session_->position();
-  if (!Session::can_follow(frame.value().sequence, position.next_sequence)) {
-    return fail(
-        {ErrorCode::kUnexpected, fmt::format("frame {} cannot follow position {}",
-                                             frame.value().sequence, position.next_sequence)});
-  }
+  const auto next = session_->position().next_sequence;
+  if (!expect_near("frame", frame.value().sequence, next)) return;
   session_->write(std::make_shared<const EncodedFrame>(std::move(frame).value()),
                   [weak = weak_from_this()] {
                     if (const auto self = weak.lock()) self->on_taken();
@@ -209,12 +212,8 @@ void Connection::handle_frame(Message message) {
 void Connection::handle_dropped(const Message& message) {
   auto dropped = wire::parse_dropped(message.header, message.body);
   if (!dropped) return fail(dropped.error());
-  const wire::Position position = session_->position();
-  if (!Session::can_follow(dropped.value().first_drop, position.next_drop)) {
-    return fail(
-        {ErrorCode::kUnexpected, fmt::format("drop record {} cannot follow position {}",
-                                             dropped.value().first_drop, position.next_drop)});
-  }
+  const auto next = session_->position().next_drop;
+  if (!expect_near("drop record", dropped.value().first_drop, next)) return;
   session_->write_drops(std::move(dropped).value(), [weak = weak_from_this()] {
     if (const auto self = weak.lock()) self->on_taken();
   });

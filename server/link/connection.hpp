@@ -88,6 +88,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void on_read_failed(const boost::system::error_code& failed);
   void handle(Message message);
   void handle_hello(const Message& message);
+  bool expect_near(const char* what, std::uint64_t number, std::uint64_t position);
   void handle_frame(Message message);
   void handle_dropped(const Message& message);
   void on_taken();

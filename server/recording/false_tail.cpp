@@ -18,25 +18,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-Result<std::string> read_list(const fs::path& path) {
-  std::error_code ignored;  // then reading says why
-  if (!fs::exists(path, ignored) && !ignored) return std::string();
-  const auto content = read_file(path);
-  if (!content) return content.error();
-  return std::string(content.value().begin(), content.value().end());
-}
-
 /// By image; of two lines for one image the last counts.
 std::map<std::string, std::uint32_t, std::less<>> checksums_of(std::string_view text) {
   std::map<std::string, std::uint32_t, std::less<>> checksums;
   for (std::size_t end = 0; (end = text.find('\n')) != text.npos; text.remove_prefix(end + 1)) {
-    const auto line = text.substr(0, end);
-    const auto blank = line.rfind(' ');
-    if (blank == line.npos) continue;
-    std::uint32_t crc = 0;
-    const auto number = line.substr(blank + 1);
-    const auto parsed = std::from_chars(number.data(), number.data() + number.size(), crc, 16);
-    if (parsed.ec == std::errc{}) checksums[std::string(line.substr(0, blank))] = crc;
+    const auto checksum = session_lines::parse_checksum(text.substr(0, end));
+    if (checksum) checksums[std::string(checksum->image)] = checksum->crc;
   }
   return checksums;
 }
@@ -92,9 +79,9 @@ std::vector<Line> lines_of(std::string_view times) {
 }  // namespace
 
 Result<FalseTail> find_false_tail(const fs::path& folder) {
-  const auto times = read_list(folder / session_names::kTimes);
+  const auto times = read_text(folder / session_names::kTimes);
   if (!times) return times.error();
-  const auto checksums = read_list(folder / session_names::kChecksums);
+  const auto checksums = read_text(folder / session_names::kChecksums);
   if (!checksums) return checksums.error();
   const Images images(folder, checksums.value());
   const std::vector<Line> lines = lines_of(times.value());

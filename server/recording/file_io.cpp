@@ -6,6 +6,7 @@
 
 #include <cerrno>
 #include <cstdio>
+#include <system_error>
 #include <utility>
 
 namespace orbbuf {
@@ -27,6 +28,14 @@ Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path) {
   }
   content.erase(content.begin() + static_cast<std::ptrdiff_t>(bytes), content.end());
   return content;
+}
+
+Result<std::string> read_text(const std::filesystem::path& path) {
+  std::error_code ignored;  // then reading says why
+  if (!std::filesystem::exists(path, ignored) && !ignored) return std::string();
+  const auto content = read_file(path);
+  if (!content) return content.error();
+  return std::string(content.value().begin(), content.value().end());
 }
 
 std::optional<Error> write_all(int fd, std::span<const std::uint8_t> bytes,

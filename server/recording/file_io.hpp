@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "common/error.hpp"
@@ -14,6 +15,9 @@ namespace orbbuf {
 
 /// The whole content of a file. Blocking.
 Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path);
+
+/// The same as text; a file that does not exist is empty. Blocking.
+Result<std::string> read_text(const std::filesystem::path& path);
 
 /// Writes all of `bytes`, however many write(2) calls and interruptions it takes. Blocking.
 /// `path` is for the error only.

@@ -3,7 +3,6 @@
 
 #include <spdlog/fmt/fmt.h>
 
-#include <charconv>
 #include <functional>
 #include <optional>
 #include <string_view>
@@ -19,15 +18,6 @@ namespace orbbuf {
 namespace {
 
 namespace fs = std::filesystem;
-
-/// A file that is not there is empty.
-Result<std::string> read_text(const fs::path& path) {
-  std::error_code ignored;  // then reading says why
-  if (!fs::exists(path, ignored) && !ignored) return std::string();
-  const auto content = read_file(path);
-  if (!content) return content.error();
-  return std::string(content.value().begin(), content.value().end());
-}
 
 /// Hands each line of `text` to `take`, which says whether it could read it.
 void for_each_line(const char* name, std::string_view text,
@@ -75,18 +65,12 @@ void parse_drops(std::string_view text, RecordedSession& session) {
   for_each_line(session_names::kDrops, text, take, session.problems);
 }
 
-/// IMAGE CRC, of two lines for one image the last.
+/// Of two lines for one image the last counts.
 void parse_checksums(std::string_view text, RecordedSession& session) {
-  constexpr std::size_t kDigits = 8;
   const auto take = [&](std::string_view line) {
-    const auto blank = line.rfind(' ');
-    if (blank == std::string_view::npos || line.size() - blank - 1 != kDigits) return false;
-    std::uint32_t crc = 0;
-    const char* const end = line.data() + line.size();
-    const auto [stop, failed] = std::from_chars(end - kDigits, end, crc, 16);
-    if (failed != std::errc{} || stop != end) return false;
-    session.checksums.insert_or_assign(std::string(line.substr(0, blank)), crc);
-    return true;
+    const auto checksum = session_lines::parse_checksum(line);
+    if (checksum) session.checksums.insert_or_assign(std::string(checksum->image), checksum->crc);
+    return checksum.has_value();
   };
   for_each_line(session_names::kChecksums, text, take, session.problems);
 }

@@ -23,7 +23,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The number `text` begins with, if `end` follows it.
 /// Of an image of ours.
 std::optional<Sequence> sequence_of(std::string_view image) {
   Sequence sequence = 0;
@@ -82,31 +81,33 @@ SessionFiles::SessionFiles(fs::path folder, std::string calibration)
       drops_(folder_ / session_names::kDrops, std::string(kDropCsvHeader)),
       checksums_(folder_ / session_names::kChecksums) {}
 
-/// What a power cut has left behind: lines without their images.
-std::optional<Error> SessionFiles::cut_false_tail() {
+/// What a power cut has left behind: lines without their images. False: there are none.
+Result<bool> SessionFiles::cut_false_tail() {
   auto tail = find_false_tail(folder_);
   if (!tail) return std::move(tail).error();
-  if (tail.value().lines.empty()) return std::nullopt;
+  if (tail.value().lines.empty()) return false;
   const fs::path orphans = folder_ / session_names::kOrphans;
   std::error_code failed;
   fs::create_directories(orphans, failed);
   if (failed) return system_error("create " + orphans.string(), failed.value());
   LineFile kept(orphans / session_names::kTimes);
-  if (auto error = kept.append(tail.value().lines)) return error;
+  if (auto error = kept.append(tail.value().lines)) return std::move(*error);
   fs::resize_file(times_.path(), tail.value().offset, failed);
   if (failed) return system_error("truncate " + times_.path().string(), failed.value());
   spdlog::error(
       "{}: {} frames at the end of times.txt are not whole; their lines are in orphans/ now, and "
       "the robot is asked for them again",
       folder_.string(), tail.value().frames);
-  return std::nullopt;
+  return true;
 }
 
 Result<wire::Position> SessionFiles::recover() {
-  if (auto recovered = times_.recover(); !recovered) return std::move(recovered).error();
-  if (auto recovered = checksums_.recover(); !recovered) return std::move(recovered).error();
-  if (auto error = cut_false_tail()) return std::move(*error);
   auto times = times_.recover();
+  if (!times) return std::move(times).error();
+  if (auto recovered = checksums_.recover(); !recovered) return std::move(recovered).error();
+  auto was_cut = cut_false_tail();
+  if (!was_cut) return std::move(was_cut).error();
+  if (was_cut.value()) times = times_.recover();
   if (!times) return std::move(times).error();
   auto drops = drops_.recover();
   if (!drops) return std::move(drops).error();

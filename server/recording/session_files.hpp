@@ -22,9 +22,9 @@ namespace orbbuf {
 ///   times.txt           `123 1.633012000 0.000000`: sequence, seconds, exposure in ms (0: unknown)
 ///   camera.txt          the robot's calibration, if it sent one
 ///   drops.csv           the frames that will not come, kDropCsvHeader first
-///   orphans/      what recover() found and could not explain; no program reads it
-///   checksums.sfv       `images/000123.jpg 8C4F21D3`: each image's CRC-32, as cksfv and rhash read
-///   it
+///   orphans/            what recover() found and could not explain; no program reads it
+///   checksums.sfv       `images/000123.jpg 8C4F21D3`: each image's CRC-32, as cksfv and rhash
+///                       read it
 ///
 /// The line in times.txt is what makes a frame accepted: whatever is found without one was in the
 /// middle of being written. Its checksums are written before, so that each accepted frame has them;
@@ -47,7 +47,7 @@ class SessionFiles final : public SessionRecord {
   std::optional<Error> write_drops(std::span<const DropRecord> records) override;
 
  private:
-  std::optional<Error> cut_false_tail();
+  Result<bool> cut_false_tail();
   std::optional<Error> prepare();
   std::optional<Error> write_right(const EncodedFrame& frame);
   std::optional<Error> append_lines(const EncodedFrame& frame);

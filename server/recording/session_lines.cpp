@@ -3,6 +3,9 @@
 
 #include <spdlog/fmt/fmt.h>
 
+#include <charconv>
+#include <system_error>
+
 #include "common/decimal.hpp"
 
 namespace orbbuf::session_lines {
@@ -24,6 +27,17 @@ std::optional<Times> parse_times(std::string_view line) {
 
 std::string checksum(std::string_view image, std::uint32_t crc) {
   return fmt::format("{} {:08X}", image, crc);
+}
+
+std::optional<Checksum> parse_checksum(std::string_view line) {
+  constexpr std::size_t kDigits = 8;
+  const auto blank = line.rfind(' ');
+  if (blank == std::string_view::npos || line.size() - blank - 1 != kDigits) return std::nullopt;
+  std::uint32_t crc = 0;
+  const char* const end = line.data() + line.size();
+  const auto [stop, failed] = std::from_chars(end - kDigits, end, crc, 16);
+  if (failed != std::errc{} || stop != end) return std::nullopt;
+  return Checksum{line.substr(0, blank), crc};
 }
 
 }  // namespace orbbuf::session_lines

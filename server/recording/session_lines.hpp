@@ -27,5 +27,13 @@ std::optional<Times> parse_times(std::string_view line);
 
 /// Of checksums.sfv: `images/000123.jpg 0A1B2C3D`. image: its path in the folder.
 std::string checksum(std::string_view image, std::uint32_t crc);
+struct Checksum {
+  std::string_view image;
+  std::uint32_t crc = 0;
+
+  friend bool operator==(const Checksum&, const Checksum&) = default;
+};
+/// Eight hexadecimal digits behind the last blank. The image points into `line`.
+std::optional<Checksum> parse_checksum(std::string_view line);
 
 }  // namespace orbbuf::session_lines

@@ -70,9 +70,8 @@ void GroupCommit::finish(const std::optional<Error>& error) {
     spdlog::error(
         "{}; frames are not acknowledged any more: check the disk, then restart the server",
         error->text);
-    auto& waiting = waiting_;
-    syncing_.insert(syncing_.end(), waiting.begin(), waiting.end());
-    waiting.clear();
+    syncing_.insert(syncing_.end(), waiting_.begin(), waiting_.end());
+    waiting_.clear();
   }
   const auto done = std::exchange(syncing_, {});
   is_scheduled_ = !waiting_.empty();

@@ -69,7 +69,7 @@ Result<std::shared_ptr<FrameSink>> make_record_sink(const SinkSettings& settings
 }  // namespace
 
 void check_sinks(const SinkSettings& settings) {
-  if (!settings.files_enabled && !settings.mcap_enabled) return;
+  if (!settings.is_kept()) return;
   std::error_code ignored;  // access() says why
   std::filesystem::create_directories(settings.files_path, ignored);
   if (::access(settings.files_path.c_str(), W_OK | X_OK) != 0) {
@@ -79,8 +79,7 @@ void check_sinks(const SinkSettings& settings) {
 
 std::unique_ptr<GroupCommit> make_group_commit(const SinkSettings& settings,
                                                asio::io_context& main) {
-  const bool is_kept = settings.files_enabled || settings.mcap_enabled;
-  if (!is_kept || settings.files_sync == FilesSync::kOff) return nullptr;
+  if (!settings.is_kept() || settings.files_sync == FilesSync::kOff) return nullptr;
   const bool is_ack = settings.files_sync == FilesSync::kAck;
   return std::make_unique<GroupCommit>(main, settings.files_path,
                                        is_ack ? kAckInterval : kSecondInterval);

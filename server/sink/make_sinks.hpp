@@ -35,6 +35,8 @@ struct SinkSettings {
   std::map<std::string, SlamSettings> slam_of;  ///< robot id -> its own, in place of `slam`
   bool ros_enabled = false;                     ///< requires ORBBUF_ROS
 
+  /// Whether sessions are kept on disk.
+  bool is_kept() const { return files_enabled || mcap_enabled; }
   const SlamSettings& slam_for(const std::string& robot_id) const;
 
   friend bool operator==(const SinkSettings&, const SinkSettings&) = default;

@@ -4,10 +4,13 @@
 #include <gtest/gtest.h>
 
 #include <limits>
+#include <string>
 
 namespace orbbuf {
 namespace {
 
+using session_lines::Checksum;
+using session_lines::parse_checksum;
 using session_lines::parse_times;
 using session_lines::Times;
 
@@ -29,7 +32,16 @@ TEST(SessionLines, WhatIsNoLineOfTimesIsNone) {
 }
 
 TEST(SessionLines, AChecksumIsOfEightDigits) {
-  EXPECT_EQ(session_lines::checksum("images/000001.jpg", 0xA1B), "images/000001.jpg 00000A1B");
+  const std::string line = session_lines::checksum("images/000001.jpg", 0xA1B);
+  EXPECT_EQ(line, "images/000001.jpg 00000A1B");
+  EXPECT_EQ(parse_checksum(line), (Checksum{"images/000001.jpg", 0xA1B}));
+}
+
+TEST(SessionLines, WhatIsNoLineOfChecksumsIsNone) {
+  for (const char* line : {"", "00000A1B", "a.jpg A1B", "a.jpg 00000A1B1", "a.jpg 0000 A1B",
+                           "a.jpg 0000-A1B", "a.jpg 00000A1G", "a.jpg 00000A1B "}) {
+    EXPECT_EQ(parse_checksum(line), std::nullopt) << line;
+  }
 }
 
 }  // namespace
