@@ -83,6 +83,8 @@ OrbExtractor::OrbExtractor(const FeatureSettings& settings)
 
 OrbExtractor::~OrbExtractor() = default;
 
+bool OrbExtractor::is_built() { return true; }
+
 void OrbExtractor::extract(const EncodedFrame& frame, FeatureSet& features) {
   features.clear();
   auto decoded = state_->codec.decode_gray(frame.left(), scale_of(frame, state_->pixels));

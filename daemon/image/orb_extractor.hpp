@@ -29,6 +29,9 @@ class OrbExtractor {
   explicit OrbExtractor(const FeatureSettings& settings);
   ~OrbExtractor();
 
+  /// False in a build without OpenCV's features2d: extract() then finds no features.
+  static bool is_built();
+
   /// Overwrites `features`, whose storage is used again. A JPEG that cannot be decoded has none,
   /// which is logged.
   void extract(const EncodedFrame& frame, FeatureSet& features);
