@@ -15,24 +15,26 @@ constexpr std::chrono::seconds kElsewhere{5};
 
 }  // namespace
 
-Progress::Progress(std::string what, std::string unit, std::size_t total)
+Progress::Progress(std::string what, std::string unit, std::size_t total,
+                   std::function<Clock::time_point()> now)
     : what_(std::move(what)),
       unit_(std::move(unit)),
       total_(total),
+      now_(std::move(now)),
       is_terminal_(::isatty(STDERR_FILENO) == 1),
-      begin_(Clock::now()),
+      begin_(now_()),
       said_(begin_) {}
 
 Progress::~Progress() {
   if (!is_terminal_ || said_ == begin_) return;
-  say(Clock::now());
+  say(now_());
   std::fputc('\n', stderr);
 }
 
 void Progress::add(std::size_t count) {
   const std::lock_guard lock(mutex_);
   done_ += count;
-  const auto now = Clock::now();
+  const auto now = now_();
   if (is_terminal_ ? now - said_ < kOnTerminal : now - said_ < kElsewhere) return;
   say(now);
 }

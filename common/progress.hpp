@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <cstddef>
+#include <functional>
 #include <mutex>
 #include <string>
 
@@ -13,8 +14,11 @@ namespace orbbuf {
 /// the first line is due. Thread-safe.
 class Progress {
  public:
-  /// The words of the line, for example what: "export", unit: "images".
-  Progress(std::string what, std::string unit, std::size_t total);
+  using Clock = std::chrono::steady_clock;
+
+  /// The words of the line, for example what: "export", unit: "images". `now`: the time; reentrant.
+  Progress(std::string what, std::string unit, std::size_t total,
+           std::function<Clock::time_point()> now = Clock::now);
   /// Ends the line on a terminal.
   ~Progress();
   Progress(const Progress&) = delete;
@@ -24,14 +28,13 @@ class Progress {
   void add(std::size_t count = 1);
 
  private:
-  using Clock = std::chrono::steady_clock;
-
   void say(Clock::time_point now);
 
   std::mutex mutex_;  // guards all that follows
   const std::string what_;
   const std::string unit_;
   const std::size_t total_;
+  const std::function<Clock::time_point()> now_;
   const bool is_terminal_;
   const Clock::time_point begin_;
   Clock::time_point said_;

@@ -129,15 +129,20 @@ std::string probe(const Settings& settings) {
   ProbeResult result;
   result.fps = (footage.frames - 1) * 1e9 / static_cast<double>(footage.last_ns - footage.first_ns);
   time_frames(settings, footage.last, result);
+  const auto features =
+      OrbExtractor::is_built()
+          ? fmt::format("ORB features, only while frames wait: {:.2f} ms a frame\n",
+                        result.features_ms)
+          : std::string();
   return fmt::format(
       "source: {}\n"
       "captured: {} frames, {} of them defective, at {:.4g} fps, {}x{} px\n"
       "JPEG: {:.2f} ms and {:.1f} kB a frame, {:.2f} Mbit/s on the link\n"
-      "ORB features, only while frames wait: {:.2f} ms a frame\n"
+      "{}"
       "suggested:\n{}",
       description, footage.frames, footage.defects, result.fps, result.width_px, result.height_px,
-      result.encode_ms, result.jpeg_bytes / 1000, result.jpeg_bytes * 8e-6 * result.fps,
-      result.features_ms, suggest(settings, result));
+      result.encode_ms, result.jpeg_bytes / 1000, result.jpeg_bytes * 8e-6 * result.fps, features,
+      suggest(settings, result));
 }
 
 std::string suggest(const Settings& settings, const ProbeResult& result) {

@@ -124,6 +124,11 @@ void read_images(ConfigReader& config, Settings& settings) {
 
 void read_buffer(ConfigReader& config, BufferSettings& buffer) {
   buffer.policy = config.choice("buffer.policy", buffer.policy, kPolicies);
+  if (buffer.policy == "orbbuf" && !OrbExtractor::is_built()) {
+    config.fail("buffer.policy",
+                "orbbufd was built without OpenCV's features2d, which the policy "
+                "orbbuf needs; build it with ORBBUF_ORB");
+  }
   buffer.memory_bytes = config.bytes("buffer.memory", buffer.memory_bytes, 1 << 20, 1LL << 40);
   buffer.capacity = static_cast<std::size_t>(
       config.integer("buffer.capacity", static_cast<std::int64_t>(buffer.capacity), 3, 100000));

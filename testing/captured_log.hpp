@@ -4,9 +4,11 @@
 #include <spdlog/sinks/base_sink.h>
 #include <spdlog/spdlog.h>
 
+#include <chrono>
 #include <condition_variable>
 #include <memory>
 #include <mutex>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -27,7 +29,7 @@ class CapturedLog {
 
   /// The lines that contain `text`.
   std::vector<std::string> lines(const std::string& text = "") const { return sink_->lines(text); }
-  /// Until there is such a line.
+  /// Until there is such a line. Throws std::runtime_error if there is none for a minute.
   void wait_for(const std::string& text) const { sink_->wait_for(text); }
 
  private:
@@ -39,7 +41,9 @@ class CapturedLog {
     }
     void wait_for(const std::string& text) {
       std::unique_lock lock(mutex_);
-      grown_.wait(lock, [&] { return !found(text).empty(); });
+      const auto is_there = [&] { return !found(text).empty(); };
+      if (grown_.wait_for(lock, std::chrono::minutes(1), is_there)) return;
+      throw std::runtime_error("no line of the log contains: " + text);
     }
 
    private:

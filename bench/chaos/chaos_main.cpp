@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Two real robots and a real server on a link that is cut, slowed and reset while all of them are
-// killed, paused and restarted, by a seeded plan; then the account of every frame.
+// killed, paused and restarted, by a seeded plan; then what became of every frame.
 #include <CLI/CLI.hpp>
 #include <chrono>
 #include <cstdio>
@@ -89,7 +89,7 @@ int run(Options options) {
 
 int main(int argc, char** argv) {
   Options options;
-  CLI::App app("Chaos on the link, and the account of every frame");
+  CLI::App app("Chaos on the link, and what became of every frame");
   app.add_option("--robot", options.programs.robot, "orbbufd")->required();
   app.add_option("--server", options.programs.server, "orbbuf-server")->required();
   app.add_option("--work", options.work, "an empty folder for all that is written")->required();

@@ -43,8 +43,8 @@ std::vector<std::string> drop_lines(const fs::path& file) {
   return all;
 }
 
-/// The seven counts of a robot's account, as a stats line or the closing line has them.
-struct Account {
+/// The stats of a robot, as a stats line or the closing line has them.
+struct Stats {
   std::uint64_t captured = 0, skipped = 0, failed = 0, dropped = 0, acknowledged = 0, waiting = 0,
                 in_flight = 0;
   bool is_closing = false;
@@ -55,19 +55,19 @@ struct Account {
 };
 
 /// From a line that has one: "captured 9 skipped 0 ..." or "captured 9 = skipped 0 + ...".
-bool parse(const std::string& line, Account& account) {
+bool parse(const std::string& line, Stats& stats) {
   const std::size_t begin = line.find("] captured ");
   const std::size_t closing = line.find("session ended: captured ");
-  account.is_closing = closing != std::string::npos;
-  if (begin == std::string::npos && !account.is_closing) return false;
-  std::string words = line.substr(account.is_closing ? closing + 15 : begin + 2);
+  stats.is_closing = closing != std::string::npos;
+  if (begin == std::string::npos && !stats.is_closing) return false;
+  std::string words = line.substr(stats.is_closing ? closing + 15 : begin + 2);
   std::ranges::replace_if(
       words, [](char c) { return c == '=' || c == '+'; }, ' ');
   return std::sscanf(words.c_str(),
                      "captured %lu skipped %lu failed %lu dropped %lu acknowledged %lu waiting %lu "
                      "in flight %lu",
-                     &account.captured, &account.skipped, &account.failed, &account.dropped,
-                     &account.acknowledged, &account.waiting, &account.in_flight) == 7;
+                     &stats.captured, &stats.skipped, &stats.failed, &stats.dropped,
+                     &stats.acknowledged, &stats.waiting, &stats.in_flight) == 7;
 }
 
 /// The check of one session; each question is a function.
@@ -96,13 +96,13 @@ class SessionCheck {
 
   void read_log() {
     for (const std::string& line : lines(session_.log)) {
-      Account account;
-      if (!parse(line, account)) continue;
-      if (!account.adds_up()) problem(result_.unexplained, "does not add up: " + line);
-      if (account.captured < last_.captured || account.acknowledged < last_.acknowledged) {
+      Stats stats;
+      if (!parse(line, stats)) continue;
+      if (!stats.adds_up()) problem(result_.unexplained, "does not add up: " + line);
+      if (stats.captured < last_.captured || stats.acknowledged < last_.acknowledged) {
         problem(result_.unexplained, "counts backwards: " + line);
       }
-      last_ = account;
+      last_ = stats;
     }
     captured_ = last_.captured;
   }
@@ -166,14 +166,14 @@ class SessionCheck {
   }
 
   void check_ended() {
-    if (!last_.is_closing) problem(result_.unexplained, "no closing account");
+    if (!last_.is_closing) problem(result_.unexplained, "no closing stats");
     for (Frame frame = 0; frame < captured_; ++frame) {
       if (!is_recorded(frame)) problem(result_.lost, "frame " + std::to_string(frame));
     }
     if (frames_seen() > captured_) problem(result_.unexplained, "frames that were never captured");
     if (last_.acknowledged != delivered_.size() || last_.waiting != 0 || last_.in_flight != 0 ||
         last_.skipped + last_.failed + last_.dropped != dropped_.size()) {
-      problem(result_.unexplained, "the closing account is not the server's record");
+      problem(result_.unexplained, "the closing stats are not the server's record");
     }
   }
 
@@ -203,7 +203,7 @@ class SessionCheck {
   const Session& session_;
   const std::vector<std::string>& source_;
   CheckResult& result_;
-  Account last_;
+  Stats last_;
   Frame captured_ = 0;
   std::set<Frame> delivered_;
   std::set<Frame> dropped_;

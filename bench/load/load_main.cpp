@@ -229,7 +229,7 @@ void run(const Options& options) {
               options.fps, options.bytes, options.seconds);
   std::fflush(stdout);
   stream(options);
-  std::printf("load: %zu robots that only send their account, %g s\n", options.idle_robots,
+  std::printf("load: %zu robots that only send their stats, %g s\n", options.idle_robots,
               options.idle_seconds);
   std::fflush(stdout);
   idle(options);

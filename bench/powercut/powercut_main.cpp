@@ -26,7 +26,7 @@
 #include "server/recording/recorded_session.hpp"
 #include "server/recording/session_names.hpp"
 #include "testing/process.hpp"
-#include "tests/server/robot_client.hpp"
+#include "testing/robot_client.hpp"
 
 namespace orbbuf::bench {
 namespace {

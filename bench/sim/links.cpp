@@ -120,17 +120,17 @@ std::string try_link(const Link& link, const std::vector<Entry>& all) {
              "policy", "delivered", "gap", "late p50", "p95", "worst");
   std::string results;
   std::string better;
-  std::optional<StreamFigures> planner;
+  std::optional<StreamStats> planner;
   for (const Entry& entry : all) {
     const Delivery delivery = simulate(frames, finish, make(entry.contender, entry.setup));
-    const StreamFigures figures = measure_stream(frames, delivery);
-    if (entry.name == kPlanner) planner = figures;
-    fmt::print("  {:<20} {:9.3f} {:6.0f} {:9.2f} {:7.2f} {:7.2f}\n", entry.name, figures.delivered,
-               figures.longest_gap, figures.late_p50_s, figures.late_p95_s, figures.late_worst_s);
+    const StreamStats stats = measure_stream(frames, delivery);
+    if (entry.name == kPlanner) planner = stats;
+    fmt::print("  {:<20} {:9.3f} {:6.0f} {:9.2f} {:7.2f} {:7.2f}\n", entry.name, stats.delivered,
+               stats.longest_gap, stats.late_p50_s, stats.late_p95_s, stats.late_worst_s);
     results += fmt::format(
         "RESULT sim.4g.{0}.{1}.longest_gap {2:.0f}\nRESULT sim.4g.{0}.{1}.late_p95_s {3:.3f}\n",
-        link.name, entry.name, figures.longest_gap, figures.late_p95_s);
-    if (figures.longest_gap < planner->longest_gap && figures.late_p95_s < planner->late_p95_s) {
+        link.name, entry.name, stats.longest_gap, stats.late_p95_s);
+    if (stats.longest_gap < planner->longest_gap && stats.late_p95_s < planner->late_p95_s) {
       better += " " + entry.name;
     }
   }
@@ -193,23 +193,23 @@ std::string try_stories(const PairSimilarity& similarity) {
     SimulatedBuffer buffer = make(planner, setup);
     buffer.believed_rate = story.believed_rate;
     const Delivery delivery = simulate(frames, finish_of(trace, kNeed), std::move(buffer));
-    const StreamFigures figures = measure_stream(frames, delivery, story.measured_from_s);
+    const StreamStats stats = measure_stream(frames, delivery, story.measured_from_s);
     const auto [least, most] = extreme_gaps(frames, delivery, story.measured_from_s);
     fmt::print("  {:<24} {:>7} to {:>2} {:9.2f} {:7.2f} {:7.2f}\n", story.name, least, most,
-               figures.late_p50_s, figures.late_p95_s, figures.late_worst_s);
+               stats.late_p50_s, stats.late_p95_s, stats.late_worst_s);
     results += fmt::format(
         "RESULT sim.link.{0}.least_gap {1}\nRESULT sim.link.{0}.longest_gap {2}\n"
         "RESULT sim.link.{0}.late_worst_s {3:.3f}\n",
-        story.name, least, most, figures.late_worst_s);
+        story.name, least, most, stats.late_worst_s);
   }
   return results;
 }
 
 }  // namespace
 
-StreamFigures measure_stream(const std::vector<FramePtr>& frames, const Delivery& delivery,
-                             double first_s) {
-  StreamFigures figures;
+StreamStats measure_stream(const std::vector<FramePtr>& frames, const Delivery& delivery,
+                           double first_s) {
+  StreamStats stats;
   std::vector<double> late_s;
   for (std::size_t k = 0; k < delivery.received.size(); ++k) {
     const std::size_t i = delivery.received[k];
@@ -217,14 +217,14 @@ StreamFigures measure_stream(const std::vector<FramePtr>& frames, const Delivery
     if (1e-9 * static_cast<double>(capture_ns) < first_s) continue;
     late_s.push_back(1e-9 * static_cast<double>(delivery.end_ns[k] - capture_ns));
     const std::size_t missing = k == 0 ? i : i - delivery.received[k - 1] - 1;
-    figures.longest_gap = std::max(figures.longest_gap, static_cast<double>(missing));
+    stats.longest_gap = std::max(stats.longest_gap, static_cast<double>(missing));
   }
-  figures.delivered =
+  stats.delivered =
       static_cast<double>(delivery.received.size()) / static_cast<double>(frames.size());
-  figures.late_p50_s = percentile(late_s, 0.5);
-  figures.late_p95_s = percentile(late_s, 0.95);
-  figures.late_worst_s = percentile(late_s, 1);
-  return figures;
+  stats.late_p50_s = percentile(late_s, 0.5);
+  stats.late_p95_s = percentile(late_s, 0.95);
+  stats.late_worst_s = percentile(late_s, 1);
+  return stats;
 }
 
 std::string try_links(const std::filesystem::path& traces, const PairSimilarity& similarity) {

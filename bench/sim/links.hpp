@@ -14,7 +14,7 @@
 namespace orbbuf::sim {
 
 /// What came of a whole stream.
-struct StreamFigures {
+struct StreamStats {
   double delivered = 0;    ///< share of the frames
   double longest_gap = 0;  ///< frames in a row that are missing
   double late_p50_s = 0;   ///< age of a frame when its last byte had passed
@@ -23,12 +23,12 @@ struct StreamFigures {
 };
 
 /// Of the frames from `first_s` on.
-StreamFigures measure_stream(const std::vector<FramePtr>& frames, const Delivery& delivery,
-                             double first_s = 0);
+StreamStats measure_stream(const std::vector<FramePtr>& frames, const Delivery& delivery,
+                           double first_s = 0);
 
 /// The recorded links in `traces`, each scaled to a mean of what the stream needs, and the mahimahi
 /// ones as they are too, under a stream of 25 frames of 40 kB a second: every policy, and the
-/// planner with other bounds on its step. Then links that are too slow, believed wrong, or dead
+/// planner with other bounds on its step. Then links that are too slow, with a wrong rate, or dead
 /// again while the stream catches up. Prints tables; returns RESULT lines. `similarity`: what
 /// orbbuf is given, since there are no images.
 std::string try_links(const std::filesystem::path& traces, const PairSimilarity& similarity);

@@ -15,7 +15,7 @@
 namespace orbbuf::sim {
 namespace {
 
-using Figure = double Figures::*;
+using Stat = double OutageStats::*;
 
 constexpr double kTailS = 16;  // played behind the sequence's end
 constexpr double kRounding = 1e-6;
@@ -41,28 +41,28 @@ Choice choose(const std::vector<Outage>& outages, double buffer_s, double rate =
   return choice;
 }
 
-double mean(const Column& column, const Choice& choice, Figure figure) {
+double mean(const Column& column, const Choice& choice, Stat stat) {
   double sum = 0;
-  for (const std::size_t i : choice) sum += column.runs[i].*figure;
+  for (const std::size_t i : choice) sum += column.runs[i].*stat;
   return sum / static_cast<double>(choice.size());
 }
 
-/// In how many of the runs, in per cent, one's figure is worse than the other's: larger, or with a
+/// In how many of the runs, in per cent, one's stat is worse than the other's: larger, or with a
 /// sign of -1 smaller.
-double worse_share(const Column& one, const Column& other, const Choice& choice, Figure figure,
+double worse_share(const Column& one, const Column& other, const Choice& choice, Stat stat,
                    double sign) {
   double worse = 0;
   for (const std::size_t i : choice) {
-    worse += sign * (one.runs[i].*figure - other.runs[i].*figure) > kRounding ? 1 : 0;
+    worse += sign * (one.runs[i].*stat - other.runs[i].*stat) > kRounding ? 1 : 0;
   }
   return 100 * worse / static_cast<double>(choice.size());
 }
 
 std::string worse_than(const Column& one, const Column& other, const Choice& choice) {
   return fmt::format("{:4.0f} {:3.0f} {:3.0f}",
-                     worse_share(one, other, choice, &Figures::largest_step_s, 1),
-                     worse_share(one, other, choice, &Figures::largest_motion, 1),
-                     worse_share(one, other, choice, &Figures::smallest_similarity, -1));
+                     worse_share(one, other, choice, &OutageStats::largest_step_s, 1),
+                     worse_share(one, other, choice, &OutageStats::largest_motion, 1),
+                     worse_share(one, other, choice, &OutageStats::smallest_similarity, -1));
 }
 
 /// Runs that are live again more than a tenth and one frame after what was asked for, in per cent.
@@ -81,36 +81,36 @@ const Column& find(const std::vector<Column>& columns, std::string_view name) {
 
 std::string row(const Column& column, const std::vector<Column>& columns, const Choice& choice,
                 double interval_s) {
-  const auto of = [&](Figure figure) { return mean(column, choice, figure); };
+  const auto of = [&](Stat stat) { return mean(column, choice, stat); };
   return fmt::format(
       "  {:<15} {:6.2f} {:6.3f} {:6.3f} {:6.1f} {:6.3f} {:6.3f} {:4.0f}   {:5.3f} {:5.3f} {:5.3f}  "
       "{} {}\n",
-      column.name, of(&Figures::longest_gap), of(&Figures::largest_step_s),
-      of(&Figures::largest_motion), of(&Figures::smallest_similarity), of(&Figures::jump),
-      of(&Figures::live_again_s),
-      late_share(column, find(columns, "drop-oldest"), choice, interval_s), of(&Figures::vs_oracle),
-      of(&Figures::vs_oracle_motion), of(&Figures::vs_oracle_similarity),
-      worse_than(column, find(columns, "uniform"), choice),
+      column.name, of(&OutageStats::longest_gap), of(&OutageStats::largest_step_s),
+      of(&OutageStats::largest_motion), of(&OutageStats::smallest_similarity),
+      of(&OutageStats::jump), of(&OutageStats::live_again_s),
+      late_share(column, find(columns, "drop-oldest"), choice, interval_s),
+      of(&OutageStats::vs_oracle), of(&OutageStats::vs_oracle_motion),
+      of(&OutageStats::vs_oracle_similarity), worse_than(column, find(columns, "uniform"), choice),
       worse_than(column, find(columns, "orbbuf"), choice));
 }
 
 std::string results_of(const std::string& sequence, const Column& column, const Choice& choice,
                        double buffer_s) {
   std::string results;
-  const auto add = [&](const char* what, Figure figure) {
+  const auto add = [&](const char* what, Stat stat) {
     results += fmt::format("RESULT sim.{}.{}.{}.{} {:.4f}\n", sequence, column.name, what, buffer_s,
-                           mean(column, choice, figure));
+                           mean(column, choice, stat));
   };
-  add("longest_gap", &Figures::longest_gap);
-  add("largest_step", &Figures::largest_step_s);
-  add("largest_motion", &Figures::largest_motion);
-  add("worst_similarity", &Figures::smallest_similarity);
-  add("jump", &Figures::jump);
-  add("live_again_s", &Figures::live_again_s);
+  add("longest_gap", &OutageStats::longest_gap);
+  add("largest_step", &OutageStats::largest_step_s);
+  add("largest_motion", &OutageStats::largest_motion);
+  add("worst_similarity", &OutageStats::smallest_similarity);
+  add("jump", &OutageStats::jump);
+  add("live_again_s", &OutageStats::live_again_s);
   if (column.name.starts_with("oracle")) return results;
-  add("vs_oracle", &Figures::vs_oracle);
-  add("vs_oracle_motion", &Figures::vs_oracle_motion);
-  if (column.name == "orbbuf") add("vs_fifo_oracle", &Figures::vs_fifo_oracle);
+  add("vs_oracle", &OutageStats::vs_oracle);
+  add("vs_oracle_motion", &OutageStats::vs_oracle_motion);
+  if (column.name == "orbbuf") add("vs_fifo_oracle", &OutageStats::vs_fifo_oracle);
   return results;
 }
 
@@ -139,7 +139,7 @@ void add_comparison(PolicyReport& report, const RecordedSequence& sequence,
                     double buffer_s) {
   const Choice choice = choose(outages, buffer_s);
   const auto gap_of = [&](std::string_view name) {
-    return mean(find(columns, name), choice, &Figures::longest_gap);
+    return mean(find(columns, name), choice, &OutageStats::longest_gap);
   };
   for (const char* baseline : {"uniform", "orbbuf"}) {
     const double own = gap_of("catch-up") / gap_of(baseline);
@@ -158,7 +158,7 @@ void write_policies(const RecordedSequence& sequence, const std::vector<Outage>&
   const Choice choice = choose(outages, kBuffersS.back());
   for (const Column& column : columns) {
     if (column.name.starts_with("oracle")) continue;
-    file << fmt::format("{} {:.4f}\n", column.name, mean(column, choice, &Figures::vs_oracle));
+    file << fmt::format("{} {:.4f}\n", column.name, mean(column, choice, &OutageStats::vs_oracle));
   }
 }
 
@@ -173,9 +173,9 @@ void add_curve(PolicyReport& report, const RecordedSequence& sequence,
       report.text += fmt::format("  {:3} x {:<15}", rate, column.name);
       for (const double buffer_s : kCurveBuffersS) {
         const Choice choice = choose(outages, buffer_s, rate);
-        const double live_s = mean(column, choice, &Figures::live_again_s);
-        const double gap = mean(column, choice, &Figures::longest_gap);
-        const double step_s = mean(column, choice, &Figures::largest_step_s);
+        const double live_s = mean(column, choice, &OutageStats::live_again_s);
+        const double gap = mean(column, choice, &OutageStats::longest_gap);
+        const double step_s = mean(column, choice, &OutageStats::largest_step_s);
         report.text += fmt::format("  {:5.2f}: {:5.2f} {:5.3f}", live_s, gap, step_s);
         file << fmt::format("{} {} {:.4f} {:.4f} {:.4f}\n", rate, column.name, live_s, gap, step_s);
       }

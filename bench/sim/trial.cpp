@@ -120,42 +120,42 @@ class Run {
     return all;
   }
 
-  Figures measure(const Sent& sent) {
-    Figures figures;
-    figures.smallest_similarity = std::numeric_limits<double>::max();
-    figures.live_again_s = live_again_s(sent).value_or(kLongestTailS);
-    const std::int64_t end_ns = outage_.link.outage_end_ns +
-                                to_ns(std::max(figures.live_again_s, asked_s_) + kJudgedAfterS);
+  OutageStats measure(const Sent& sent) {
+    OutageStats stats;
+    stats.smallest_similarity = std::numeric_limits<double>::max();
+    stats.live_again_s = live_again_s(sent).value_or(kLongestTailS);
+    const std::int64_t end_ns =
+        outage_.link.outage_end_ns + to_ns(std::max(stats.live_again_s, asked_s_) + kJudgedAfterS);
     for (std::size_t k = 1; k < sent.frames.size() && sent.begin_ns[k] <= end_ns; ++k) {
       if (sent.begin_ns[k] < outage_.link.outage_end_ns) continue;
       const std::size_t i = sent.frames[k - 1];
       const std::size_t j = sent.frames[k];
       const double motion = stage_.motion(j) - stage_.motion(i);
       const auto largest = [](double& value, double other) { value = std::max(value, other); };
-      largest(figures.longest_gap, static_cast<double>(j - i - 1));
-      largest(figures.largest_step_s, stage_.time_s(j) - stage_.time_s(i));
-      largest(figures.largest_motion, motion);
-      figures.smallest_similarity =
-          std::min(figures.smallest_similarity, static_cast<double>(stage_.similarity(i, j)));
+      largest(stats.longest_gap, static_cast<double>(j - i - 1));
+      largest(stats.largest_step_s, stage_.time_s(j) - stage_.time_s(i));
+      largest(stats.largest_motion, motion);
+      stats.smallest_similarity =
+          std::min(stats.smallest_similarity, static_cast<double>(stage_.similarity(i, j)));
       if (k < 2) continue;
       const double before = stage_.motion(i) - stage_.motion(sent.frames[k - 2]);
-      largest(figures.jump, std::abs(motion - before));
+      largest(stats.jump, std::abs(motion - before));
     }
-    return figures;
+    return stats;
   }
 
-  void compare(Figures& figures) {
-    const double lateness_s = std::max(figures.live_again_s, asked_s_);
+  void compare(OutageStats& stats) {
+    const double lateness_s = std::max(stats.live_again_s, asked_s_);
     if (const auto best = by_time(lateness_s)) {
-      figures.vs_oracle = best->largest_cost / figures.largest_step_s;
+      stats.vs_oracle = best->largest_cost / stats.largest_step_s;
     }
     if (const auto best = by_motion(lateness_s)) {
-      figures.vs_oracle_motion =
-          figures.largest_motion > 0 ? best->largest_cost / figures.largest_motion : 1;
+      stats.vs_oracle_motion =
+          stats.largest_motion > 0 ? best->largest_cost / stats.largest_motion : 1;
     }
     if (const auto best = by_similarity(lateness_s)) {
-      figures.vs_oracle_similarity =
-          best->largest_cost < 0 ? figures.smallest_similarity / -best->largest_cost : 1;
+      stats.vs_oracle_similarity =
+          best->largest_cost < 0 ? stats.smallest_similarity / -best->largest_cost : 1;
     }
   }
 
@@ -303,24 +303,24 @@ std::vector<Column> run(Stage& stage, const std::vector<Outage>& outages) {
   for (const Outage& outage : outages) {
     Run run(stage, outage);
     std::size_t column = 0;
-    std::optional<Figures> by_fifo;
+    std::optional<OutageStats> by_fifo;
     for (const auto& [contender, stand_ins] : entries) {
       const Delivery delivery = run.simulate(contender, stand_ins);
-      Figures figures = run.measure(run.sent(delivery));
-      run.compare(figures);
+      OutageStats stats = run.measure(run.sent(delivery));
+      run.compare(stats);
       if (contender.name == "orbbuf") {
         by_fifo = run.measure(run.by_fifo(delivery));
-        figures.vs_fifo_oracle = by_fifo->smallest_similarity > 0
-                                     ? figures.smallest_similarity / by_fifo->smallest_similarity
-                                     : 1;
+        stats.vs_fifo_oracle = by_fifo->smallest_similarity > 0
+                                   ? stats.smallest_similarity / by_fifo->smallest_similarity
+                                   : 1;
       }
-      columns[column++].runs.push_back(figures);
+      columns[column++].runs.push_back(stats);
     }
     const double lateness_s = run.asked_s();
     for (const auto& path :
          {run.by_time(lateness_s), run.by_motion(lateness_s), run.by_similarity(lateness_s)}) {
-      Figures figures = path ? run.measure(run.sent(*path)) : Figures{};
-      columns[column++].runs.push_back(figures);
+      OutageStats stats = path ? run.measure(run.sent(*path)) : OutageStats{};
+      columns[column++].runs.push_back(stats);
     }
     columns[column].runs.push_back(*by_fifo);
   }

@@ -53,7 +53,7 @@ std::vector<Outage> draw_outages(const RecordedSequence& sequence,
 
 /// What came through of an outage, from the last frame before it until half a second after the
 /// stream was live again.
-struct Figures {
+struct OutageStats {
   double longest_gap = 0;          ///< frames in a row that are missing
   double largest_step_s = 0;       ///< from one frame to the next
   double largest_motion = 0;       ///< the same in image motion, as a share of the width
@@ -73,7 +73,7 @@ struct Figures {
 /// One contender, in every outage. The oracles have nothing beside oracles.
 struct Column {
   std::string name;
-  std::vector<Figures> runs;
+  std::vector<OutageStats> runs;
 };
 
 /// Every contender through every outage. The planner is given as live_again what drop-oldest needs

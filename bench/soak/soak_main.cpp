@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A real robot that captures at four times the usual rate, and a real server, through one short
-// outage after the other: the memory of both, which must not grow, and the account of every frame.
+// outage after the other: the memory of both, which must not grow, and what became of every frame.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
@@ -214,7 +214,7 @@ int run(const Options& options) {
 
 int main(int argc, char** argv) {
   Options options;
-  CLI::App app("Memory and the account of every frame, over a long time");
+  CLI::App app("Memory and what became of every frame, over a long time");
   app.add_option("--robot", options.robot, "orbbufd")->required();
   app.add_option("--server", options.server, "orbbuf-server")->required();
   app.add_option("--work", options.work, "an empty folder for all that is written")->required();

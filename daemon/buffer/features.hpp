@@ -13,8 +13,8 @@ namespace orbbuf {
 /// One ORB descriptor: 256 bits, compared by Hamming distance.
 using Descriptor = std::array<std::uint64_t, 4>;
 
-/// Where a feature is: right and down from the image's upper left corner, kWidth to the width of
-/// the image, whatever its size in pixels.
+/// The place of a feature, right and down from the image's upper left corner. The width of every
+/// image is kWidth, independent of its size in pixels.
 struct ImagePoint {
   static constexpr int kWidth = 1024;
 
@@ -27,7 +27,7 @@ struct ImagePoint {
 /// The ORB features of one image; may be empty (a blank wall). 36 bytes a feature.
 struct FeatureSet {
   std::vector<Descriptor> descriptors;
-  std::vector<ImagePoint> positions = {};  ///< as many
+  std::vector<ImagePoint> positions = {};  ///< one for each descriptor
 
   void add(const Descriptor& descriptor, ImagePoint position) {
     descriptors.push_back(descriptor);

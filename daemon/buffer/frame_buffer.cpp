@@ -71,7 +71,7 @@ void FrameBuffer::push(FramePtr frame) {
   assert(entering_ > 0);
   assert(waiting_.empty() || waiting_.back().frame->sequence < frame->sequence);
   --entering_;
-  // First of all the network may have it: what the policy thinks about must not delay the link.
+  // Add the frame first, so that the network can take it while the policy runs.
   waiting_bytes_ += frame->jpeg.size();
   const double position_s = next_position(*frame);
   waiting_.push_back({std::move(frame), position_s});
@@ -81,7 +81,7 @@ void FrameBuffer::push(FramePtr frame) {
     const std::size_t choice = policy_->victim(view_);
     assert(choice + 1 < view_.waiting.size());
     lock.lock();
-    // The network went on meanwhile: there may be room now, or the victim may be on its way.
+    // The network took frames meanwhile: there may be room now, or the victim may be in flight.
     if (is_over_limit()) {
       drop_if_waiting(view_.waiting[choice], to_similarity(policy_->last_score()));
     }
@@ -141,9 +141,9 @@ void FrameBuffer::return_in_flight() {
   in_flight_.clear();
 }
 
-// A connection writes frames in the order of their sequence numbers and the server takes them in
-// the order they come. So a server that expects `next` has all below it that any connection ever
-// wrote, and none from there on: one number settles every frame that was taken and returned.
+// A connection writes frames in the order of their sequence numbers, and the server takes them in
+// that order. So a server that expects `next` has all frames below it that any connection ever
+// wrote, and none from there on: one number decides about every returned frame.
 void FrameBuffer::resume(Sequence next) {
   const std::lock_guard lock(mutex_);
   assert(in_flight_.empty());
@@ -231,7 +231,7 @@ bool FrameBuffer::is_over_limit() const {
          (waiting_bytes_ > limits_.bytes && waiting_.size() > 1);
 }
 
-/// A clock that was set back stands still until it is where it was.
+/// If the capture time goes back, the position stays the same for this frame.
 double FrameBuffer::next_position(const EncodedFrame& frame) {
   const std::int64_t time_ns = frame.capture_time_ns;
   const std::int64_t step_ns = time_ns - last_capture_time_ns_.value_or(time_ns);

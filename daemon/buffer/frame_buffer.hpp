@@ -19,7 +19,7 @@
 
 namespace orbbuf {
 
-/// How much may wait.
+/// The limits on the frames that wait.
 struct BufferLimits {
   std::size_t frames = std::numeric_limits<std::size_t>::max();  ///< >= 3
   std::size_t bytes = std::numeric_limits<std::size_t>::max();   ///< of JPEG
@@ -28,74 +28,74 @@ struct BufferLimits {
 /// The robot's frames from capture to acknowledgement, and the count of what became of each.
 ///
 /// When the link is slower than the camera the buffer fills, and each push then costs one frame.
-/// Which one is the policy's choice: OrbPolicy gives up the frame whose two neighbours are most
-/// alike, so that what remains still overlaps enough for visual SLAM to hold on.
+/// The policy chooses it: OrbPolicy gives up the frame whose two neighbours are most alike, so that
+/// the remaining frames overlap enough for visual SLAM to keep tracking.
 /// Source: Wang et al., "ORBBuf", IROS 2021, arXiv:2010.14861, Sec. III-C and III-D.
 ///
-/// With a SendPlanner (the policy `catch-up`) the frames to give up are chosen when one is taken
-/// instead: the planner says which, and those before it are passed over. The buffer is then bounded
-/// by bytes, and large; the policy thins it once it is full.
+/// With a SendPlanner (the policy `catch-up`) the choice is made when the network takes a frame:
+/// the planner chooses one, and the buffer gives up those before it. The buffer is then bounded by
+/// bytes, and large; the policy chooses a victim only when it is full.
 ///
 /// A frame waits, is taken by the network (in flight), and leaves when the server acknowledges it.
-/// If the connection breaks first it waits again, at the head, and competes like any other. Whether
-/// the server has such a frame after all is only known once it says how far it got (resume());
-/// should the policy give the frame up before that, the drop stays unconfirmed and is not yet
-/// reported.
+/// If the connection breaks first, the frame returns to the head of the waiting frames, and may be
+/// given up. The next connection's server says whether it has the frame (resume()). A drop of such
+/// a frame before that is unconfirmed: it is not reported until resume() shows that the server does
+/// not have the frame.
 ///
-/// Thread-safe: capture, worker and main call what is marked theirs. No call blocks another for
-/// longer than a pass over the list; the policy runs outside the lock.
+/// Thread-safe: each function names the thread that calls it. No call blocks another for longer
+/// than a pass over the list; the policy runs outside the lock.
 /// Memory: a frame, waiting or in flight, costs its JPEG, some 80 KB for 1226x370 pixels in gray at
 /// quality 80; and with OrbPolicy, once it has waited behind another, its features, 16 KB for 500.
-/// Apart from the frames that are pushed nothing is allocated, once as many have been there before.
+/// Besides the frames, the lists allocate only when they become longer than they ever were.
 /// Invariants: sequence numbers strictly increase from the first in flight to the last waiting;
-/// stats() always adds up. What waits is within the limits once a push has returned, but for the
-/// newest frame, which is always kept; returned frames may exceed them until the next push.
+/// stats() always adds up. After a push the waiting frames are within the limits, except that the
+/// newest is always kept; returned frames may exceed the limits until the next push.
 class FrameBuffer {
  public:
-  /// limits.frames >= 3, since a frame needs two neighbours to be judged redundant. Throws
+  /// limits.frames >= 3, since a policy compares the two neighbours of a frame. Throws
   /// std::invalid_argument below that. `planner` may be null: frames are then taken in order.
   FrameBuffer(BufferLimits limits, std::unique_ptr<DropPolicy> policy,
               std::unique_ptr<SendPlanner> planner = nullptr);
 
-  /// `capture`: one more frame exists. Each ends in exactly one push() or on_lost().
+  /// `capture`: a frame was captured. Exactly one push() or on_lost() follows for each.
   void on_captured();
   /// Any thread: a captured frame that will never be pushed (kBusy, kFailed, kShutdown).
   void on_lost(const DropRecord& record);
 
-  /// `worker`: adds the newest frame; gives up as many as it takes to be within the limits again.
-  /// The newest is never given up. Does not wait, but takes as long as the policy does, which is
-  /// asked only if a frame must go.
+  /// `worker`: adds the newest frame, and gives up others until the buffer is within its limits.
+  /// Never gives up the newest. Does not wait. Calls the policy only if a frame must be given up,
+  /// and then takes as long as the policy does.
   void push(FramePtr frame);
-  /// `worker`, when it has nothing else to do: one unit of the policy's work ahead. True if more
-  /// remains. Does nothing while the link keeps up, which is while at most one frame waits.
+  /// `worker`, when it has nothing else to do: DropPolicy::prepare(). True if more work remains.
+  /// Does nothing while the link keeps up, which is while at most one frame waits.
   bool prepare();
-  /// `worker`: waits until a push would not cost a frame. False if `stop` was requested first.
+  /// `worker`: waits until a push gives up no frame. False if `stop` was requested first.
   bool wait_for_room(const std::stop_token& stop);
 
   /// `main`: hands the oldest frame to the network, or, with a planner, the one that it chooses
   /// (giving up those before it). Null if none waits.
   FramePtr take(const SendMoment& moment = {});
-  /// `main`: the server has every frame in flight below `next`.
+  /// `main`: the server has acknowledged every frame in flight below `next`.
   void acknowledge(Sequence next);
-  /// `main`: the connection broke; what is in flight goes back to the head, in order.
+  /// `main`: the connection broke; the frames in flight return to the head, in order.
   void return_in_flight();
-  /// `main`: a new connection's server has every frame below `next` that was ever taken. Settles
-  /// returned frames and unconfirmed drops accordingly.
+  /// `main`: the server of a new connection has every frame below `next` that was ever taken.
+  /// Returned frames below `next` leave; unconfirmed drops below it are undone, others confirmed.
   void resume(Sequence next);
 
-  /// `main`: the drops since the last call that are final, in the order they became so. Overwrites
-  /// `drops`, and keeps its storage for the next ones.
+  /// `main`: the drops that became final since the last call, in that order. Overwrites `drops`,
+  /// and keeps its storage for the next call.
   void collect_drops(std::vector<DropRecord>& drops);
-  /// `main`: gives up what waits (kShutdown), but for what the server may have: frames in flight,
-  /// and returned ones.
+  /// `main`: gives up the waiting frames (kShutdown) except those that the server may have: frames
+  /// in flight, and returned ones.
   void give_up_waiting();
-  /// `main`, at the end: gives up whatever is undelivered (kShutdown) and makes all drops final.
+  /// `main`, at the end: gives up all undelivered frames (kShutdown) and makes all drops final.
   void give_up();
 
   /// Any thread. A consistent snapshot: captured = the sum of the rest.
   wire::Stats stats() const;
-  /// Any thread. Those, the capacity and the bytes that wait, of one moment; nothing of the link.
-  /// Where bytes are the limit the capacity is what they are worth in frames of the mean size.
+  /// Any thread. A consistent snapshot of the stats, the capacity and the waiting bytes; nothing of
+  /// the link. If bytes are the limit, the capacity is the limit in frames of the mean size.
   wire::Report report() const;
 
  private:

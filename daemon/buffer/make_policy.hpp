@@ -30,9 +30,9 @@ struct BufferSettings {
 inline constexpr std::array<std::string_view, 6> kPolicies = {
     "catch-up", "orbbuf", "uniform", "drop-oldest", "drop-youngest", "random"};
 
-/// The policy that `settings.policy` names; of `catch-up` the part that thins a full buffer, which
-/// goes by time as `uniform` does. `extract` is kept by those that look at images. Throws
-/// std::invalid_argument for a name that is not in kPolicies.
+/// The policy that `settings.policy` names; for `catch-up`, the policy of its full buffer, which is
+/// `uniform`. A policy that compares images keeps `extract`. Throws std::invalid_argument for a
+/// name that is not in kPolicies.
 std::unique_ptr<DropPolicy> make_policy(const BufferSettings& settings, FillFeatures extract);
 
 /// The buffer with that policy: under `catch-up` bounded by bytes, and with a planner; else bounded

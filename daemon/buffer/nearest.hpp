@@ -11,9 +11,9 @@
 
 namespace orbbuf {
 
-/// The two candidates nearest to one descriptor. A candidate is its distance (0 .. 256 bits) above
-/// its index, so that one comparison orders both and equal distances always have the same winner:
-/// the lower index.
+/// The two candidates nearest to one descriptor. A candidate is one number: the upper bits are its
+/// distance (0 .. 256 bits), the lower bits its index. So one comparison orders candidates, and of
+/// equal distances the lower index comes first.
 struct Nearest {
   static constexpr int kIndexBits = 23;  // 9 are left for the distance
   static constexpr std::uint32_t kNone = ~0U;
@@ -21,17 +21,17 @@ struct Nearest {
   std::uint32_t best = kNone;
   std::uint32_t second = kNone;
 
-  /// Of the best; where there is none, this is no index.
+  /// Of the best; not an index if there is none.
   std::size_t index() const { return best & ((1U << kIndexBits) - 1); }
-  /// In bits; 511, thus beyond every other, where there is none.
+  /// In bits; 511, more than any other, if there is none.
   std::uint32_t distance() const { return best >> kIndexBits; }
   std::uint32_t second_distance() const { return second >> kIndexBits; }
 
   bool operator==(const Nearest&) const = default;
 };
 
-/// Eight columns as the kernels want them: word w of all eight side by side, and what each column
-/// has seen so far.
+/// Eight columns in the layout of the kernels: word w of all eight side by side, and the best and
+/// second so far of each column.
 struct alignas(64) ColumnBlock {
   static constexpr std::size_t kColumns = 8;
   static constexpr std::size_t kWords = 8;
@@ -41,22 +41,22 @@ struct alignas(64) ColumnBlock {
   std::int32_t second[kColumns];
 };
 
-/// The result of find_nearest() and the memory it works in. Used again, it allocates nothing as
-/// long as the sets are no larger than before.
+/// The result of find_nearest() and its working memory. A second use allocates only if the sets are
+/// larger than before.
 struct Neighbours {
   std::vector<Nearest> of_rows;
   std::vector<Nearest> of_columns;
   std::vector<ColumnBlock> blocks;  // find_nearest's own
 };
 
-/// The distance loop for one instruction set. All of them give the same bits.
+/// The distance loop for one instruction set. All kernels give the same result.
 struct NearestKernel {
   std::string_view name;
   void (*run)(std::span<const Descriptor> rows, std::size_t columns, std::span<ColumnBlock> blocks,
               std::span<Nearest> of_rows);
 };
 
-/// Those that this machine can run, fastest first; the last is "portable" and always there.
+/// The kernels that this machine can run, fastest first; the last is always "portable".
 std::span<const NearestKernel* const> nearest_kernels();
 
 /// The two nearest columns of each row and the two nearest rows of each column; fewer than 2^23

@@ -27,8 +27,8 @@ struct Portable {
     const Words fours = nibbles(x[3]);
     const Words twos = bytes(nibbles(x[1]) + fours + fours);
     const Words sum = ones + twos + twos;
-    // All bytes together may be 256, so it is 16 bits that are added last; the upper ones are
-    // waste.
+    // The sum of all bytes may be 256, so the last addition has 16 bits; the upper bits are not
+    // used.
     const Words halves = (sum & 0x00ff00ff) + ((sum >> 8) & 0x00ff00ff);
     return halves + (halves >> 16);
   }

@@ -28,7 +28,7 @@ bool OrbPolicy::prepare(const BufferView& view) {
 
 std::size_t OrbPolicy::victim(const BufferView& view) {
   last_score_.reset();
-  if (!view.previous) return 0;  // free to go, whatever the others are worth
+  if (!view.previous) return 0;  // the head has no left neighbour
   const Sequence newest = view.waiting.back()->sequence;
   if (std::exchange(arrival_, newest) != newest) {
     budget_ = {kExtractionsPerArrival, kComparisonsPerArrival};
@@ -59,8 +59,8 @@ std::vector<int> OrbPolicy::scores(const BufferView& view) {
   return scores;
 }
 
-// Newest first, those that are missing, as far as the budget goes. A frame's features may be
-// extracted although the budget then ends before the score: the next call finds them.
+// The missing scores, newest first, within the budget. If the budget ends between a frame's
+// features and its score, the next call uses the features.
 void OrbPolicy::compute_scores(const BufferView& view, Budget& budget) {
   for (std::size_t right = view.waiting.size(); right-- > 1 && budget.comparisons > 0;) {
     const std::size_t i = right - 1;

@@ -23,7 +23,7 @@ constexpr double kShortestHorizon = 0.15;  // of live_again: left to plan for wh
 
 }  // namespace
 
-/// What would be sent, one frame after the other.
+/// Frames that could be sent, one after the other.
 struct SendPlanner::Chain {
   std::size_t first = 0;  ///< index of its first frame
   double live_s = 0;      ///< from now until it has caught up with the camera; infinite: never
@@ -58,9 +58,9 @@ std::size_t SendPlanner::choose(std::optional<double> last, std::span<const Plan
   return choice;
 }
 
-/// The smallest that is live by the deadline. Near the deadline and behind it a few sends too few
-/// would ask for a leap: there no step is longer than those before it need have been, and the
-/// stream is somewhat late instead.
+/// The smallest step that is live by the deadline. Near the deadline and after it, a few sends too
+/// few would need a large step. There no step is longer than the largest one that was needed
+/// before, and the stream is late instead.
 double SendPlanner::next_step(double last, std::span<const PlannedFrame> waiting,
                               const SendMoment& moment) {
   const double left_s = to_seconds(*deadline_ - moment.now) + kTolerance * interval_s_;
@@ -73,8 +73,8 @@ double SendPlanner::next_step(double last, std::span<const PlannedFrame> waiting
   return step;
 }
 
-/// With which the chain is live within the horizon, or, once nothing more is captured, at its end;
-/// the largest one if none is.
+/// The smallest step with which the chain is live within the horizon, or, after the last capture,
+/// ends within it. The largest one if there is none.
 double SendPlanner::smallest_step(double last, std::span<const PlannedFrame> waiting,
                                   double horizon_s, const SendMoment& moment) const {
   const auto is_enough = [&](double step_s) {
@@ -92,8 +92,8 @@ double SendPlanner::smallest_step(double last, std::span<const PlannedFrame> wai
   return step;
 }
 
-/// The deadline is set where waiting begins, and again where sending goes on after it stood still
-/// for longer than the frame before can have taken.
+/// Sets the deadline when frames begin to wait, and again when sending continues after a pause
+/// that was longer than the last frame can have taken.
 void SendPlanner::look_for_return(std::size_t waiting, const SendMoment& moment) {
   const auto before = std::exchange(last_choice_, moment.now);
   if (waiting == 1) {
@@ -108,23 +108,23 @@ void SendPlanner::look_for_return(std::size_t waiting, const SendMoment& moment)
   }
 }
 
-/// A frame that does not wait is taken as it comes: that tells the camera's clock by the link's.
+/// A frame that does not wait is taken when it is captured: this relates the two clocks.
 void SendPlanner::note_phase(std::span<const PlannedFrame> waiting, const SendMoment& moment) {
   const double offset_s = to_seconds(moment.now) - waiting.back().position_s;
   if (waiting.size() == 1) offset_s_ = std::min(offset_s, offset_s_ + kDrift * interval_s_);
   next_capture_s_ = std::clamp(interval_s_ - (offset_s - offset_s_), 0.0, interval_s_);
 }
 
-/// Nothing is torn by what is missing before the first frame of all: so begin as late as the
-/// stream may be.
+/// No step comes before the first send, so it may skip frames: to the oldest one that is at most
+/// live_again older than the newest.
 std::size_t SendPlanner::first_to_send(std::span<const PlannedFrame> waiting) const {
   const double earliest_s = waiting.back().position_s - to_seconds(settings_.live_again);
   const auto first = std::ranges::lower_bound(waiting, earliest_s, {}, &PlannedFrame::position_s);
   return static_cast<std::size_t>(first - waiting.begin());
 }
 
-/// Each frame is the farthest that is there by then and that a step reaches, or the next. Of those
-/// still to come, sizes and intervals are taken to be the mean ones.
+/// Each frame of a chain is the farthest within a step of the last one that is captured by then, or
+/// the next one. Frames still to be captured have the mean size and interval.
 SendPlanner::Chain SendPlanner::chain(double last, std::span<const PlannedFrame> waiting,
                                       double step_s, double horizon_s,
                                       const SendMoment& moment) const {

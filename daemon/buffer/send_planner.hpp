@@ -9,58 +9,58 @@
 
 namespace orbbuf {
 
-/// What the user asks of the `catch-up` policy (`[link]` of orbbufd.toml).
+/// The settings of the policy `catch-up` (`[link]` of orbbufd.toml).
 struct PlanSettings {
-  /// After an outage: how long until the newest frame is sent in its turn.
+  /// The time after an outage until the newest frame is sent as soon as it is captured.
   std::chrono::nanoseconds live_again = std::chrono::seconds(1);
-  /// The longest step, from one frame sent to the next, that is made to reach that. Where this is
-  /// not enough the stream becomes later instead. At least two frames' time, whatever it says.
+  /// The longest step, from one frame sent to the next, to reach that. If it is too short for
+  /// that, the stream becomes later instead. Less than two frames' time counts as two.
   std::chrono::nanoseconds largest_step = std::chrono::milliseconds(250);
 };
 
-/// What the sender knows at a moment at which the link can take a frame.
+/// The moment at which the link can take a frame.
 struct SendMoment {
   std::chrono::nanoseconds now{};  ///< on any clock that only grows and keeps its pace
-  double bytes_per_s = 0;          ///< what link and server take, measured lately; 0: unknown
-  /// Set once nothing more will be captured: what waits may be sent until then.
+  double bytes_per_s = 0;          ///< the measured rate of link and server; 0: unknown
+  /// Set when no more frames will be captured: the waiting ones may be sent until then.
   std::optional<std::chrono::nanoseconds> end = std::nullopt;
 };
 
-/// A waiting frame, as the planner sees it.
+/// What the planner knows of a waiting frame.
 struct PlannedFrame {
-  /// Where the frame is on the clock that steps are measured on, in seconds. The clock is the
-  /// capture time, made to never go back; a simulation may put another in its place.
+  /// The frame's time on the clock that measures steps, in seconds: the capture time, changed so
+  /// that it never goes back. A simulation may use another clock.
   double position_s = 0;
   std::size_t bytes = 0;
 };
 
 /// Chooses each frame at the moment the link can take it: the policy `catch-up`.
 ///
-/// A buffer that drops frames during an outage decides before it can know how long the outage is,
-/// and after it sends every new frame, while few old ones stand for the whole outage. The planner
-/// keeps what comes, and when the link is back it spreads the sends that remain until the deadline
-/// (the return + live_again) evenly over what was missed and over what is captured meanwhile. It
-/// looks for the smallest step with which a chain of frames, from the last one sent to the newest
-/// and on, is live by the deadline; it sends that chain's first frame, and plans anew at the next
-/// send. docs/design.md ("Choosing when sending") states the problem and what bounds it.
+/// A buffer that drops frames during an outage decides before it knows how long the outage is.
+/// After the outage it sends every new frame, and few frames of the outage. With the planner the
+/// buffer keeps all frames. When the link is back, the planner spreads the sends until the deadline
+/// (the return + live_again) evenly over the waiting frames and those captured meanwhile. It finds
+/// the smallest step with which a chain of frames, from the last one sent to the newest and beyond,
+/// is live by the deadline. It sends that chain's first frame, and repeats the search at the next
+/// send. docs/design.md ("Choosing when sending") states the problem and its bounds.
 ///
 /// Not in the paper, whose policies (Sec. III-D) decide when a frame arrives at a full buffer.
-/// Knows no clock and no socket. Reentrant. Cost of a choice: about twenty passes over the frames
-/// that wait, while more than one does.
+/// Has no clock and no socket. Reentrant. Cost of a choice: about twenty passes over the waiting
+/// frames if there are two or more.
 class SendPlanner {
  public:
   explicit SendPlanner(PlanSettings settings) : settings_(settings) {}
 
-  /// A frame was captured, that far behind the one before it, and has `bytes`: what is still to
-  /// come is expected to be alike.
+  /// A frame of `bytes` was captured, `step_s` after the one before it. The planner expects the
+  /// same of later frames.
   void on_captured(double step_s, std::size_t bytes);
 
-  /// The index in `waiting` of the frame to send; those before it are passed over for good. `last`:
-  /// the position of the frame sent before; none: nothing was ever sent. Requires a frame waiting.
+  /// The index in `waiting` of the frame to send; the caller gives up those before it. `last`: the
+  /// position of the frame sent before; none: no frame was sent yet. Requires a frame waiting.
   std::size_t choose(std::optional<double> last, std::span<const PlannedFrame> waiting,
                      const SendMoment& moment);
 
-  /// Of the frames captured lately; 0 before the first.
+  /// Of the latest frames captured; 0 before the first.
   double mean_bytes() const { return mean_bytes_; }
 
  private:

@@ -18,14 +18,14 @@ constexpr std::uint32_t kMaxDistance = 64;  // of 256 bits; unrelated descriptor
 
 // In units of ImagePoint, 1024 to the width of the image.
 constexpr int kNear = 184;  // two matches this far apart, dx + dy, can support each other
-constexpr int kAlike = 30;  // if they have moved alike to this much, along each axis
+constexpr int kAlike = 30;  // if their movements differ by at most this, along each axis
 
 struct Match {
   ImagePoint in_a;
   ImagePoint in_b;
 };
 
-// Where there is no second, kNone stands for one that is far away.
+// Without a second candidate, kNone counts as one that is far away.
 bool is_distinct(const Nearest& nearest, const MatchRule& rule) {
   return nearest.distance() <= kMaxDistance &&
          (rule.ratio_percent == 0 ||
@@ -56,7 +56,7 @@ bool supports(const Match& one, const Match& other) {
 }
 
 bool is_supported(const Match& match, const std::vector<Match>& all, int wanted) {
-  int supporters = -1;  // it would count itself
+  int supporters = -1;  // the loop counts the match itself
   for (const Match& other : all) {
     if (supports(match, other) && ++supporters == wanted) return true;
   }

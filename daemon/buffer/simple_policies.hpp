@@ -9,20 +9,20 @@
 
 namespace orbbuf {
 
-/// Keeps the newest frames (paper, Sec. III-F). An outage then costs one long run of frames.
+/// Gives up the oldest frame (paper, Sec. III-F). An outage costs one long run of frames.
 class DropOldestPolicy final : public DropPolicy {
  public:
   std::size_t victim(const BufferView& view) override;
 };
 
-/// Keeps the oldest frames and the newest one (paper, Sec. III-F): again one long run is lost.
+/// Gives up the frame before the newest (paper, Sec. III-F). An outage costs one long run, too.
 class DropYoungestPolicy final : public DropPolicy {
  public:
   std::size_t victim(const BufferView& view) override;
 };
 
-/// Any frame but the newest, all equally likely (paper, Sec. III-F). A seed gives the same choices
-/// on every platform.
+/// Gives up any frame but the newest, all equally likely (paper, Sec. III-F). A seed gives the same
+/// choices on every platform.
 class RandomPolicy final : public DropPolicy {
  public:
   explicit RandomPolicy(std::uint64_t seed) : random_(seed) {}
@@ -33,8 +33,8 @@ class RandomPolicy final : public DropPolicy {
   std::mt19937_64 random_;
 };
 
-/// The frame whose neighbours are closest in time, so that what remains is spaced evenly whatever
-/// it shows; the older of equals. Not in the paper, and a stronger rival than those that are.
+/// Gives up the frame whose neighbours are closest in time, so that the remaining frames are evenly
+/// spaced; the older of equals. Not in the paper; a stronger baseline than the paper's.
 class UniformPolicy final : public DropPolicy {
  public:
   std::size_t victim(const BufferView& view) override;

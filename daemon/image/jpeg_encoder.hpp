@@ -17,15 +17,15 @@ struct JpegSettings {
   bool color = false;  ///< false: grayscale; true: 4:2:0 colour
 };
 
-/// RawFrame -> EncodedFrame. What is JPEG already is passed through byte for byte, once it has been
-/// seen to be complete. Thread-bound.
+/// Encodes a RawFrame as an EncodedFrame. Checks that a frame which is JPEG already is complete,
+/// and passes it on unchanged. Thread-bound.
 class JpegEncoder {
  public:
   explicit JpegEncoder(const JpegSettings& settings);
 
-  /// `sequence` goes into the frame. Fails, in words, for a frame with a defect, a truncated JPEG,
-  /// or a size over 65535 pixels either way; of a stereo frame, for either image, and for two that
-  /// differ in size. Does not keep the raw frame.
+  /// `sequence` is the frame's number. Fails for a frame with a defect, a truncated JPEG, or a size
+  /// over 65535 pixels either way; of a stereo frame, for either image, and if the two differ in
+  /// size. Does not keep the raw frame.
   Result<EncodedFrame> encode(const RawFrame& raw, Sequence sequence);
 
  private:

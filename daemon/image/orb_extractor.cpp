@@ -19,11 +19,11 @@ namespace {
 
 constexpr float kScaleFactor = 1.4F;  // between pyramid levels
 constexpr int kFastThreshold = 20;    // of FAST: gray levels around a corner; cv::ORB's default
-constexpr int kPaleThreshold = 7;     // for images where that finds few; noise stays below it
+constexpr int kPaleThreshold = 7;     // for images of little contrast; noise is below it
 constexpr int kEdgePx = 31;           // cv::ORB's default: it finds nothing this close to an edge
 constexpr int kDescriptorBytes = 32;
 
-/// Byte k of the descriptor becomes bits 8k..8k+7, whatever the machine's byte order.
+/// Byte k of the descriptor becomes bits 8k..8k+7, on machines of any byte order.
 Descriptor descriptor_of(const std::uint8_t* bytes) {
   Descriptor descriptor{};
   for (std::size_t i = 0; i < kDescriptorBytes; ++i) {
@@ -32,7 +32,7 @@ Descriptor descriptor_of(const std::uint8_t* bytes) {
   return descriptor;
 }
 
-/// An image over 32 times as high as wide has its lowest features piled up at the end of the range.
+/// In an image over 32 times as high as wide, the lowest features get the end of the range.
 ImagePoint position_of(const cv::Point2f& point, int width_px) {
   const auto scaled = [width_px](float px) {
     return static_cast<std::int16_t>(
@@ -82,6 +82,8 @@ OrbExtractor::OrbExtractor(const FeatureSettings& settings)
     : state_(std::make_unique<State>(settings)) {}
 
 OrbExtractor::~OrbExtractor() = default;
+
+bool OrbExtractor::is_built() { return true; }
 
 void OrbExtractor::extract(const EncodedFrame& frame, FeatureSet& features) {
   features.clear();

@@ -17,20 +17,21 @@ struct FeatureSettings {
   int pixels = 131'072;
 };
 
-/// ORB features (Rublee et al., ICCV 2011) of a frame's JPEG, through OpenCV. Of a stereo frame
-/// only the left image is judged: the paper knows mono cameras only, and what either eye sees of
-/// the scene overlaps with the last frame about as much. An image of so little contrast that under
-/// half of the features are found is searched again, for fainter corners: without any features it
-/// would be unlike everything, however well SLAM sees it. Thread-bound. Cost: about 3 ms for
-/// 1226x370 on a desktop core, most of it ORB, whatever the size of the image; up to twice that for
-/// a pale one.
+/// ORB features (Rublee et al., ICCV 2011) of a frame's JPEG, through OpenCV; of a stereo frame, of
+/// the left image only. If an image has so little contrast that under half of the features are
+/// found, it is searched again for weaker corners: M of an image without features is 0, although
+/// SLAM may track it. Thread-bound. Cost: about 3 ms for 1226x370 on a desktop core, most of it
+/// ORB, and about the same for other sizes; up to twice that for an image of little contrast.
 class OrbExtractor {
  public:
   explicit OrbExtractor(const FeatureSettings& settings);
   ~OrbExtractor();
 
-  /// Overwrites `features`, whose storage is used again. A JPEG that cannot be decoded has none,
-  /// which is logged.
+  /// False in a build without OpenCV's features2d: extract() then finds no features.
+  static bool is_built();
+
+  /// Overwrites `features`, and keeps their storage. If the JPEG cannot be decoded, logs that and
+  /// finds none.
   void extract(const EncodedFrame& frame, FeatureSet& features);
 
  private:

@@ -9,7 +9,7 @@ void Reporter::look(Time now, const wire::Stats& stats,
                     const std::optional<TcpProgress>& progress) {
   next_look_ += kInterval;
   measure(now, progress);
-  is_due_ = stats != told_ || now >= told_time_ + kQuietInterval;
+  is_due_ = stats != sent_ || now >= sent_time_ + kQuietInterval;
 }
 
 /// A new connection counts its bytes from 0.
@@ -24,8 +24,8 @@ void Reporter::measure(Time now, const std::optional<TcpProgress>& progress) {
 
 wire::Report Reporter::take(Time now, wire::Report report) {
   is_due_ = false;
-  told_ = report.stats;
-  told_time_ = now;
+  sent_ = report.stats;
+  sent_time_ = now;
   report.link_rate = link_rate_;
   report.round_trip_us = round_trip_us_;
   return report;

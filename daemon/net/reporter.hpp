@@ -10,8 +10,8 @@
 
 namespace orbbuf {
 
-/// When the server is told how the robot does, and how fast the link is: a report is due once a
-/// second, or every four while the stats stands still. Knows no clock and no socket. Reentrant.
+/// Decides when the robot sends a report to the server, and measures the link: a report is due once
+/// a second, or every four while the stats do not change. Knows no clock and no socket. Reentrant.
 class Reporter {
  public:
   using Time = std::chrono::steady_clock::time_point;
@@ -19,7 +19,7 @@ class Reporter {
   void start(Time now) { next_look_ = now + kInterval; }
   /// Whether a second has passed since the last look().
   bool is_time(Time now) const { return now >= next_look_; }
-  /// `stats` as it is `now`, and what the kernel says of the connection; nothing without one.
+  /// `stats`: those at `now`; `progress`: what the kernel says of the connection, if there is one.
   void look(Time now, const wire::Stats& stats, const std::optional<TcpProgress>& progress);
 
   bool is_due() const { return is_due_; }
@@ -34,8 +34,8 @@ class Reporter {
 
   Time next_look_;
   bool is_due_ = false;
-  wire::Stats told_;  // the last stats that was taken
-  Time told_time_;
+  wire::Stats sent_;  // the last stats that were taken
+  Time sent_time_;
   Time measured_time_;
   std::uint64_t acked_bytes_ = 0;  // by then, of the connection that there was
   std::uint64_t link_rate_ = 0;

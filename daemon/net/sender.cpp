@@ -108,7 +108,7 @@ std::vector<std::uint8_t> Sender::next_report() {
   return wire::encode(reporter_.take(Clock::now(), buffer_.report()));
 }
 
-/// After a last report, so that the server's figures end where ours do.
+/// After a last report, so that the server's stats are those of the end.
 void Sender::say_bye() {
   is_bye_sent_ = true;
   auto message = next_report();

@@ -3,52 +3,44 @@
 
 #include <gtest/gtest.h>
 
-#include <functional>
 #include <future>
 #include <semaphore>
-#include <stdexcept>
 #include <string>
+#include <thread>
 #include <utility>
+#include <vector>
 
 #include "daemon/buffer/orb_policy.hpp"
 #include "daemon/buffer/simple_policies.hpp"
+#include "testing/scripted_source.hpp"
 #include "tests/daemon/buffer/frames.hpp"
 
 namespace orbbuf {
 namespace {
 
-/// Gray frames made on demand; what the test wants to happen at a frame, happens there.
-class FakeSource : public FrameSource {
- public:
-  FakeSource(int frames, bool live) : frames_(frames), live_(live) {}
+using test::ScriptedSource;
 
-  std::optional<RawFrame> next(std::stop_token stop) override {
-    if (index_ == frames_ || stop.stop_requested()) return std::nullopt;
-    RawFrame frame;
-    frame.capture_time_ns = 1000 * index_;
-    frame.width_px = 16;
-    frame.height_px = 8;
-    frame.stride_bytes = 16;
-    frame.data = pixels_;
-    if (before) before(index_, frame);
-    ++index_;
-    return frame;
-  }
-  bool is_live() const override { return live_; }
-  std::string description() const override { return "fake"; }
+RawFrame gray_frame(int index) {
+  static const std::vector<std::uint8_t> pixels(16 * 8, 128);
+  RawFrame frame;
+  frame.capture_time_ns = 1000 * index;
+  frame.width_px = 16;
+  frame.height_px = 8;
+  frame.stride_bytes = 16;
+  frame.data = pixels;
+  return frame;
+}
 
-  std::function<void(int index, RawFrame& frame)> before;
-
- private:
-  const int frames_;
-  const bool live_;
-  int index_ = 0;
-  std::vector<std::uint8_t> pixels_ = std::vector<std::uint8_t>(16 * 8, 128);
-};
+std::unique_ptr<ScriptedSource> gray_frames(int count, bool is_live) {
+  auto source = std::make_unique<ScriptedSource>(is_live);
+  for (int i = 0; i < count; ++i) source->add(gray_frame(i));
+  source->end();
+  return source;
+}
 
 class PipelineTest : public ::testing::Test {
  protected:
-  void start(std::unique_ptr<FakeSource> source) {
+  void start(std::unique_ptr<ScriptedSource> source) {
     pipeline_ = std::make_unique<Pipeline>(
         std::move(source), JpegSettings{}, buffer_,
         Pipeline::Events{[this] { ++changes_; },
@@ -64,7 +56,7 @@ class PipelineTest : public ::testing::Test {
 };
 
 TEST_F(PipelineTest, FramesReachTheBufferNumberedInOrder) {
-  start(std::make_unique<FakeSource>(5, false));
+  start(gray_frames(5, false));
   EXPECT_FALSE(wait_for_end());
   for (Sequence sequence = 0; sequence < 5; ++sequence) {
     const FramePtr frame = buffer_.take();
@@ -77,7 +69,7 @@ TEST_F(PipelineTest, FramesReachTheBufferNumberedInOrder) {
 }
 
 TEST_F(PipelineTest, SourceThatCanWaitLosesNothingToAFullBuffer) {
-  start(std::make_unique<FakeSource>(50, false));
+  start(gray_frames(50, false));
   Sequence next = 0;
   const auto limit = std::chrono::steady_clock::now() + std::chrono::minutes(1);
   while (next < 50) {
@@ -95,7 +87,7 @@ TEST_F(PipelineTest, SourceThatCanWaitLosesNothingToAFullBuffer) {
 }
 
 TEST_F(PipelineTest, LiveSourceNeverWaitsAndEveryFrameIsAccountedFor) {
-  start(std::make_unique<FakeSource>(1000, true));
+  start(gray_frames(1000, true));
   EXPECT_FALSE(wait_for_end());
   const wire::Stats stats = buffer_.stats();
   EXPECT_EQ(stats.captured, 1000U);
@@ -104,10 +96,13 @@ TEST_F(PipelineTest, LiveSourceNeverWaitsAndEveryFrameIsAccountedFor) {
 }
 
 TEST_F(PipelineTest, FrameThatCannotBeReadIsNamedAndTheRestGoesOn) {
-  auto source = std::make_unique<FakeSource>(3, false);
-  source->before = [](int index, RawFrame& frame) {
-    if (index == 1) frame.defect = "cannot read a.png: truncated";
-  };
+  auto source = std::make_unique<ScriptedSource>();
+  for (int i = 0; i < 3; ++i) {
+    RawFrame frame = gray_frame(i);
+    if (i == 1) frame.defect = "cannot read a.png: truncated";
+    source->add(std::move(frame));
+  }
+  source->end();
   start(std::move(source));
   EXPECT_FALSE(wait_for_end());
   EXPECT_EQ(buffer_.take()->sequence, 0U);
@@ -117,19 +112,18 @@ TEST_F(PipelineTest, FrameThatCannotBeReadIsNamedAndTheRestGoesOn) {
 }
 
 TEST_F(PipelineTest, SourceThatIsGoneEndsTheStreamAsFailed) {
-  auto source = std::make_unique<FakeSource>(3, false);
-  source->before = [](int index, RawFrame&) {
-    if (index == 2) throw std::runtime_error("unplugged");
-  };
+  auto source = std::make_unique<ScriptedSource>();
+  for (int i = 0; i < 2; ++i) source->add(gray_frame(i));
+  source->end("unplugged");
   start(std::move(source));
   EXPECT_TRUE(wait_for_end());
   EXPECT_EQ(buffer_.stats().captured, 2U);
 }
 
 TEST_F(PipelineTest, StopEndsAPipelineThatWaitsForRoom) {
-  auto source = std::make_unique<FakeSource>(1000, false);
+  auto source = gray_frames(1000, false);
   std::promise<void> is_full;
-  source->before = [&](int index, RawFrame&) {
+  source->before_frame = [&](int index) {
     if (index == 7)
       is_full.set_value();  // five wait in the buffer, one with the worker, one between
   };
@@ -178,8 +172,8 @@ class SlowExtractionTest : public ::testing::Test {
 };
 
 TEST_F(SlowExtractionTest, ACapturedFrameComesBeforeTheNextUnitOfPreparation) {
-  auto source = std::make_unique<FakeSource>(kFrames, true);
-  source->before = [this](int index, RawFrame&) { before_frame(index); };
+  auto source = gray_frames(kFrames, true);
+  source->before_frame = [this](int index) { before_frame(index); };
   std::promise<void> ended;
   const auto on_changed = [this] {
     log_ += 'p';

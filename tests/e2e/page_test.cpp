@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The live page beside a stream: its figures are the robot's own, and no visitor costs a frame.
+// The live page beside a stream: its stats are the robot's own, and no visitor costs a frame.
 #include <gmock/gmock.h>
 
 #include <boost/asio/buffer.hpp>

@@ -25,7 +25,7 @@ EncodedFrame stereo_frame(Sequence sequence) {
   return frame;
 }
 
-/// A short life: hello, frames with a repeat, drop records, an account, bye.
+/// A short life: hello, frames with a repeat, drop records, stats, bye.
 Bytes life(const std::string& session) {
   return joined({wire::encode(wire::Hello{1, 1, "r", session, "orbbufd", ""}),
                  wire::encode_whole(test::plain_frame(0)), wire::encode_whole(stereo_frame(2)),

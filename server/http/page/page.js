@@ -115,7 +115,7 @@ class Card {
   }
 
   show(now) {
-    this.figures = now;
+    this.stats = now;
     if (now.session !== this.session) {
       this.session = now.session;
       this.seconds.clear();
@@ -128,12 +128,12 @@ class Card {
     for (const second of this.seconds.keys()) {
       if (second < now.now - kTimelineSeconds - 1 || second > now.now + kTimelineSeconds) this.seconds.delete(second);
     }
-    this.showFigures(now);
+    this.showStats(now);
     this.redraw();
     this.refresh();
   }
 
-  showFigures(now) {
+  showStats(now) {
     const isOn = now.state === "connected";
     const age = now.age_s;
     const isLate = isOn && age > 1.5;
@@ -142,22 +142,22 @@ class Card {
     put(this.root, "frame_rate", now.frame_rate.toFixed(1), now.frame_rate);
     const isKnown = age !== undefined && now.state !== "ended";
     put(this.root, "age", isKnown ? duration(age) : "–").classList.toggle("bad", isLate || now.state === "disconnected");
-    const told = now.report;
-    put(this.root, "link_rate", told && isOn ? rate(told.link_rate) : "–");
-    put(this.root, "round_trip", told && isOn && told.round_trip_us > 0 ? duration(told.round_trip_us / 1e6) : "–");
+    const report = now.report;
+    put(this.root, "link_rate", report && isOn ? rate(report.link_rate) : "–");
+    put(this.root, "round_trip", report && isOn && report.round_trip_us > 0 ? duration(report.round_trip_us / 1e6) : "–");
     for (const name of ["captured", "acknowledged", "dropped", "skipped", "failed", "in_flight"]) {
-      put(this.root, name, told ? told[name].toLocaleString("en") : "–", told ? told[name] : "");
+      put(this.root, name, report ? report[name].toLocaleString("en") : "–", report ? report[name] : "");
     }
     const bar = this.root.querySelector(".bar");
-    const share = told && told.capacity > 0 ? Math.min(1, told.waiting / told.capacity) : 0;
+    const share = report && report.capacity > 0 ? Math.min(1, report.waiting / report.capacity) : 0;
     bar.firstElementChild.style.width = `${100 * share}%`;
     bar.classList.toggle("full", share >= 0.9);
-    put(this.root, "buffer", told ? `${told.waiting} of ${told.capacity}` : "–", told ? told.waiting : "");
+    put(this.root, "buffer", report ? `${report.waiting} of ${report.capacity}` : "–", report ? report.waiting : "");
   }
 
   redraw() {
-    if (!this.isVisible || !this.figures) return;
-    const end = this.figures.now, begin = end - kTimelineSeconds;
+    if (!this.isVisible || !this.stats) return;
+    const end = this.stats.now, begin = end - kTimelineSeconds;
     const bins = [];
     let delivered = 0, dropped = 0;
     for (const [second, bin] of this.seconds) {
@@ -165,7 +165,7 @@ class Card {
       delivered += bin.delivered;
       dropped += bin.dropped;
     }
-    const outages = this.figures.outages
+    const outages = this.stats.outages
       .map(([from, to]) => [(from - begin) / kTimelineSeconds, ((to ?? end) - begin) / kTimelineSeconds])
       .filter(([, to]) => to > 0);
     this.canvas.ariaLabel = `last two minutes: ${delivered} delivered, ${dropped} dropped, ${outages.length} outages`;
@@ -174,9 +174,9 @@ class Card {
 
   // One request at a time; a few pictures a second where few are in sight.
   refresh() {
-    const newest = this.figures.image;
+    const newest = this.stats.image;
     if (!newest || !this.isVisible || this.isLoading || document.hidden) return;
-    if (newest.sequence === this.shown && this.figures.state !== "connected") return;
+    if (newest.sequence === this.shown && this.stats.state !== "connected") return;
     this.isLoading = true;
     this.shown = newest.sequence;
     this.image.src = `${path("robots", this.robot, "image")}?n=${Date.now()}`;
@@ -186,7 +186,7 @@ class Card {
     this.isLoading = false;
     this.image.hidden = !isGood;
     const inSight = [...cards.values()].filter((card) => card.isVisible).length;
-    if (isGood && inSight <= 4 && this.figures.state === "connected") setTimeout(() => this.refresh(), 100 * inSight);
+    if (isGood && inSight <= 4 && this.stats.state === "connected") setTimeout(() => this.refresh(), 100 * inSight);
   }
 }
 
@@ -196,7 +196,7 @@ const inSight = new IntersectionObserver((entries) => {
     const card = cards.get(entry.target.dataset.robot);
     if (!card) continue;
     card.isVisible = entry.isIntersecting;
-    if (card.isVisible && card.figures) {
+    if (card.isVisible && card.stats) {
       card.redraw();
       card.refresh();
     }

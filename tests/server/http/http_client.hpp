@@ -6,7 +6,7 @@
 #include <string>
 #include <string_view>
 
-#include "tests/server/robot_client.hpp"
+#include "testing/robot_client.hpp"
 
 namespace orbbuf::test {
 

@@ -21,7 +21,7 @@ using testing::Not;
 namespace fs = std::filesystem;
 
 /// A whole server with its page, and a robot `r` in session `s` that has sent two frames, dropped
-/// one and given its account.
+/// one and sent its stats.
 class HttpServerTest : public ListenerTest {
  protected:
   HttpServerTest() { settings_.http_address = Address{"127.0.0.1", 0}; }
@@ -67,7 +67,7 @@ TEST_F(HttpServerTest, ThePageIsOneFileThatLoadsNothingFromElsewhere) {
   EXPECT_EQ(get("/sessions/r/s").body, answer.body);
 }
 
-TEST_F(HttpServerTest, RobotsAreToldWithTheirFigures) {
+TEST_F(HttpServerTest, RobotsAreListedWithTheirStats) {
   const RobotClient robot = stream();
   const std::string json = get("/api/robots").body;
   for (const char* part :
@@ -79,7 +79,7 @@ TEST_F(HttpServerTest, RobotsAreToldWithTheirFigures) {
   }
 }
 
-TEST_F(HttpServerTest, OfTheTimelineOnlyWhatHasChangedIsToldAgain) {
+TEST_F(HttpServerTest, OfTheTimelineOnlyWhatHasChangedIsSentAgain) {
   const RobotClient robot = stream();
   const std::string all = get("/api/robots").body;
   EXPECT_THAT(all, HasSubstr("\"seconds\":[["));
@@ -88,7 +88,7 @@ TEST_F(HttpServerTest, OfTheTimelineOnlyWhatHasChangedIsToldAgain) {
   EXPECT_THAT(get("/api/robots?since=" + std::to_string(later)).body, HasSubstr("\"seconds\":[]"));
 }
 
-TEST_F(HttpServerTest, MetricsAreTheSameFigures) {
+TEST_F(HttpServerTest, MetricsAreTheSameStats) {
   const RobotClient robot = stream();
   const HttpAnswer answer = get("/metrics");
   EXPECT_THAT(answer.head, HasSubstr("text/plain; version=0.0.4"));
@@ -200,7 +200,7 @@ TEST_F(HttpServerTest, ARequestInDropsIsCutWhenItsTimeIsOver) {
   do {
     client.send(drops.substr(sent++, 1));
   } while (!is_cut() && sent < drops.size());
-  EXPECT_LT(sent, drops.size());
+  EXPECT_LT(sent, drops.size()) << "no end of the connection, 0.5 s after the last of all bytes";
   EXPECT_TRUE(client.is_closed());
 }
 

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <thread>
 #include <vector>
 
@@ -30,7 +31,9 @@ TEST_F(ListenerTest, ConnectionsBeyondTheLimitAreRefused) {
   EXPECT_TRUE(first.bye());
   EXPECT_TRUE(first.is_closed());
   first.close();
-  while (!connect().hello("r", "s")) {  // until the server has seen the end, too
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::minutes(1);
+  while (!connect().hello("r", "s")) {  // the server may see the end of the first one later
+    ASSERT_LT(std::chrono::steady_clock::now(), deadline) << "no place has become free";
   }
 }
 
@@ -97,7 +100,10 @@ TEST_F(ListenerTest, ARobotAtLineRateDoesNotStarveAnother) {
   });
   constexpr Sequence kModest = 50;
   std::vector<Sequence> meanwhile;
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::minutes(1);
   for (Sequence i = 0; i < kModest || frames_kept("greedy/s") <= kModest; ++i) {
+    ASSERT_LT(std::chrono::steady_clock::now(), deadline)
+        << i << " frames of modest kept, and " << frames_kept("greedy/s") << " of greedy";
     const Sequence before = sent;
     modest.send_frame(plain_frame(i, 40'000));
     ASSERT_TRUE(modest.acked(i + 1));

@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "testing/captured_log.hpp"
+#include "testing/robot_client.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
-#include "tests/server/robot_client.hpp"
 #include "tests/server/running_server.hpp"
 
 namespace orbbuf {

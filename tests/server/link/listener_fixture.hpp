@@ -9,8 +9,8 @@
 #include <string>
 
 #include "testing/captured_log.hpp"
+#include "testing/robot_client.hpp"
 #include "testing/temporary_folder.hpp"
-#include "tests/server/robot_client.hpp"
 #include "tests/server/running_server.hpp"
 
 namespace orbbuf::test {

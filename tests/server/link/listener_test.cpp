@@ -200,7 +200,9 @@ TEST_F(ListenerTest, WhoHasSaidByeIsNotIdleWhileAReaderIsWaitedFor) {
   robot.send_frame(*jpeg_like_frame_ptr(0, 300'000));  // more than the FIFO holds
   ASSERT_TRUE(robot.acked(1));
   const UniqueFd reader(::open((folder_ / "r.fifo").c_str(), O_RDONLY | O_NONBLOCK));
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::minutes(1);
   while (log_.lines("has a reader").empty()) {
+    ASSERT_LT(std::chrono::steady_clock::now(), deadline) << "no reader in the log";
     robot.send(wire::encode(wire::Report{}));
     EXPECT_FALSE(has_answer(robot, 100));
   }

@@ -8,8 +8,8 @@
 #include "testing/captured_log.hpp"
 #include "testing/certificates.hpp"
 #include "testing/process.hpp"
+#include "testing/robot_client.hpp"
 #include "tests/server/http/http_client.hpp"
-#include "tests/server/robot_client.hpp"
 #include "tests/server/running_server.hpp"
 
 namespace orbbuf {

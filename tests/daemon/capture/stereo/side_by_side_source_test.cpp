@@ -3,10 +3,12 @@
 
 #include <gmock/gmock.h>
 
-#include <algorithm>
+#include <memory>
+#include <utility>
 #include <vector>
 
 #include "daemon/capture/make_source.hpp"
+#include "testing/scripted_source.hpp"
 
 namespace orbbuf {
 namespace {
@@ -14,23 +16,11 @@ namespace {
 using testing::ElementsAre;
 using testing::IsEmpty;
 
-/// One frame, and its end.
-class OneFrame : public FrameSource {
- public:
-  explicit OneFrame(RawFrame frame) : frame_(std::move(frame)) {}
-
-  std::optional<RawFrame> next(std::stop_token /*stop*/) override {
-    return std::exchange(frame_, std::nullopt);
-  }
-  bool is_live() const override { return false; }
-  std::string description() const override { return "one frame"; }
-
- private:
-  std::optional<RawFrame> frame_;
-};
-
 RawFrame split(RawFrame frame) {
-  SideBySideSource source(std::make_unique<OneFrame>(std::move(frame)));
+  auto whole = std::make_unique<test::ScriptedSource>();
+  whole->add(std::move(frame));
+  whole->end();
+  SideBySideSource source(std::move(whole));
   return *source.next({});
 }
 

@@ -3,80 +3,44 @@
 
 #include <gmock/gmock.h>
 
-#include <stdexcept>
+#include <cstdint>
+#include <memory>
+#include <thread>
 #include <utility>
 
+#include "testing/scripted_source.hpp"
 #include "tests/daemon/capture/source_test_support.hpp"
 
 namespace orbbuf {
 namespace {
 
 using std::chrono::milliseconds;
+using test::ScriptedSource;
 using testing::HasSubstr;
 
-/// What the test films with, from its own thread.
-class Film {
- public:
-  void add(std::int64_t time_ms) {
-    RawFrame frame;
-    frame.monotonic_ns = time_ms * 1'000'000;
-    frame.capture_time_ns = frame.monotonic_ns + 5;
-    const std::lock_guard lock(mutex_);
-    frames_.push_back(std::move(frame));
-    changed_.notify_all();
-  }
-  void end(std::string failure = {}) {
-    const std::lock_guard lock(mutex_);
-    has_ended_ = true;
-    failure_ = std::move(failure);
-    changed_.notify_all();
-  }
-  std::optional<RawFrame> take(const std::stop_token& stop) {
-    std::unique_lock lock(mutex_);
-    changed_.wait(lock, stop, [this] { return !frames_.empty() || has_ended_; });
-    if (stop.stop_requested()) return std::nullopt;
-    if (frames_.empty() && !failure_.empty()) throw std::runtime_error(failure_);
-    if (frames_.empty()) return std::nullopt;
-    auto frame = std::move(frames_.front());
-    frames_.pop_front();
-    return frame;
-  }
-
- private:
-  std::mutex mutex_;
-  std::condition_variable_any changed_;
-  std::deque<RawFrame> frames_;
-  bool has_ended_ = false;
-  std::string failure_;
-};
-
-class FilmSource : public FrameSource {
- public:
-  FilmSource(Film& film, std::string name) : film_(film), name_(std::move(name)) {}
-
-  std::optional<RawFrame> next(std::stop_token stop) override { return film_.take(stop); }
-  bool is_live() const override { return true; }
-  std::string description() const override { return name_; }
-
- private:
-  Film& film_;
-  std::string name_;
-};
+RawFrame frame_at(std::int64_t time_ms) {
+  RawFrame frame;
+  frame.monotonic_ns = time_ms * 1'000'000;
+  frame.capture_time_ns = frame.monotonic_ns + 5;
+  return frame;
+}
 
 class StereoSourceTest : public testing::Test {
  protected:
-  Film left_;
-  Film right_;
-  StereoSource source_{std::make_unique<FilmSource>(left_, "camera a"),
-                       std::make_unique<FilmSource>(right_, "camera b"), milliseconds(20)};
+  std::unique_ptr<ScriptedSource> left_camera_ = std::make_unique<ScriptedSource>(true, "camera a");
+  std::unique_ptr<ScriptedSource> right_camera_ =
+      std::make_unique<ScriptedSource>(true, "camera b");
+  ScriptedSource& left_ = *left_camera_;
+  ScriptedSource& right_ = *right_camera_;
+  StereoSource source_{std::move(left_camera_), std::move(right_camera_), milliseconds(20)};
 };
 
 TEST_F(StereoSourceTest, APairIsOneFrameUnderTheLeftImagesTime) {
   EXPECT_TRUE(source_.is_live());
   EXPECT_EQ(source_.description(), "stereo: left camera a; right camera b; up to 20 ms apart");
   for (std::int64_t i = 0; i < 100; ++i) {
-    right_.add(40 * i + 3);
-    left_.add(40 * i);
+    right_.add(frame_at(40 * i + 3));
+    left_.add(frame_at(40 * i));
     const auto frame = source_.next({});
     ASSERT_TRUE(frame && frame->right);
     EXPECT_EQ(frame->capture_time_ns, 40'000'000 * i + 5);
@@ -85,16 +49,16 @@ TEST_F(StereoSourceTest, APairIsOneFrameUnderTheLeftImagesTime) {
 }
 
 TEST_F(StereoSourceTest, OneWithoutTheOtherIsNoFrame) {
-  left_.add(0);
-  left_.add(40);
-  right_.add(38);
+  left_.add(frame_at(0));
+  left_.add(frame_at(40));
+  right_.add(frame_at(38));
   EXPECT_EQ(source_.next({})->capture_time_ns, 40'000'005);
 }
 
-TEST_F(StereoSourceTest, ItEndsWhenBothHaveAfterWhatTheyFilmed) {
-  left_.add(0);
+TEST_F(StereoSourceTest, ItEndsWhenBothHaveAfterTheirLastFrames) {
+  left_.add(frame_at(0));
   left_.end();
-  right_.add(0);
+  right_.add(frame_at(0));
   right_.end();
   EXPECT_TRUE(source_.next({}));
   EXPECT_FALSE(source_.next({}));

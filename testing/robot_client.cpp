@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/server/robot_client.hpp"
+#include "testing/robot_client.hpp"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
