@@ -52,23 +52,46 @@ JpegCodec::~JpegCodec() {
   if (turbo_ != nullptr) tjDestroy(turbo_);
 }
 
+template <class Compress>
+Result<std::vector<std::uint8_t>> JpegCodec::compress(int width_px, int height_px, int quality,
+                                                      const Compress& compress) {
+  unsigned char* data = nullptr;  // TurboJPEG's, grown as needed
+  unsigned long size = 0;
+  const int status = compress(&data, &size);
+  const std::unique_ptr<unsigned char, decltype(&tjFree)> owner(data, &tjFree);
+  if (status != 0) {
+    return turbo_error(fmt::format("cannot encode an image of {}x{} pixels at quality {}", width_px,
+                                   height_px, quality),
+                       turbo_);
+  }
+  return std::vector<std::uint8_t>(data, data + size);
+}
+
 Result<std::vector<std::uint8_t>> JpegCodec::encode(const ImageView& image, int quality,
                                                     bool color) {
   assert(image.channels == 1 || image.channels == 3);
   const bool is_gray = image.channels == 1 || !color;
-  unsigned char* data = nullptr;  // TurboJPEG's, grown as needed
-  unsigned long size = 0;
-  const int status =
-      tjCompress2(turbo_, image.data, image.width_px, static_cast<int>(image.stride_bytes),
-                  image.height_px, image.channels == 1 ? TJPF_GRAY : TJPF_BGR, &data, &size,
-                  is_gray ? TJSAMP_GRAY : TJSAMP_420, quality, 0);
-  const std::unique_ptr<unsigned char, decltype(&tjFree)> owner(data, &tjFree);
-  if (status != 0) {
-    return turbo_error(fmt::format("cannot encode an image of {}x{} pixels at quality {}",
-                                   image.width_px, image.height_px, quality),
-                       turbo_);
-  }
-  return std::vector<std::uint8_t>(data, data + size);
+  const auto compress_pixels = [&](unsigned char** data, unsigned long* size) {
+    return tjCompress2(turbo_, image.data, image.width_px, static_cast<int>(image.stride_bytes),
+                       image.height_px, image.channels == 1 ? TJPF_GRAY : TJPF_BGR, data, size,
+                       is_gray ? TJSAMP_GRAY : TJSAMP_420, quality, 0);
+  };
+  return compress(image.width_px, image.height_px, quality, compress_pixels);
+}
+
+Result<std::vector<std::uint8_t>> JpegCodec::encode_yuv420(std::span<const std::uint8_t> planes,
+                                                           int width_px, int height_px,
+                                                           int quality) {
+  const Yuv420Layout layout(width_px, height_px);
+  assert(planes.size() >= layout.bytes());
+  const std::uint8_t* const luma = planes.data();
+  const std::uint8_t* const blue = luma + layout.luma_bytes();
+  std::array<const unsigned char*, 3> begins = {luma, blue, blue + layout.chroma_bytes()};
+  const auto compress_planes = [&](unsigned char** data, unsigned long* size) {
+    return tjCompressFromYUVPlanes(turbo_, begins.data(), width_px, nullptr, height_px, TJSAMP_420,
+                                   data, size, quality, 0);
+  };
+  return compress(width_px, height_px, quality, compress_planes);
 }
 
 Result<GrayImage> JpegCodec::decode_gray(std::span<const std::uint8_t> jpeg, int scale) {

@@ -19,6 +19,21 @@ struct ImageView {
   int channels = 1;  ///< 1: gray; 3: blue, green, red
 };
 
+/// The sizes of an image's 4:2:0 planes: luma, then blue and red chroma, one behind the other, rows
+/// without padding. Luma of an odd width or height has a column or row more, which is not seen.
+struct Yuv420Layout {
+  constexpr Yuv420Layout(int width_px, int height_px)
+      : columns(static_cast<std::size_t>(width_px + 1) / 2),
+        rows(static_cast<std::size_t>(height_px + 1) / 2) {}
+
+  std::size_t columns;  ///< of each chroma plane; luma has twice as many
+  std::size_t rows;
+
+  constexpr std::size_t chroma_bytes() const { return columns * rows; }
+  constexpr std::size_t luma_bytes() const { return 4 * chroma_bytes(); }
+  constexpr std::size_t bytes() const { return 6 * chroma_bytes(); }
+};
+
 /// Gray pixels, row by row without padding.
 struct GrayImage {
   int width_px = 0;
@@ -55,6 +70,11 @@ class JpegCodec {
   /// About 1 ms for 1226x370 gray at quality 80.
   Result<std::vector<std::uint8_t>> encode(const ImageView& image, int quality, bool color);
 
+  /// The same in 4:2:0 colour, from `planes` of a Yuv420Layout, which are at least its bytes()
+  /// long.
+  Result<std::vector<std::uint8_t>> encode_yuv420(std::span<const std::uint8_t> planes,
+                                                  int width_px, int height_px, int quality);
+
   /// The luma of `jpeg`, 1/`scale` of its size each way (scale 1, 2, 4 or 8; rounded up), scaled
   /// within the DCT. A JPEG with missing or corrupt data is an error.
   Result<GrayImage> decode_gray(std::span<const std::uint8_t> jpeg, int scale);
@@ -70,6 +90,11 @@ class JpegCodec {
   Result<JpegHalves> halve(std::span<const std::uint8_t> jpeg);
 
  private:
+  /// `compress` calls one of TurboJPEG's functions, which allocates.
+  template <class Compress>
+  Result<std::vector<std::uint8_t>> compress(int width_px, int height_px, int quality,
+                                             const Compress& compress);
+
   void* turbo_;  // TurboJPEG's handle
 };
 

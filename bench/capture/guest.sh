@@ -13,10 +13,10 @@ short=10 long=40 # seconds
 # cpu COMMAND...: user and system seconds of it and its children, to the file `cpu`.
 cpu() { TIMEFORMAT='%U %S' && { time "$@" >out 2>&1; } 2>cpu; }
 
-# Each captures SECONDS at WIDTH HEIGHT FPS and leaves the number of frames in `count`. The JPEG of orbbufd
-# is gray, that of the others in colour, of which orbbufd takes none from YUYV: orbbufd_color captures RGB24.
+# Each captures SECONDS at WIDTH HEIGHT FPS and leaves the number of frames in `count`. All capture YUYV. The
+# JPEG of orbbufd is gray, that of orbbufd_color and the others in colour.
 orbbufd_captures() { orbbufd_captures_with source.format=YUYV jpeg.color=false "$@"; }
-orbbufd_color_captures() { orbbufd_captures_with source.format=RGB24 jpeg.color=true "$@"; }
+orbbufd_color_captures() { orbbufd_captures_with source.format=YUYV jpeg.color=true "$@"; }
 orbbufd_captures_with() {
   local settings=(--set "$1" --set "$2")
   shift 2

@@ -53,7 +53,7 @@ Error nothing_fits(std::span<const CameraOffer> offers, const CameraRequest& req
   return {fmt::format("no {} at {}x{}{}; the camera offers {}",
                       request.format == "auto" ? "supported format" : request.format,
                       request.width_px, request.height_px,
-                      request.color ? " in colour (MJPG, BGR24 or RGB24)" : "",
+                      request.color ? " in colour (any but GREY)" : "",
                       read.empty() ? describe(offers) : describe(read))};
 }
 
@@ -97,9 +97,9 @@ std::string_view fourcc_of(CameraFormat format) {
   return kFourccs.at(static_cast<std::size_t>(format));
 }
 
-bool gives_color(CameraFormat format) {
-  return format == CameraFormat::kMjpg || format == CameraFormat::kBgr24 ||
-         format == CameraFormat::kRgb24;
+bool is_yuv(CameraFormat format) {
+  return format == CameraFormat::kNv12 || format == CameraFormat::kYuv420 ||
+         format == CameraFormat::kYuyv || format == CameraFormat::kUyvy;
 }
 
 Result<CameraFormat> choose_format(std::span<const CameraOffer> offers,

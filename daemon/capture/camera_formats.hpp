@@ -57,8 +57,11 @@ std::string list_offers(std::span<const CameraOffer> offers);
 std::string_view fourcc_of(CameraFormat format);
 std::optional<CameraFormat> format_of(std::string_view fourcc);
 
-/// Whether its colours are read; of the YUV formats only the luma is.
-bool gives_color(CameraFormat format);
+/// NV12, YUV420, YUYV and UYVY.
+bool is_yuv(CameraFormat format);
+
+/// Whether it has colours.
+inline bool gives_color(CameraFormat format) { return format != CameraFormat::kGrey; }
 
 struct CameraRequest {
   std::string_view format = "auto";  ///< "auto" or one of kCameraFormats
@@ -69,9 +72,9 @@ struct CameraRequest {
 };
 
 /// The format to capture in: of the requested formats that offer the size, the first in the order
-/// of CameraFormat that reaches the rate, else the fastest. In colour, GREY and the YUV formats are
-/// left out. So "auto" is MJPG only where nothing else is as fast: else quality and colour are
-/// those of `[jpeg]`, and a gray image is smaller on the link. Fails with a list of the offers.
+/// of CameraFormat that reaches the rate, else the fastest. In colour, GREY is left out. So "auto"
+/// is MJPG only where nothing else is as fast: else quality and colour are those of `[jpeg]`, and a
+/// gray image is smaller on the link. Fails with a list of the offers.
 Result<CameraFormat> choose_format(std::span<const CameraOffer> offers,
                                    const CameraRequest& request);
 

@@ -99,7 +99,7 @@ RawFrame CameraSource::frame_of(const CameraBuffer& buffer) {
     ++corrupt_;
     frame.defect = "the camera's driver marked the image as corrupt";
   } else {
-    frame = unpack(stream_->mode(), buffer.data);
+    frame = unpack(stream_->mode(), buffer.data, buffer.chroma);
     if (!frame.defect.empty()) ++corrupt_;
   }
   frame.exposure_ns = buffer.exposure_ns;

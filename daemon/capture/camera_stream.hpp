@@ -22,6 +22,7 @@ struct CameraBuffer {
   std::uint32_t exposure_ns = 0;       ///< 0: the driver does not say
   bool is_corrupt = false;             ///< the driver marked it
   std::span<const std::uint8_t> data;  ///< the part that was filled
+  ChromaPlanes chroma;                 ///< empty: of one plane, or within `data`
 };
 
 /// A camera that captures into its driver's buffers from construction to destruction. A stream that

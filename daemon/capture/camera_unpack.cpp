@@ -3,8 +3,11 @@
 
 #include <spdlog/fmt/fmt.h>
 
+#include <algorithm>
 #include <cstring>
 #include <memory>
+
+#include "common/jpeg.hpp"
 
 namespace orbbuf {
 namespace {
@@ -54,6 +57,68 @@ Layout layout_of(CameraFormat format) {
   }
 }
 
+/// The samples of one chroma in a driver's buffer: one for two pixels of a row.
+struct Chroma {
+  std::span<const std::uint8_t> bytes;  ///< from the first sample on
+  std::size_t step;                     ///< from sample to sample
+  std::size_t stride;                   ///< from row to row
+  std::size_t rows;                     ///< for two rows of pixels: 1, or 2, whose mean is taken
+};
+
+/// Blue and red. `mode.format` is a YUV format.
+std::array<Chroma, 2> chroma_of(const CameraMode& mode, std::span<const std::uint8_t> data,
+                                const ChromaPlanes& planes) {
+  const auto behind = [data](std::size_t offset) {
+    return data.subspan(std::min(offset, data.size()));
+  };
+  const std::size_t stride = mode.stride_bytes;
+  const auto height = static_cast<std::size_t>(mode.height_px);
+  switch (mode.format) {
+    case CameraFormat::kYuyv:
+      return {{{behind(1), 4, stride, 2}, {behind(3), 4, stride, 2}}};
+    case CameraFormat::kUyvy:
+      return {{{behind(0), 4, stride, 2}, {behind(2), 4, stride, 2}}};
+    case CameraFormat::kNv12: {
+      const auto both = planes[0].empty() ? behind(stride * height) : planes[0];
+      return {{{both, 2, stride, 1}, {both.subspan(both.empty() ? 0 : 1), 2, stride, 1}}};
+    }
+    default: {
+      const std::size_t half = (stride + 1) / 2;
+      const auto blue = planes[0].empty() ? behind(stride * height) : planes[0];
+      const auto red =
+          planes[1].empty() ? behind(stride * height + half * ((height + 1) / 2)) : planes[1];
+      return {{{blue, 1, half, 1}, {red, 1, half, 1}}};
+    }
+  }
+}
+
+template <std::size_t Step>
+void copy_mean(const std::uint8_t* a, const std::uint8_t* b, std::uint8_t* to, std::size_t count) {
+  for (std::size_t x = 0; x < count; ++x) {
+    to[x] = static_cast<std::uint8_t>((a[x * Step] + b[x * Step] + 1) / 2);
+  }
+}
+
+/// Writes one chroma plane of `layout`, for an image `height` pixels high. False: too few bytes.
+bool copy_chroma(const Chroma& from, const Yuv420Layout& layout, std::size_t height,
+                 std::uint8_t* to) {
+  const std::size_t rows = from.rows == 2 ? height : layout.rows;
+  const std::size_t last = (rows - 1) * from.stride + (layout.columns - 1) * from.step;
+  if (from.bytes.size() <= last) return false;
+  for (std::size_t y = 0; y < rows; y += from.rows, to += layout.columns) {
+    const std::uint8_t* const row = from.bytes.data() + y * from.stride;
+    const std::uint8_t* const next = from.rows == 2 && y + 1 < rows ? row + from.stride : row;
+    if (from.step == 1) {
+      std::memcpy(to, row, layout.columns);
+    } else if (from.step == 2) {
+      copy_mean<2>(row, next, to, layout.columns);
+    } else {
+      copy_mean<4>(row, next, to, layout.columns);
+    }
+  }
+  return true;
+}
+
 /// Lets `frame` own `bytes` of memory, not yet written.
 std::uint8_t* allocate(RawFrame& frame, std::size_t bytes) {
   auto memory = std::make_shared_for_overwrite<std::uint8_t[]>(bytes);
@@ -63,9 +128,49 @@ std::uint8_t* allocate(RawFrame& frame, std::size_t bytes) {
   return begin;
 }
 
+void copy_rows(const Layout& layout, const CameraMode& mode, std::span<const std::uint8_t> data,
+               std::uint8_t* to, std::size_t to_stride) {
+  for (std::size_t y = 0; y < static_cast<std::size_t>(mode.height_px); ++y) {
+    layout.copy_row(data.data() + y * mode.stride_bytes, to + y * to_stride,
+                    static_cast<std::size_t>(mode.width_px));
+  }
+}
+
+/// Repeats the last column and row where the width or height is odd.
+void pad_luma(std::uint8_t* luma, const Yuv420Layout& layout, std::size_t width,
+              std::size_t height) {
+  const std::size_t stride = 2 * layout.columns;
+  for (std::size_t y = 0; width % 2 != 0 && y < height; ++y) {
+    luma[y * stride + width] = luma[y * stride + width - 1];
+  }
+  if (height % 2 != 0) std::memcpy(luma + height * stride, luma + (height - 1) * stride, stride);
+}
+
+/// `data` hold the luma.
+void copy_yuv420(RawFrame& frame, const CameraMode& mode, std::span<const std::uint8_t> data,
+                 const ChromaPlanes& chroma) {
+  const Yuv420Layout planes(mode.width_px, mode.height_px);
+  const auto height = static_cast<std::size_t>(mode.height_px);
+  frame.format = PixelFormat::kYuv420;
+  frame.stride_bytes = 2 * planes.columns;
+  std::uint8_t* const luma = allocate(frame, planes.bytes());
+  std::uint8_t* const first_chroma = luma + planes.luma_bytes();
+  copy_rows(layout_of(mode.format), mode, data, luma, frame.stride_bytes);
+  pad_luma(luma, planes, static_cast<std::size_t>(mode.width_px), height);
+  const auto [blue, red] = chroma_of(mode, data, chroma);
+  if (copy_chroma(blue, planes, height, first_chroma) &&
+      copy_chroma(red, planes, height, first_chroma + planes.chroma_bytes())) {
+    return;
+  }
+  frame.defect = "the camera's driver returned a truncated image: its chroma is not complete";
+  frame.data = {};
+  frame.lease.reset();
+}
+
 }  // namespace
 
-RawFrame unpack(const CameraMode& mode, std::span<const std::uint8_t> data) {
+RawFrame unpack(const CameraMode& mode, std::span<const std::uint8_t> data,
+                const ChromaPlanes& chroma) {
   const Layout layout = layout_of(mode.format);
   RawFrame frame;
   frame.width_px = mode.width_px;
@@ -87,11 +192,12 @@ RawFrame unpack(const CameraMode& mode, std::span<const std::uint8_t> data) {
                                data.size(), needed);
     return frame;
   }
-  frame.stride_bytes = width * (layout.format == PixelFormat::kBgr24 ? 3 : 1);
-  std::uint8_t* const to = allocate(frame, height * frame.stride_bytes);
-  for (std::size_t y = 0; y < height; ++y) {
-    layout.copy_row(data.data() + y * mode.stride_bytes, to + y * frame.stride_bytes, width);
+  if (mode.color && is_yuv(mode.format)) {
+    copy_yuv420(frame, mode, data, chroma);
+    return frame;
   }
+  frame.stride_bytes = width * (layout.format == PixelFormat::kBgr24 ? 3 : 1);
+  copy_rows(layout, mode, data, allocate(frame, height * frame.stride_bytes), frame.stride_bytes);
   return frame;
 }
 

@@ -12,9 +12,10 @@
 namespace orbbuf {
 
 enum class PixelFormat {
-  kGray8,  ///< one byte a pixel
-  kBgr24,  ///< blue, green, red
-  kJpeg,   ///< one complete JPEG; width and height may be 0 (unknown), stride is unused
+  kGray8,   ///< one byte a pixel
+  kBgr24,   ///< blue, green, red
+  kYuv420,  ///< planes of a Yuv420Layout (common/jpeg.hpp)
+  kJpeg,    ///< one complete JPEG; width and height may be 0 (unknown), stride is unused
 };
 
 /// One image as the source has it. `data` is valid for as long as `lease` is held; letting go of
@@ -25,7 +26,7 @@ struct RawFrame {
   std::uint32_t exposure_ns = 0;  ///< 0: unknown
   int width_px = 0;
   int height_px = 0;
-  std::size_t stride_bytes = 0;
+  std::size_t stride_bytes = 0;  ///< from row to row; kYuv420: of the luma
   PixelFormat format = PixelFormat::kGray8;
   std::span<const std::uint8_t> data;
   std::shared_ptr<const void> lease;

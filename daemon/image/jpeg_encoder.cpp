@@ -22,15 +22,17 @@ std::optional<Error> wrong_size(int width_px, int height_px) {
                            width_px, height_px, kMaxSidePx)};
 }
 
-/// `raw` as the codec takes it. Fails if its data do not hold the rows that it claims.
+/// `raw`, of kYuv420 the luma, as the codec takes it. Fails if its data are fewer than it claims.
 Result<ImageView> pixels_of(const RawFrame& raw) {
   if (auto error = wrong_size(raw.width_px, raw.height_px)) return std::move(*error);
-  const int channels = raw.format == PixelFormat::kGray8 ? 1 : 3;
+  const int channels = raw.format == PixelFormat::kBgr24 ? 3 : 1;
   const auto row_bytes =
       static_cast<std::size_t>(raw.width_px) * static_cast<std::size_t>(channels);
   const auto rows_before_last = static_cast<std::size_t>(raw.height_px - 1);
   if (raw.stride_bytes < row_bytes || raw.data.size() < row_bytes ||
-      (raw.data.size() - row_bytes) / raw.stride_bytes < rows_before_last) {
+      (raw.data.size() - row_bytes) / raw.stride_bytes < rows_before_last ||
+      (raw.format == PixelFormat::kYuv420 &&
+       raw.data.size() < Yuv420Layout(raw.width_px, raw.height_px).bytes())) {
     return Error{fmt::format(
         "cannot encode an image of {}x{} px: {} bytes with rows of {} bytes are too few",
         raw.width_px, raw.height_px, raw.data.size(), raw.stride_bytes)};
@@ -78,7 +80,9 @@ Result<JpegEncoder::Image> JpegEncoder::encode_image(const RawFrame& raw) {
   }
   auto view = pixels_of(raw);
   if (!view) return std::move(view).error();
-  auto jpeg = codec_.encode(view.value(), settings_.quality, settings_.color);
+  auto jpeg = raw.format == PixelFormat::kYuv420 && settings_.color
+                  ? codec_.encode_yuv420(raw.data, raw.width_px, raw.height_px, settings_.quality)
+                  : codec_.encode(view.value(), settings_.quality, settings_.color);
   if (!jpeg) return std::move(jpeg).error();
   return Image{raw.width_px, raw.height_px, std::move(jpeg).value()};
 }

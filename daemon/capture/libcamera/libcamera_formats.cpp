@@ -77,7 +77,8 @@ CameraMode validate(libcamera::Camera& camera, CameraConfiguration& config,
     spdlog::info("camera {}: captures {} instead of {}", camera.id(), given, asked);
   return {.format = *format,
           .width_px = static_cast<int>(wanted.size.width),
-          .height_px = static_cast<int>(wanted.size.height)};
+          .height_px = static_cast<int>(wanted.size.height),
+          .color = color};
 }
 
 }  // namespace

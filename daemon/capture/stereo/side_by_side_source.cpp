@@ -8,14 +8,44 @@
 #include <utility>
 #include <vector>
 
+#include "daemon/capture/camera_unpack.hpp"
+
 namespace orbbuf {
 namespace {
+
+/// One half of a kYuv420 image, which begins at column `left_px`, in memory of its own.
+RawFrame half_of(const RawFrame& whole, int left_px) {
+  const Yuv420Layout planes(whole.width_px, whole.height_px);
+  const auto left = static_cast<std::size_t>(left_px);
+  const auto blue = whole.data.subspan(planes.luma_bytes() + left / 2);
+  CameraMode mode;
+  mode.format = CameraFormat::kYuv420;
+  mode.width_px = whole.width_px / 2;
+  mode.height_px = whole.height_px;
+  mode.stride_bytes = whole.stride_bytes;
+  mode.color = true;
+  return unpack(mode, whole.data.subspan(left), {blue, blue.subspan(planes.chroma_bytes())});
+}
+
+void split_yuv420(RawFrame& frame) {
+  const int half_px = frame.width_px / 2;
+  const RawFrame left = half_of(frame, 0);
+  frame.right = std::make_shared<RawFrame>(half_of(frame, half_px));
+  frame.width_px = half_px;
+  frame.stride_bytes = left.stride_bytes;
+  frame.data = left.data;
+  frame.lease = left.lease;
+}
 
 /// Says what is wrong; nothing is changed then.
 std::string split_pixels(RawFrame& frame) {
   if (frame.width_px < 2 || frame.width_px % 2 != 0) {
     return fmt::format("cannot split an image of {}x{} px: its width is odd or too small",
                        frame.width_px, frame.height_px);
+  }
+  if (frame.format == PixelFormat::kYuv420) {
+    split_yuv420(frame);
+    return {};
   }
   frame.width_px /= 2;
   auto right = std::make_shared<RawFrame>(frame);

@@ -155,6 +155,7 @@ void V4l2Stream::set_format(const SourceSettings& settings) {
   mode_.format = format.value();
   mode_.width_px = settings.width_px;
   mode_.height_px = settings.height_px;
+  mode_.color = settings.color;
   mode_.stride_bytes =
       std::max<std::size_t>(pixels.bytesperline, least_stride(mode_.format, mode_.width_px));
 }

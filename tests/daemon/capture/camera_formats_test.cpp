@@ -54,15 +54,15 @@ TEST(CameraFormats, LumaInOnePieceIsPreferredToLumaInPieces) {
   }
 }
 
-TEST(CameraFormats, ColourComesFromFormatsThatAreReadInColour) {
+TEST(CameraFormats, ColourComesFromAnyFormatButGrey) {
   auto in_color = request(640, 480, 30);
   in_color.color = true;
-  EXPECT_EQ(chosen(kWebcam, in_color), "MJPG");
-  in_color.format = "YUYV";
-  EXPECT_EQ(
-      chosen(kWebcam, in_color),
-      "no YUYV at 640x480 in colour (MJPG, BGR24 or RGB24); the camera offers MJPG 640x480 (30, 15 "
-      "fps), 1280x720 (30 fps); YUYV 640x480 (30, 15 fps), 1280x720 (10 fps)");
+  EXPECT_EQ(chosen(kWebcam, in_color), "YUYV");
+  const std::vector<CameraOffer> gray_too = {{"GREY", {}}, {"NV12", {}}};
+  EXPECT_EQ(chosen(gray_too, in_color), "NV12");
+  in_color.format = "GREY";
+  EXPECT_EQ(chosen(gray_too, in_color),
+            "no GREY at 640x480 in colour (any but GREY); the camera offers GREY ; NV12 ");
 }
 
 TEST(CameraFormats, AFormatThatIsNamedIsTakenAtAnyRate) {

@@ -71,6 +71,56 @@ TEST(CameraUnpack, ColourIsBlueGreenRed) {
   EXPECT_EQ(rgb.data.back(), 21);
 }
 
+CameraMode color_mode(CameraFormat format, std::size_t stride_bytes) {
+  CameraMode mode = orbbuf::mode(format, stride_bytes);
+  mode.color = true;
+  return mode;
+}
+
+TEST(CameraUnpack, InColourPlanesAreTakenWithTheirChroma) {
+  const auto nv12 = unpack(color_mode(CameraFormat::kNv12, 4), counting(12));
+  EXPECT_EQ(nv12.defect, "");
+  EXPECT_EQ(nv12.format, PixelFormat::kYuv420);
+  EXPECT_EQ(nv12.stride_bytes, 4U);
+  EXPECT_THAT(pixels_of(nv12), ElementsAre(0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 9, 11));
+  const auto yuv420 = unpack(color_mode(CameraFormat::kYuv420, 4), counting(12));
+  EXPECT_EQ(pixels_of(yuv420), counting(12));
+}
+
+TEST(CameraUnpack, InColourTheChromaOfTwoRowsBecomesItsMean) {
+  const auto yuyv = unpack(color_mode(CameraFormat::kYuyv, 8), counting(16));
+  EXPECT_EQ(yuyv.format, PixelFormat::kYuv420);
+  EXPECT_THAT(pixels_of(yuyv), ElementsAre(0, 2, 4, 6, 8, 10, 12, 14, 5, 9, 7, 11));
+  const auto uyvy = unpack(color_mode(CameraFormat::kUyvy, 8), counting(16));
+  EXPECT_THAT(pixels_of(uyvy), ElementsAre(1, 3, 5, 7, 9, 11, 13, 15, 4, 8, 6, 10));
+}
+
+TEST(CameraUnpack, InColourPaddingIsLeftOutAndPlanesMayLieApart) {
+  const auto nv12 = unpack(color_mode(CameraFormat::kNv12, 6), counting(18));
+  EXPECT_THAT(pixels_of(nv12), ElementsAre(0, 1, 2, 3, 6, 7, 8, 9, 12, 14, 13, 15));
+  const Bytes blue = {90, 91, 0};
+  const Bytes red = {92, 93, 0};
+  const auto apart = unpack(color_mode(CameraFormat::kYuv420, 6), counting(12), {blue, red});
+  EXPECT_THAT(pixels_of(apart), ElementsAre(0, 1, 2, 3, 6, 7, 8, 9, 90, 91, 92, 93));
+}
+
+TEST(CameraUnpack, InColourTheLastOddColumnAndRowAreRepeated) {
+  CameraMode odd = color_mode(CameraFormat::kYuv420, 3);
+  odd.width_px = 3;
+  odd.height_px = 1;
+  EXPECT_THAT(pixels_of(unpack(odd, counting(7))), ElementsAre(0, 1, 2, 2, 0, 1, 2, 2, 3, 4, 5, 6));
+}
+
+TEST(CameraUnpack, ColourThatIsNotCompleteIsADefect) {
+  for (const auto format : {CameraFormat::kNv12, CameraFormat::kYuv420}) {
+    for (const std::size_t size : {8U, 9U, 11U}) {
+      const auto frame = unpack(color_mode(format, 4), counting(size));
+      EXPECT_THAT(frame.defect, HasSubstr("its chroma is not complete")) << size;
+      EXPECT_TRUE(frame.data.empty());
+    }
+  }
+}
+
 TEST(CameraUnpack, AJpegIsTakenAsItIs) {
   const auto frame = unpack(mode(CameraFormat::kMjpg, 0), counting(5));
   EXPECT_EQ(frame.format, PixelFormat::kJpeg);

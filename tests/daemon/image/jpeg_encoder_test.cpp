@@ -2,6 +2,7 @@
 #include "daemon/image/jpeg_encoder.hpp"
 
 #include <gmock/gmock.h>
+#include <turbojpeg.h>
 
 #include <cstdlib>
 
@@ -67,6 +68,60 @@ TEST(JpegEncoder, ColourIsKeptOnlyWhereAskedFor) {
   ASSERT_TRUE(in_gray && in_color);
   EXPECT_TRUE(codec.inspect(in_gray.value().jpeg).value().is_gray);
   EXPECT_FALSE(codec.inspect(in_color.value().jpeg).value().is_gray);
+}
+
+/// One colour all over, of odd size.
+RawFrame yuv420_frame(std::uint8_t luma, std::uint8_t blue, std::uint8_t red) {
+  RawFrame frame;
+  frame.width_px = 37;
+  frame.height_px = 21;
+  const Yuv420Layout layout(frame.width_px, frame.height_px);
+  auto planes = std::make_shared<std::vector<std::uint8_t>>(layout.luma_bytes(), luma);
+  planes->insert(planes->end(), layout.chroma_bytes(), blue);
+  planes->insert(planes->end(), layout.chroma_bytes(), red);
+  frame.format = PixelFormat::kYuv420;
+  frame.stride_bytes = 2 * layout.columns;
+  frame.data = *planes;
+  frame.lease = std::move(planes);
+  return frame;
+}
+
+/// Red, green and blue of each pixel.
+std::vector<std::uint8_t> decode_rgb(const EncodedFrame& frame) {
+  std::vector<std::uint8_t> pixels(std::size_t{3} * frame.width_px * frame.height_px);
+  const tjhandle handle = tjInitDecompress();
+  EXPECT_EQ(tjDecompress2(handle, frame.jpeg.data(), frame.jpeg.size(), pixels.data(),
+                          frame.width_px, 0, frame.height_px, TJPF_RGB, 0),
+            0);
+  tjDestroy(handle);
+  return pixels;
+}
+
+TEST(JpegEncoder, PlanesKeepTheirColours) {
+  const auto frame =
+      JpegEncoder({.quality = 90, .color = true}).encode(yuv420_frame(100, 90, 180), 0);
+  ASSERT_TRUE(frame);
+  const auto pixels = decode_rgb(frame.value());
+  for (std::size_t i = 0; i < pixels.size(); i += 3) {  // ITU-R BT.601, full range
+    ASSERT_NEAR(pixels[i], 100 + 1.402 * (180 - 128), 4) << i;
+    ASSERT_NEAR(pixels[i + 1], 100 - 0.344 * (90 - 128) - 0.714 * (180 - 128), 4) << i;
+    ASSERT_NEAR(pixels[i + 2], 100 + 1.772 * (90 - 128), 4) << i;
+  }
+}
+
+TEST(JpegEncoder, OfPlanesInGrayTheLumaIsEncoded) {
+  const auto frame = JpegEncoder({}).encode(yuv420_frame(100, 90, 180), 0);
+  ASSERT_TRUE(frame);
+  JpegCodec codec;
+  EXPECT_TRUE(codec.inspect(frame.value().jpeg).value().is_gray);
+  EXPECT_NEAR(codec.decode_gray(frame.value().jpeg, 1).value().pixels.back(), 100, 2);
+}
+
+TEST(JpegEncoder, PlanesThatAreTooShortAreRefused) {
+  JpegEncoder encoder({.quality = 80, .color = true});
+  RawFrame frame = yuv420_frame(1, 2, 3);
+  frame.data = frame.data.first(frame.data.size() - 1);
+  EXPECT_THAT(error_of(encoder, frame), HasSubstr("are too few"));
 }
 
 constexpr std::size_t kStride = 192;

@@ -43,7 +43,7 @@ start_server() {
 
 # capture ROBOT SETTING...: starts the daemon with [source] SETTINGs.
 capture() {
-  local robot=$1 arguments=() setting
+  local robot=$1 arguments=(--set "jpeg.color=${color:-false}") setting
   shift
   for setting in "$@"; do arguments+=(--set "source.$setting"); done
   "${as[@]}" orbbufd --set "robot.id=$robot" --set source.kind=v4l2 "${arguments[@]}" >"$log" 2>&1 &
@@ -84,6 +84,13 @@ size_of() {
   local hex
   hex=$(od -An -v -tx1 -N 1000 "$1" | tr -d ' \n' | grep -oE 'ffc000[01].08.{8}' | head -n 1)
   echo $((16#${hex:14:4}))x$((16#${hex:10:4}))
+}
+
+# components_of JPEG: 1 is gray, 3 is colour.
+components_of() {
+  local hex
+  hex=$(od -An -v -tx1 -N 1000 "$1" | tr -d ' \n' | grep -oE 'ffc000[01].08.{10}' | head -n 1)
+  echo $((16#${hex:18:2}))
 }
 
 times_increase() { sort -c -u -k 2,2 "$(session_of "$1")/times.txt"; }

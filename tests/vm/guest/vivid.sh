@@ -18,6 +18,16 @@ for format in GREY NV12 YUV420 YUYV UYVY BGR24 RGB24; do
   verdict "vivid $format: 100 frames in a row at $fps fps, none lost"
 done
 
+for format in NV12 YUV420 YUYV UYVY; do
+  color=true capture "color_$format" "${mode[@]}" "format=$format"
+  expect '20 frames' wait_for 60 has_frames "color_$format" 20
+  end_capture
+  image=$(find "$frames/color_$format" -name '*.jpg' | sort | tail -n 1)
+  expect "images of ${width}x$height" [ "$(size_of "$image")" = ${width}x$height ]
+  expect 'colour' [ "$(components_of "$image")" = 3 ]
+done
+verdict 'vivid: NV12, YUV420, YUYV and UYVY in colour'
+
 orbbufd --list-cameras >list.txt
 expect 'name and bus' grep -qx '/dev/video0: vivid, platform:vivid-000' list.txt
 expect 'sizes and rates' grep -qE '^  YUYV 320x180 \(.* fps\), .*, 1280x720 \(' list.txt

@@ -73,6 +73,23 @@ TEST(SideBySideSource, ColourHasThreeBytesAPixel) {
   EXPECT_THAT(row(*left.right, 1), ElementsAre(19, 20, 21, 22, 23, 24));
 }
 
+TEST(SideBySideSource, PlanesAreSplitEach) {
+  RawFrame frame;
+  frame.width_px = 4;
+  frame.height_px = 2;
+  frame.stride_bytes = 4;
+  frame.format = PixelFormat::kYuv420;
+  const std::vector<std::uint8_t> planes = {1, 2, 3, 4, 5, 6, 7, 8, 50, 51, 60, 61};
+  frame.data = planes;
+  const RawFrame left = split(frame);
+  ASSERT_TRUE(left.right);
+  EXPECT_EQ(left.width_px, 2);
+  EXPECT_EQ(left.right->width_px, 2);
+  EXPECT_EQ(left.right->format, PixelFormat::kYuv420);
+  EXPECT_THAT(left.data, ElementsAre(1, 2, 5, 6, 50, 60));
+  EXPECT_THAT(left.right->data, ElementsAre(3, 4, 7, 8, 51, 61));
+}
+
 TEST(SideBySideSource, JpegIsSplitIntoTwo) {
   const std::vector<std::uint8_t> gray(64 * 16, 100);
   JpegCodec codec;
