@@ -65,7 +65,30 @@ void Retention::survey(bool is_new) {
       });
 }
 
+/// The quota, without the age while the clock is not to be trusted.
+Quota Retention::quota_in_force() {
+  const auto sessions = survey_.sessions();
+  if (options_.quota.age.count() == 0 || sessions.empty()) return options_.quota;
+  const ClockReading now = options_.read_clock();
+  const auto newest = std::ranges::max_element(sessions, {}, &KeptSession::last_write);
+  const bool was_trusted =
+      std::exchange(is_clock_trusted_, clock_trust_.trusts(now, newest->last_write));
+  if (is_clock_trusted_) return options_.quota;
+  if (was_trusted) {
+    const std::chrono::duration<double, std::ratio<3600>> ahead = now.wall - newest->last_write;
+    spdlog::warn(
+        "{}: the clock may be wrong: it was set, or it is {:.1f} h ahead of the newest recording, "
+        "and "
+        "it is not synchronised; files.keep_time removes nothing until it is, or for {} h",
+        options_.path.string(), ahead.count(), ClockTrust::kQuarantine.count());
+  }
+  Quota by_size = options_.quota;
+  by_size.age = {};
+  return by_size;
+}
+
 void Retention::on_surveyed() {
+  const Quota quota = quota_in_force();
   std::map<std::string, std::vector<KeptSession>> robots;
   for (KeptSession& session : survey_.sessions()) {
     robots[session.robot_id].push_back(std::move(session));
@@ -75,7 +98,7 @@ void Retention::on_surveyed() {
     const auto may_go = [&](const KeptSession& session) {
       return is_finished(session, session.session_id == newest->session_id);
     };
-    const auto going = over_quota(sessions, options_.quota, system_clock::now(), may_go);
+    const auto going = over_quota(sessions, quota, system_clock::now(), may_go);
     going_.insert(going_.end(), going.begin(), going.end());
   }
   const auto& left_behind = survey_.set_aside_folders();
@@ -113,7 +136,8 @@ void Retention::set_aside(const KeptSession& session) {
   constexpr double kMiB = 1024.0 * 1024.0;
   const std::chrono::duration<double, std::ratio<3600>> age =
       system_clock::now() - session.last_write;
-  const bool is_too_old = options_.quota.age.count() > 0 && age > options_.quota.age;
+  const bool is_too_old =
+      is_clock_trusted_ && options_.quota.age.count() > 0 && age > options_.quota.age;
   spdlog::info("{} {}: removed, {:.1f} MiB, last written to {:.1f} h ago: over {}",
                session.robot_id, session.session_id, static_cast<double>(session.bytes) / kMiB,
                age.count(), is_too_old ? "files.keep_time" : "files.keep_size");

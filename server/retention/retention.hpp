@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "common/error.hpp"
+#include "server/retention/clock_trust.hpp"
 #include "server/retention/quota.hpp"
 #include "server/retention/session_survey.hpp"
 
@@ -21,6 +22,8 @@ namespace orbbuf {
 
 /// Keeps each robot's sessions within a quota: looks what there is, at the start and then every
 /// minute, and removes what is finished and over it, the oldest first.
+///
+/// Nothing is removed by its age while the clock is not to be trusted (ClockTrust).
 ///
 /// Finished: no session of this server's (`is_open`), and, since one from before its start might
 /// still be continued, not the robot's newest one while its last write is not `session_timeout`
@@ -40,6 +43,7 @@ class Retention : public std::enable_shared_from_this<Retention> {
     Quota quota;
     std::chrono::nanoseconds session_timeout{0};
     std::chrono::nanoseconds interval = std::chrono::minutes(1);
+    std::function<ClockReading()> read_clock = orbbuf::read_clock;
   };
 
   /// `main` and `pool` as in RecordSink.
@@ -53,6 +57,7 @@ class Retention : public std::enable_shared_from_this<Retention> {
  private:
   void survey(bool is_new);
   void on_surveyed();
+  Quota quota_in_force();
   bool is_finished(const KeptSession& session, bool is_newest) const;
   void remove_next();
   void set_aside(const KeptSession& session);
@@ -65,6 +70,8 @@ class Retention : public std::enable_shared_from_this<Retention> {
   const Options options_;
   const IsOpen is_open_;
   boost::asio::steady_timer timer_;
+  ClockTrust clock_trust_;
+  bool is_clock_trusted_ = true;
   SessionSurvey survey_;                     // of the step in the pool while there is one
   std::deque<KeptSession> going_;            // oldest first, robot by robot
   std::deque<std::filesystem::path> aside_;  // to be removed before the next of those

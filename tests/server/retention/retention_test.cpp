@@ -36,7 +36,13 @@ class RetentionTest : public test::EventLoop {
   void start(const Quota& quota) {
     retention_ = std::make_shared<Retention>(
         main_, files_,
-        Retention::Options{folder_.path(), quota, minutes(10), std::chrono::milliseconds(1)},
+        Retention::Options{folder_.path(), quota, minutes(10), std::chrono::milliseconds(1),
+                           [this] {
+                             ++clock_reads_;
+                             ClockReading now = read_clock();
+                             now.is_synchronised = is_synchronised_;
+                             return now;
+                           }},
         [this](const std::string& robot, const std::string& session) {
           ++asked_;
           return open_.contains(robot + "/" + session);
@@ -75,6 +81,8 @@ class RetentionTest : public test::EventLoop {
   test::CapturedLog log_;
   std::set<std::string> open_;
   int asked_ = 0;
+  int clock_reads_ = 0;
+  bool is_synchronised_ = true;
   std::shared_ptr<Retention> retention_;
 };
 
@@ -102,6 +110,31 @@ TEST_F(RetentionTest, RemovesWhatIsTooOld) {
   ASSERT_TRUE(run_until_left({"q/a"}));
   stop();
   EXPECT_THAT(log_.lines("r b: removed"), ElementsAre(HasSubstr("over files.keep_time")));
+}
+
+TEST_F(RetentionTest, RemovesNothingByAgeWhenTheClockMayBeWrong) {
+  is_synchronised_ = false;
+  make("r/a", hours(60 * 24 + 2));
+  make("r/b", hours(60 * 24 + 1));
+  make("r/c", hours(60 * 24));
+  start({.age = hours(72)});
+  ASSERT_TRUE(run_until([&] { return clock_reads_ > 20; }));
+  EXPECT_THAT(left(), ElementsAre("r/a", "r/b", "r/c"));
+  EXPECT_THAT(log_.lines("the clock may be wrong"), ElementsAre(HasSubstr("or it is 1440.")));
+  is_synchronised_ = true;
+  EXPECT_TRUE(run_until_left({}));
+}
+
+TEST_F(RetentionTest, TheSizeCountsWhateverTheClockSays) {
+  is_synchronised_ = false;
+  make("r/a", hours(60 * 24 + 2));
+  make("r/b", hours(60 * 24 + 1));
+  Quota quota = size_of(1);
+  quota.age = hours(72);
+  start(quota);
+  ASSERT_TRUE(run_until_left({"r/b"}));
+  stop();
+  EXPECT_THAT(log_.lines("r a: removed"), ElementsAre(HasSubstr("over files.keep_size")));
 }
 
 TEST_F(RetentionTest, NeverRemovesAnOpenSession) {

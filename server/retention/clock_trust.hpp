@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <optional>
+
+namespace orbbuf {
+
+struct ClockReading {
+  std::chrono::system_clock::time_point wall;
+  std::chrono::nanoseconds since_boot{0};  ///< by the clock that is never set; sleep counts
+  bool is_synchronised = false;            ///< the kernel says so: an NTP client keeps the clock
+};
+
+ClockReading read_clock();
+
+/// Decides whether a recording's age is to be believed, so that a clock that is set wrong removes
+/// nothing. A clock that an NTP client keeps is trusted. Any other is not trusted for kQuarantine
+/// after it has jumped: by more than kMostStep between two readings, or by more than kMostGap
+/// between the last write before the first reading and that reading, as after a boot with a wrong
+/// clock. chrony's `maxchange` is the model. Has no clock of its own; thread-bound.
+class ClockTrust {
+ public:
+  static constexpr std::chrono::hours kMostGap{7 * 24};
+  static constexpr std::chrono::hours kMostStep{1};
+  static constexpr std::chrono::hours kQuarantine{24};
+
+  /// last_write: of the newest recording.
+  bool trusts(const ClockReading& now, std::chrono::system_clock::time_point last_write);
+
+ private:
+  std::optional<ClockReading> last_;
+  std::chrono::nanoseconds quarantine_end_{0};  // since boot
+};
+
+}  // namespace orbbuf
