@@ -4,7 +4,11 @@ include(GNUInstallDirs)
 set(debian ${PROJECT_SOURCE_DIR}/toolchain/debian)
 set(made ${PROJECT_BINARY_DIR}/debian)
 set(CPACK_PACKAGE_CONTACT "ORBBuf maintainers <maintainers@users.noreply.h-seed-9b03b2c3.example>")
-set(CPACK_DEBIAN_PACKAGE_RELEASE 1)
+# Of the release that it is built on and for, such that those of a later release are newer: 1~deb12u1.
+cmake_host_system_information(RESULT release QUERY DISTRIB_VERSION_ID)
+cmake_host_system_information(RESULT distribution QUERY DISTRIB_ID)
+string(REGEX REPLACE "^(debian|raspbian)$" deb distribution ${distribution})
+set(CPACK_DEBIAN_PACKAGE_RELEASE 1~${distribution}${release}u1)
 
 set(programs)
 if(ORBBUF_DAEMON)
