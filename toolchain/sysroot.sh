@@ -61,7 +61,8 @@ if [ "${3-}" = unpacked ]; then
   APT_CONFIG=$MMDEBSTRAP_APT_CONFIG apt-get download -q "${ALONE[@]}"
   for package in "${ALONE[@]}"; do dpkg-deb -x "$package"_*.deb "$folder"; done
   database "$folder"
-  # What update-alternatives would have done.
+  # What base-files would have done, since Debian 13 has all libraries in /usr/lib; and update-alternatives.
+  [ -e "$folder/lib" ] || ln -s usr/lib "$folder/lib"
   ln -s lapack/liblapack.so.3 blas/libblas.so.3 "$folder/usr/lib/$triplet/"
   # Links are followed from here, not from within.
   find "$folder/usr/lib/$triplet" -type l -lname '/*' | while read -r link; do
