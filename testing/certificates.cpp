@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "testing/certificates.hpp"
 
+#include <openssl/pem.h>
+#include <openssl/x509.h>
+
+#include <cstdio>
+#include <memory>
 #include <stdexcept>
 #include <vector>
 
@@ -21,6 +26,12 @@ std::string block(const std::string& name) {
     }
   }
   return text;
+}
+
+using File = std::unique_ptr<std::FILE, int (*)(std::FILE*)>;
+
+File open(const std::filesystem::path& path, const char* mode) {
+  return {std::fopen(path.c_str(), mode), &std::fclose};
 }
 
 std::string replace_all(std::string text, const std::string& from, const std::string& to) {
@@ -47,6 +58,22 @@ void Certificates::make(const std::string& name, const std::string& from,
   const Finished made =
       run({"sh", "-e", "-c", "cd '" + folder_.path().string() + "'\n" + commands});
   if (made.status != 0) throw std::runtime_error("docs/security.md, " + name + ": " + made.output);
+}
+
+void Certificates::expire(const std::string& name) const {
+  constexpr long kDay = 24 * 60 * 60;
+  const std::unique_ptr<X509, void (*)(X509*)> certificate(
+      ::PEM_read_X509(open(of(name).certificate, "r").get(), nullptr, nullptr, nullptr),
+      &::X509_free);
+  const std::unique_ptr<EVP_PKEY, void (*)(EVP_PKEY*)> key(
+      ::PEM_read_PrivateKey(open(folder_ / "ca.key", "r").get(), nullptr, nullptr, nullptr),
+      &::EVP_PKEY_free);
+  if (!::X509_gmtime_adj(::X509_getm_notBefore(certificate.get()), -2 * kDay) ||
+      !::X509_gmtime_adj(::X509_getm_notAfter(certificate.get()), -kDay) ||
+      ::X509_sign(certificate.get(), key.get(), ::EVP_sha256()) == 0 ||
+      ::PEM_write_X509(open(of(name).certificate, "w").get(), certificate.get()) == 0) {
+    throw std::runtime_error("cannot make an expired certificate of " + name);
+  }
 }
 
 std::vector<std::string> Certificates::overrides(const TlsSettings& tls) {

@@ -23,6 +23,10 @@ class Certificates {
   /// Runs the block `name` of the document again, with each `from` in it made `to`.
   void make(const std::string& name, const std::string& from, const std::string& to) const;
 
+  /// Makes NAME.crt anew, by the same CA, as one that expired a day ago. openssl makes no such
+  /// certificate since 3.5.
+  void expire(const std::string& name) const;
+
   /// Words for the command line of either program that set `[tls]` to `tls`.
   static std::vector<std::string> overrides(const TlsSettings& tls);
 

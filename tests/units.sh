@@ -3,6 +3,7 @@
 # Whether systemd takes the units, and how exposed it calls them: at most 1.5.
 # Usage: tests/units.sh BUILD_FOLDER
 set -euo pipefail
+command -v systemd-analyze >/dev/null || { echo 'units: no systemd-analyze' && exit 77; }
 build=$(cd "$1" && pwd)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT

@@ -13,7 +13,7 @@ rm -rf "$folder"
 toolchain/configure.sh "$architecture" "$folder" -DORBBUF_BUILD_TESTS=OFF
 cmake --build "$folder"
 
-SOURCE_DATE_EPOCH=$(git log -1 --format=%ct 2>/dev/null || stat -c %Y CHANGELOG.md)
+SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct 2>/dev/null || stat -c %Y CHANGELOG.md)}
 export SOURCE_DATE_EPOCH DEB_HOST_ARCH=$architecture
 # Which package a library is of, dpkg-shlibdeps asks the sysroot's database.
 [ "$architecture" = "$(dpkg --print-architecture)" ] ||

@@ -12,18 +12,24 @@ case $architecture in
   armhf) triplet=arm-linux-gnueabihf ;;
   *) echo "sysroot.sh: arm64 or armhf, not $architecture" >&2 && exit 2 ;;
 esac
-PACKAGES=(libc6-dev libstdc++-12-dev linux-libc-dev zlib1g-dev libssl-dev libboost-dev libspdlog-dev
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+# shellcheck source=toolchain/sources.sh
+. "$here/sources.sh"
+
+# library PACKAGE NAME: the library of a release's own version, such as NAME406, on which PACKAGE depends.
+library() { apt-cache depends "$1" | sed -n "s/^ *Depends: \($2[0-9.]*[a-z0-9]*\)\$/\1/p" | head -n 1; }
+
+compiler=$(g++ -dumpversion)
+PACKAGES=(libc6-dev "libstdc++-${compiler%%.*}-dev" linux-libc-dev zlib1g-dev libssl-dev libboost-dev libspdlog-dev
   libfmt-dev libcli11-dev libtomlplusplus-dev libturbojpeg0-dev libcamera-dev libsystemd-dev libgtest-dev
-  libgmock-dev libopencv-core-dev libopencv-imgproc-dev libopencv-flann-dev libopencv-features2d406 libprometheus-cpp-core1.0)
+  libgmock-dev libopencv-core-dev libopencv-imgproc-dev libopencv-flann-dev
+  "$(library libopencv-features2d-dev libopencv-features2d)" "$(library prometheus-cpp-dev libprometheus-cpp-core)")
 # Unpacked without what they depend on: ORB needs none of that, and it is a desktop's worth; nor does the text
 # of metrics need a web server.
 ALONE=(libopencv-features2d-dev prometheus-cpp-dev)
 
-# The release without its updates: what is linked against the older library runs with the newer one, too.
-# shellcheck disable=SC2016 # apt's variables
-mapfile -t sources < <(apt-get indextargets 'Created-By: Packages' 'Origin: Debian' 'Codename: bookworm' \
-  --format 'deb $(REPO_URI) $(CODENAME) $(COMPONENT)' | sort -u)
-[ ${#sources[@]} -gt 0 ] || { echo 'sysroot.sh: apt knows of no Debian 12; as root: apt-get update' >&2 && exit 1; }
+lines=$(debian_sources "$(own_release)")
+mapfile -t sources <<<"$lines"
 
 # database ROOT: what dpkg would know had it installed the packages. Files are listed by the path they
 # have here, which is the one that dpkg-shlibdeps asks for.
@@ -55,7 +61,8 @@ if [ "${3-}" = unpacked ]; then
   APT_CONFIG=$MMDEBSTRAP_APT_CONFIG apt-get download -q "${ALONE[@]}"
   for package in "${ALONE[@]}"; do dpkg-deb -x "$package"_*.deb "$folder"; done
   database "$folder"
-  # What update-alternatives would have done.
+  # What base-files would have done, since Debian 13 has all libraries in /usr/lib; and update-alternatives.
+  [ -e "$folder/lib" ] || ln -s usr/lib "$folder/lib"
   ln -s lapack/liblapack.so.3 blas/libblas.so.3 "$folder/usr/lib/$triplet/"
   # Links are followed from here, not from within.
   find "$folder/usr/lib/$triplet" -type l -lname '/*' | while read -r link; do
@@ -66,7 +73,7 @@ fi
 
 mkdir -p "$(dirname "$folder")"
 folder=$(realpath "$folder")
-stamp=$(printf '%s\n' "${sources[@]}" | cat "${BASH_SOURCE[0]}" - | sha256sum)
+stamp=$(printf '%s\n' "${sources[@]}" "${PACKAGES[@]}" | cat "${BASH_SOURCE[0]}" - | sha256sum)
 [ "$(cat "$folder/stamp" 2>/dev/null)" != "$stamp" ] || exit 0
 rm -rf "$folder"
 packages=$(IFS=, && echo "${PACKAGES[*]}")
@@ -75,6 +82,6 @@ mmdebstrap --quiet --variant=extract --architectures="$architecture" --include="
   --dpkgopt='path-exclude=/usr/share/doc/*' --dpkgopt='path-exclude=/usr/share/man/*' \
   --dpkgopt='path-exclude=/usr/share/locale/*' \
   --extract-hook="$(printf '%q ' "$(realpath "${BASH_SOURCE[0]}")" "$architecture")"'"$1" unpacked' \
-  bookworm "$folder" "${sources[@]}"
+  "$(own_release)" "$folder" "${sources[@]}"
 echo "$stamp" >"$folder/stamp"
 echo "sysroot.sh: $folder: $(du -sm "$folder" | cut -f1) MB"

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/buffer/make_policy.hpp"
 
+#include <algorithm>
+#include <cstdint>
 #include <stdexcept>
 #include <utility>
 
@@ -22,7 +24,9 @@ std::unique_ptr<DropPolicy> make_policy(const BufferSettings& settings, FillFeat
 FrameBuffer make_buffer(const BufferSettings& settings, FillFeatures extract) {
   auto policy = make_policy(settings, std::move(extract));
   if (settings.policy != "catch-up") return {{.frames = settings.capacity}, std::move(policy)};
-  return {{.bytes = settings.memory_bytes},
+  // Where a size has 32 bits, more than it holds is no limit.
+  const auto bytes = std::min<std::uint64_t>(settings.memory_bytes, SIZE_MAX);
+  return {{.bytes = static_cast<std::size_t>(bytes)},
           std::move(policy),
           std::make_unique<SendPlanner>(settings.plan)};
 }

@@ -18,7 +18,7 @@ find_package(orbbuf 0.1 REQUIRED)
 add_executable(by-cmake follow.c)
 target_link_libraries(by-cmake PRIVATE orbbuf::pipe)
 CMAKE
-cmake -S "$folder/program" -B "$folder" -DCMAKE_PREFIX_PATH="$folder/usr" >/dev/null
+cmake -G Ninja -S "$folder/program" -B "$folder" -DCMAKE_PREFIX_PATH="$folder/usr" >/dev/null
 cmake --build "$folder" >/dev/null
 
 # Not through the .pc file's own prefix, which is where the package will be.

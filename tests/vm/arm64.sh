@@ -18,9 +18,8 @@ programs=$(for deb in "$packages"/orbbufd_*.deb "$packages"/orbbuf-server_*.deb;
   sed 's/([^)]*)//g; s/, */\n/g' | tr -d ' ' | sort -u | paste -sd,)
 INCLUDE=busybox-static,bash,coreutils,dpkg,diffutils,findutils,grep,libc-bin,sed,mawk,tar,kmod,mount,util-linux,login,dbus
 INCLUDE+=,init-system-helpers,systemd,udev,linux-image-arm64,$programs
-# shellcheck disable=SC2016 # apt's variables
-mapfile -t sources < <(apt-get indextargets 'Created-By: Packages' 'Origin: Debian' 'Codename: bookworm' \
-  --format 'deb $(REPO_URI) $(CODENAME) $(COMPONENT)' | sort -u)
+lines=$(debian_sources "$(own_release)")
+mapfile -t sources <<<"$lines"
 
 # What the packages' own scripts would have done to the root in $1.
 set_up() {
@@ -45,7 +44,7 @@ make_image() {
   local version
   rm -rf debian
   mmdebstrap --quiet --variant=extract --architectures=arm64 --include="$INCLUDE" \
-    "${SLIM[@]}" bookworm debian "${sources[@]}"
+    "${SLIM[@]}" "$(own_release)" debian "${sources[@]}"
   version=$(ls debian/lib/modules)
   depmod -b "$PWD/debian" "$version"
   cp "debian/boot/vmlinuz-$version" kernel

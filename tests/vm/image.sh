@@ -31,20 +31,22 @@ debian() {
   stamp=$(echo "$PACKAGES" | cat - "${sources[@]}" | sha256sum)
   ! keep "$stamp" debian || return 0
   mmdebstrap --quiet --variant=extract --include="$PACKAGES" \
-    "${SLIM[@]}" bookworm debian "${sources[@]}"
+    "${SLIM[@]}" "$(own_release)" debian "${sources[@]}"
   echo "$stamp" >debian.stamp
 }
 
 # vimc, the camera that libcamera knows, is in Debian's kernel's source but not in its package.
 vimc() {
-  local drivers=linux-source-6.1/drivers/media/test-drivers headers=/usr/src/linux-headers-$version
+  local source drivers headers=/usr/src/linux-headers-$version
+  source=linux-source-$(cut -d. -f1,2 <<<"$version")
+  drivers=$source/drivers/media/test-drivers
   [ -d "$headers" ] || { echo "vm: apt-get install linux-headers-$version, to build vimc" >&2 && exit 1; }
-  tar -xf /usr/src/linux-source-6.1.tar.xz --wildcards "$drivers/vimc/*"
+  tar -xf "/usr/src/$source.tar.xz" --wildcards "$drivers/vimc/*"
   make -s -C "$headers" M="$PWD/$drivers/vimc" CONFIG_VIDEO_VIMC=m -j"$(nproc)" modules >vimc.log 2>&1 ||
     { cat vimc.log >&2 && exit 1; }
   mkdir -p "debian/lib/modules/$version/extra"
   strip -g -o "debian/lib/modules/$version/extra/vimc.ko" "$drivers/vimc/vimc.ko"
-  rm -rf linux-source-6.1
+  rm -rf "$source"
 }
 
 # What the programs are linked to and Debian's root does not have.

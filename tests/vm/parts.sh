@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # What the virtual machines are made of, for the scripts that make them.
 
+# shellcheck source=toolchain/sources.sh
+. "$(dirname "${BASH_SOURCE[0]}")/../../toolchain/sources.sh"
+
 # For mmdebstrap: nothing that is only read by people.
 # shellcheck disable=SC2034 # used by who sources this
 SLIM=(--dpkgopt='path-exclude=/usr/share/doc/*' --dpkgopt='path-exclude=/usr/share/man/*'

@@ -29,7 +29,7 @@ bare() {
   local sources
   mapfile -t sources < <(own_sources)
   mmdebstrap --quiet --variant=apt --include="systemd-sysv,dbus,udev,kmod,busybox-static,libcamera-ipa,$needed" \
-    "${SLIM[@]}" bookworm bare "${sources[@]}"
+    "${SLIM[@]}" "$(own_release)" bare "${sources[@]}"
   mkdir bare/share
   echo 0123456789abcdef0123456789abcdef >bare/etc/machine-id
   echo ship >bare/etc/hostname

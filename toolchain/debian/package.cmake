@@ -4,7 +4,11 @@ include(GNUInstallDirs)
 set(debian ${PROJECT_SOURCE_DIR}/toolchain/debian)
 set(made ${PROJECT_BINARY_DIR}/debian)
 set(CPACK_PACKAGE_CONTACT "ORBBuf maintainers <maintainers@users.noreply.h-seed-9b03b2c3.example>")
-set(CPACK_DEBIAN_PACKAGE_RELEASE 1)
+# Of the release that it is built on and for, such that those of a later release are newer: 1~deb12u1.
+cmake_host_system_information(RESULT release QUERY DISTRIB_VERSION_ID)
+cmake_host_system_information(RESULT distribution QUERY DISTRIB_ID)
+string(REGEX REPLACE "^(debian|raspbian)$" deb distribution ${distribution})
+set(CPACK_DEBIAN_PACKAGE_RELEASE 1~${distribution}${release}u1)
 
 set(programs)
 if(ORBBUF_DAEMON)
@@ -56,8 +60,9 @@ elseif(CMAKE_LIBRARY_ARCHITECTURE STREQUAL arm-linux-gnueabihf)
   set(CPACK_DEBIAN_PACKAGE_ARCHITECTURE armhf)
 endif()
 if(CMAKE_CROSSCOMPILING)
-  set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS_PRIVATE_DIRS ${CMAKE_SYSROOT}/lib/${CMAKE_LIBRARY_ARCHITECTURE}
-      ${CMAKE_SYSROOT}/usr/lib/${CMAKE_LIBRARY_ARCHITECTURE})
+  # usr first: where lib is a link to it, the packages of libraries are listed under usr alone.
+  set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS_PRIVATE_DIRS ${CMAKE_SYSROOT}/usr/lib/${CMAKE_LIBRARY_ARCHITECTURE}
+      ${CMAKE_SYSROOT}/lib/${CMAKE_LIBRARY_ARCHITECTURE})
 endif()
 set(CPACK_DEBIAN_ORBBUFD_PACKAGE_NAME orbbufd)
 set(CPACK_DEBIAN_ORBBUFD_DESCRIPTION "camera link for remote visual SLAM: the robot's daemon

@@ -98,7 +98,7 @@ TEST(TlsContext, AKeyThatEverybodyCanReadIsRefused) {
 
 TEST(TlsContext, OurOwnCertificateMustBeInDate) {
   const Certificates made;
-  made.make("robot", "-days 825", "-days -1");
+  made.expire("turtlebot1");
   EXPECT_THAT(refusal(made.robot()), HasSubstr("it has expired"));
 }
 

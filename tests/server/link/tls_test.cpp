@@ -72,7 +72,7 @@ TEST_F(TlsServer, ACertificateOfAnotherCaIsRefused) {
 }
 
 TEST_F(TlsServer, AnExpiredCertificateIsRefused) {
-  keys_.make("robot", "-days 825", "-days -1");
+  keys_.expire("turtlebot1");
   come(keys_.robot());
   const auto said = warnings();
   ASSERT_THAT(said, SizeIs(1));
