@@ -62,13 +62,13 @@ class Images {
 };
 
 struct Line {
-  std::uint64_t offset;
+  std::size_t offset;
   Sequence sequence;
 };
 
 std::vector<Line> lines_of(std::string_view times) {
   std::vector<Line> lines;
-  std::uint64_t offset = 0;
+  std::size_t offset = 0;
   for (std::size_t end = 0; (end = times.find('\n', offset)) != times.npos; offset = end + 1) {
     const auto line = session_lines::parse_times(times.substr(offset, end - offset));
     if (line) lines.push_back({offset, line->sequence});
@@ -95,7 +95,7 @@ Result<FalseTail> find_false_tail(const fs::path& folder) {
   FalseTail tail;
   if (first_false == lines.size()) return tail;
   tail.offset = lines[first_false].offset;
-  tail.lines = times.value().substr(tail.offset);
+  tail.lines = times.value().substr(lines[first_false].offset);
   tail.frames = lines.size() - first_false;
   if (first_false > 0) tail.last_true = lines[first_false - 1].sequence;
   return tail;

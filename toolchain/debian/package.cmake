@@ -5,9 +5,12 @@ set(debian ${PROJECT_SOURCE_DIR}/toolchain/debian)
 set(made ${PROJECT_BINARY_DIR}/debian)
 set(CPACK_PACKAGE_CONTACT "ORBBuf maintainers <maintainers@users.noreply.h-seed-9b03b2c3.example>")
 # Of the release that it is built on and for, such that those of a later release are newer: 1~deb12u1.
-cmake_host_system_information(RESULT release QUERY DISTRIB_VERSION_ID)
-cmake_host_system_information(RESULT distribution QUERY DISTRIB_ID)
-string(REGEX REPLACE "^(debian|raspbian)$" deb distribution ${distribution})
+# Not asked of cmake_host_system_information(), which reads the sysroot's file.
+file(STRINGS /etc/os-release distribution REGEX "^ID=")
+string(REGEX REPLACE "^ID=\"?([a-z]*).*" "\\1" distribution "${distribution}")
+string(REGEX REPLACE "^(debian|raspbian)$" deb distribution "${distribution}")
+file(STRINGS /etc/os-release release REGEX "^VERSION_ID=")
+string(REGEX REPLACE "[^0-9.]" "" release "${release}")
 set(CPACK_DEBIAN_PACKAGE_RELEASE 1~${distribution}${release}u1)
 
 set(programs)
