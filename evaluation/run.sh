@@ -4,7 +4,7 @@
 # simulated links under each policy, and tracks the camera with the frames that arrived.
 # Usage: evaluation/run.sh BUILD_FOLDER OUT_FOLDER [--full] [--seed N] [--traces FOLDER]
 #          [--only real|simulated]
-# OUT_FOLDER loses what an earlier run left there, all CSV, Markdown, SVG and logs, and gets such anew, with
+# OUT_FOLDER loses what an earlier run left there, all CSV, Markdown, SVG and logs, and gets new ones, with
 # everything in evaluation.md.
 set -euo pipefail
 build=$(cd "$1" && pwd)

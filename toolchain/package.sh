@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Builds the Debian packages for ARCHITECTURE (this machine's, arm64 or armhf) in FOLDER, which is made
-# anew, and leaves them there. The same commit gives the same bytes, wherever that folder is.
+# again, and leaves them there. The same commit gives the same bytes, wherever that folder is.
 # Usage: toolchain/package.sh ARCHITECTURE FOLDER
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."

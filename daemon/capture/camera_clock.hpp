@@ -47,7 +47,7 @@ class GapCounter {
   void start() { is_started_ = false; }
 
   /// How many are missing before the buffer of this number, which wraps around. A driver that does
-  /// not count, or begins anew, misses nothing.
+  /// not count, or begins again, misses nothing.
   std::uint32_t missed_before(std::uint32_t sequence);
 
  private:

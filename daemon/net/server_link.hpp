@@ -43,7 +43,7 @@ struct LinkSettings {
   std::uint64_t unsent_bytes = 16U << 10;
 };
 
-/// Keeps one connection to the server: makes it, watches it, and makes it anew when it breaks or
+/// Keeps one connection to the server: makes it, watches it, and replaces it when it breaks or
 /// stalls, until close(). What is written to it is the owner's choice.
 ///
 /// | state         | connection     | attempts | the next state, and when                         |

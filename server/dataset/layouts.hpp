@@ -14,7 +14,7 @@ namespace orbbuf {
 enum class Layout : std::uint8_t {
   kTumMono,  ///< TUM monoVO: what SessionFiles writes, the drop record included
   kEuroc,    ///< EuRoC, ASL: mav0/cam0/data/NS.jpg, data.csv, sensor.yaml; cam1 for right images
-  kKitti,    ///< KITTI odometry: image_0/000000.jpg, numbered anew, times.txt, calib.txt; image_1
+  kKitti,    ///< KITTI odometry: image_0/000000.jpg, numbered from 0, times.txt, calib.txt; image_1
   kTumRgbd,  ///< TUM RGB-D: rgb/SECONDS.jpg, rgb.txt
 };
 

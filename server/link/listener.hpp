@@ -47,7 +47,7 @@ class Listener final : public ConnectionOwner {
   bool has_session(const std::string& robot_id, const std::string& session_id) const;
 
   void start();
-  /// Reads the certificates anew, for the connections that follow. If they cannot be used, it logs
+  /// Reads the certificates again, for the connections that follow. If they cannot be used, it logs
   /// why and keeps those that it has. Connections that are open stay open.
   void reload_tls();
   /// Accepts no more, lets the sinks finish what they have begun (drain_timeout), says bye to the

@@ -15,9 +15,9 @@ namespace orbbuf {
 /// Where a session's list of frames stops being true. After a power cut lines may be on the device
 /// whose images are not, or not whole.
 struct FalseTail {
-  std::uint64_t offset = 0;  ///< in times.txt: the lines from here on are not to be believed
-  std::string lines;         ///< these; empty: all are true
-  std::size_t frames = 0;    ///< how many they are
+  std::uint64_t offset = 0;           ///< in times.txt: the lines from here on are false
+  std::string lines;                  ///< these; empty: all are true
+  std::size_t frames = 0;             ///< how many they are
   std::optional<Sequence> last_true;  ///< the frame before them
 };
 

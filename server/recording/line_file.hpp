@@ -15,7 +15,7 @@ namespace orbbuf {
 
 /// A text file that grows by whole lines, each ended by '\n'.
 ///
-/// It is opened anew for each append, so that idle sessions hold no descriptors and a file that
+/// It is opened for each append, so that idle sessions hold no descriptors and a file that
 /// was removed comes back. No fsync. Blocking; reentrant.
 class LineFile {
  public:

@@ -158,7 +158,7 @@ std::optional<Error> SessionFiles::append_lines(const EncodedFrame& frame) {
   return times_.append(times_line(frame));
 }
 
-/// The folder is made anew if need be, since it is not known beforehand that frames are stereo.
+/// The folder is made again if needed, since it is not known beforehand that frames are stereo.
 std::optional<Error> SessionFiles::write_right(const EncodedFrame& frame) {
   std::error_code failed;
   fs::create_directory(images_right_, failed);

@@ -14,7 +14,7 @@ struct ClockReading {
 
 ClockReading read_clock();
 
-/// Decides whether a recording's age is to be believed, so that a clock that is set wrong removes
+/// Decides whether a recording's age can be trusted, so that a clock that is set wrong removes
 /// nothing. A clock that an NTP client keeps is trusted. Any other is not trusted for kQuarantine
 /// after it has jumped: by more than kMostStep between two readings, or by more than kMostGap
 /// between the last write before the first reading and that reading, as after a boot with a wrong

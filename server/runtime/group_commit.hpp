@@ -18,7 +18,7 @@ namespace orbbuf {
 /// thread of its own. It covers what is on the folder's own file system.
 ///
 /// A device that has failed once is not trusted again: the kernel reports an error once, and then
-/// takes the lost pages for written. All calls after that fail, until the server is started anew.
+/// takes the lost pages for written. All calls after that fail, until the server is restarted.
 ///
 /// Thread-bound to `main`, which must outlive it.
 class GroupCommit {

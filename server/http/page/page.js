@@ -265,7 +265,7 @@ function redrawAll() {
   for (const card of cards.values()) card.redraw();
   again?.();
 }
-let again = null; // draws the session's picture anew
+let again = null; // draws the session's picture again
 window.addEventListener("resize", redrawAll);
 window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redrawAll);
 

@@ -37,11 +37,11 @@ class Batch {
 /// without compression.
 ///
 /// A batch is in the file for good once append() has returned, its chunk being open or not: it is
-/// written behind the chunk, and then the chunk's head is written anew, which takes it in. So the
+/// written behind the chunk, and then the chunk's head is written again, with it in. So the
 /// death of this process at any moment leaves whole chunks with every batch that was appended, in
 /// the last one, and perhaps a piece of another behind them, which the next append() cuts off. The
 /// message indexes of a chunk are written when it is full, the summary by finish(). No fsync.
-/// The file is opened anew for each call, as LineFile does it. Blocking; reentrant.
+/// The file is opened for each call, as LineFile does it. Blocking; reentrant.
 class File {
  public:
   /// library: what the file's header names as its writer.
@@ -52,7 +52,7 @@ class File {
 
   /// Requires a batch with messages, whose channels stand in it or were in one before. On error the
   /// file is as before, unless even that fails: then the next append cuts it first. A file that
-  /// was removed is an error once and begins anew then.
+  /// was removed is an error once, and begins again then.
   std::optional<Error> append(const Batch& batch);
 
   /// Writes indexes and summary, which more batches may replace. summary: the schema records, and

@@ -160,7 +160,7 @@ bool is_known_in_chunk(Opcode opcode) {
 }
 
 /// Reads the last chunk record by record. The length in its head is what was written for good;
-/// what else the head says is counted anew.
+/// what else the head says is counted again.
 void take_open_chunk(Source& file, Contents& contents,
                      const std::function<bool(const MessageHead&)>& is_beyond) {
   const auto chunk = record_at(file, contents.chunk_offset);

@@ -35,7 +35,7 @@ class Backoff {
   Duration next_{0};
 };
 
-/// A shell command that reads a session's pipe as its standard input, started anew by connect()
+/// A shell command that reads a session's pipe as its standard input, started again by connect()
 /// after it has ended, as `restart` has it.
 ///
 /// The child has no descriptor of the server but that input and its output, which goes to the log
