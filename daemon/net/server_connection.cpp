@@ -17,6 +17,14 @@ namespace orbbuf {
 namespace asio = boost::asio;
 using boost::system::error_code;
 
+namespace {
+
+/// A stalled connection's retransmissions are as large as what is lost, the attempts beside it are
+/// small, and sooner.
+constexpr std::chrono::seconds kLongestRetransmission{4};
+
+}  // namespace
+
 ServerConnection::ServerConnection(asio::io_context& io, TlsContext* tls, Owner& owner)
     : stream_(asio::ip::tcp::socket(io), tls), owner_(&owner) {}
 
@@ -58,7 +66,7 @@ void ServerConnection::on_connected(const std::string& host, std::uint32_t unsen
   socket.set_option(asio::ip::tcp::no_delay(true), error);
   if (error) return fail("cannot set TCP_NODELAY", error);
   keep_alive(socket.native_handle());  // without it a dead server is merely noticed later
-  limit_retransmission_interval(socket.native_handle());
+  limit_retransmission_interval(socket.native_handle(), kLongestRetransmission);
   if (!limit_unsent(socket.native_handle(), unsent_limit)) {
     return fail(system_error("cannot set TCP_NOTSENT_LOWAT", errno));
   }

@@ -44,7 +44,7 @@ void Connection::start() {
   // For the time in which a sink is busy and the idle timer does not run; else that is sooner.
   const int socket = stream_.socket().native_handle();
   keep_alive(socket);
-  limit_retransmission_interval(socket);
+  limit_retransmission_interval(socket, std::chrono::seconds(1));
   limit_unacknowledged_time(socket);
   start_timer(settings_.hello_timeout);
   if (stream_.is_tls()) return shake_hands();
