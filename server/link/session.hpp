@@ -104,7 +104,7 @@ class Session : public std::enable_shared_from_this<Session> {
   /// What the sinks are given at the moment.
   struct Job {
     FramePtr frame;  // or, if null, records
-    std::vector<DropRecord> records;
+    wire::Dropped dropped;
     wire::Position then;  // the session's position when all sinks have it
     Taken taken;          // empty: no connection waits for it
     std::size_t sink = 0;

@@ -19,8 +19,8 @@ class FakeSink : public FrameSink {
     frames.push_back(frame->sequence);
     done_ = std::move(done);
   }
-  void async_write_drops(std::vector<DropRecord> records, Done done) override {
-    for (const auto& record : records) drops.push_back(record.sequence);
+  void async_write_drops(wire::Dropped dropped, Done done) override {
+    for (const auto& record : dropped.records) drops.push_back(record.sequence);
     done_ = std::move(done);
   }
   void cancel() override { is_cancelled = true; }

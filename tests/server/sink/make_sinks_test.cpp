@@ -57,6 +57,17 @@ TEST_F(MakeSinksTest, ARecordingIsInTheSessionsFolderAndWrittenBeforeTheFiles) {
   EXPECT_EQ(sinks_[0]->position(), (wire::Position{3, 0}));
 }
 
+TEST_F(MakeSinksTest, WhatTheFilesLostIsAskedForAgainThoughTheRecordingHasIt) {
+  settings_.mcap_enabled = true;
+  ASSERT_EQ(make(), 1U);
+  for (Sequence i = 0; i < 60; ++i) {  // 2.4 s, more than a chunk
+    EXPECT_FALSE(write(*sinks_[0], test::plain_frame_ptr(i)));
+  }
+  test::write_file(folder_ / "data/r1/s1/images/000010.jpg", "");  // as a power cut leaves it
+  ASSERT_EQ(make(), 1U);
+  EXPECT_EQ(sinks_[0]->position(), (wire::Position{10, 0}));
+}
+
 TEST_F(MakeSinksTest, TheFifoOfASessionIsNamedAfterIt) {
   settings_.slam.fifo = folder_ / "{robot}" / "{session}-{robot}.fifo";
   ASSERT_EQ(make(), 2U);
