@@ -98,6 +98,8 @@ class Session : public std::enable_shared_from_this<Session> {
   wire::Position position() const { return position_; }
   /// Up to where they keep it, on the device if that is asked for: never beyond position().
   wire::Position kept() const { return kept_; }
+  /// The robot may send on behind it: position(), until a device has failed.
+  Sequence received() const { return (is_commit_failed_ ? kept_ : position_).next_sequence; }
   const SessionInfo& info() const { return info_; }
 
  private:
