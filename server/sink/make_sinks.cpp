@@ -87,7 +87,10 @@ std::unique_ptr<GroupCommit> make_group_commit(const SinkSettings& settings,
   if (!settings.is_kept() || settings.files_sync == FilesSync::kOff) return nullptr;
   const bool is_ack = settings.files_sync == FilesSync::kAck;
   return std::make_unique<GroupCommit>(main, settings.files_path,
-                                       is_ack ? kAckInterval : kSecondInterval);
+                                       is_ack ? kAckInterval : kSecondInterval,
+                                       is_ack ? "frames are not acknowledged any more"
+                                              : "frames are acknowledged and not synced any more, "
+                                                "and a power cut may lose them");
 }
 
 Result<std::vector<std::shared_ptr<FrameSink>>> make_sinks(const SinkSettings& settings,

@@ -26,9 +26,11 @@ using wire::ErrorCode;
 
 class ConnectionTest : public testing::Test {
  protected:
-  /// The test may be held up for longer than a server waits.
+  /// The test may be held up for longer than a server waits. Each frame is acknowledged at once, so
+  /// that a test can count the acks.
   ConnectionTest() {
     settings_.sinks.files_path = folder_.path();
+    settings_.sinks.files_sync = FilesSync::kSecond;
     settings_.listen.hello_timeout = settings_.listen.idle_timeout = std::chrono::minutes(10);
   }
 

@@ -5,6 +5,7 @@
 
 #include <stdexcept>
 
+#include "testing/captured_log.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/server/event_loop.hpp"
 #include "tests/server/frames.hpp"
@@ -111,6 +112,21 @@ TEST_F(MakeSinksTest, TheNextSlamMayBeginWithWhatTheLastOneMissed) {
 TEST_F(MakeSinksTest, ARecordThatCannotBeReadIsAnError) {
   std::filesystem::create_directories(folder_ / "data/r1/s1/times.txt");
   EXPECT_FALSE(make_sinks(settings_, {"r1", "s1", ""}, main_, files_));
+}
+
+TEST_F(MakeSinksTest, AFailedSyncIsLoggedAsWhatItMeansInThatMode) {
+  const test::CapturedLog log;
+  settings_.files_path = folder_ / "not there";
+  for (const auto sync : {FilesSync::kAck, FilesSync::kSecond}) {
+    settings_.files_sync = sync;
+    const auto commit = make_group_commit(settings_, main_);
+    bool is_done = false;
+    commit->async_commit([&](const std::optional<Error>& error) { is_done = error.has_value(); });
+    EXPECT_TRUE(run_until([&] { return is_done; }));
+  }
+  EXPECT_EQ(log.lines("No such file or directory; frames are not acknowledged any more: ").size(),
+            1U);
+  EXPECT_EQ(log.lines("; frames are acknowledged and not synced any more").size(), 1U);
 }
 
 TEST_F(MakeSinksTest, AFolderThatCannotBeMadeIsToldAtTheStart) {
