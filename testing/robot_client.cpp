@@ -66,9 +66,15 @@ std::optional<wire::Position> RobotClient::welcome() const {
 }
 
 std::optional<wire::Position> RobotClient::ack() const {
+  const auto whole = whole_ack();
+  if (!whole) return std::nullopt;
+  return whole->position;
+}
+
+std::optional<wire::Ack> RobotClient::whole_ack() const {
   const auto message = read(wire::Type::kAck);
   if (!message) return std::nullopt;
-  return wire::parse_ack(message->header, message->body).value().position;
+  return wire::parse_ack(message->header, message->body).value();
 }
 
 std::optional<wire::Position> RobotClient::bye() const {

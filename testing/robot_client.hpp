@@ -29,6 +29,7 @@ class RobotClient {
   /// Reads the next message if it is of that kind.
   std::optional<wire::Position> welcome() const;
   std::optional<wire::Position> ack() const;
+  std::optional<wire::Ack> whole_ack() const;
   std::optional<wire::Position> bye() const;
   std::optional<wire::ErrorMessage> error() const;
   /// Reads acks until one covers `next` frames. False if something else comes.

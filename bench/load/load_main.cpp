@@ -42,6 +42,7 @@ struct Options {
   std::size_t idle_robots = 500;
   double idle_seconds = 20;
   std::uint64_t seed = 1;
+  std::string sync = "ack";
 };
 
 /// orbbuf-server with its files in a folder of the work folder, until end().
@@ -53,7 +54,7 @@ class Server {
                   "listen.max_connections=" + std::to_string(robots), "--set",
                   "listen.max_connections_per_address=" + std::to_string(robots), "--set",
                   "listen.max_robots=" + std::to_string(robots), "--set",
-                  "files.path=" + files_.string()}) {
+                  "files.path=" + files_.string(), "--set", "files.sync=" + options.sync}) {
     const std::string words = "listening on ";
     const auto line = process_.wait_for_line(words);
     if (!line) throw std::runtime_error("no server: " + process_.output());
@@ -133,21 +134,31 @@ void result(const char* name, double value) { std::printf("RESULT load.%s %.5g\n
 
 double milliseconds_of(nanoseconds time) { return Seconds(time).count() * 1000; }
 
-void report_latency(const Fleet& fleet) {
+/// Of all robots' `latencies`; returns the 99th percentile in ms.
+double report_latency(const Fleet& fleet, const char* until,
+                      const std::vector<nanoseconds>& (Robot::*latencies)() const) {
   std::vector<nanoseconds> all;
   for (const auto& robot : fleet.robots()) {
-    all.insert(all.end(), robot->latencies().begin(), robot->latencies().end());
+    const auto& of_robot = ((*robot).*latencies)();
+    all.insert(all.end(), of_robot.begin(), of_robot.end());
   }
   std::ranges::sort(all);
-  nanoseconds late{};
-  for (const auto& robot : fleet.robots()) late = std::max(late, robot->most_late());
   const auto share = [&](double part) {
     return milliseconds_of(all[static_cast<std::size_t>(part * static_cast<double>(all.size()))]);
   };
-  std::printf("  capture to ack: median %.1f ms, p99 %.1f ms, p99.9 %.1f ms, worst %.1f ms\n",
+  std::printf("  capture to %s: median %.1f ms, p99 %.1f ms, p99.9 %.1f ms, worst %.1f ms\n", until,
               share(0.5), share(0.99), share(0.999), milliseconds_of(all.back()));
+  return share(0.99);
+}
+
+void report_latencies(const Fleet& fleet) {
+  const double received_ms = report_latency(fleet, "received", &Robot::received_latencies);
+  const double ack_ms = report_latency(fleet, "ack", &Robot::latencies);
+  nanoseconds late{};
+  for (const auto& robot : fleet.robots()) late = std::max(late, robot->most_late());
   std::printf("  of which before the frame was made: at most %.1f ms\n", milliseconds_of(late));
-  result("p99_ms", share(0.99));
+  result("received_p99_ms", received_ms);
+  result("p99_ms", ack_ms);
 }
 
 void report_delivered(const Fleet& fleet, const Content& content, const fs::path& files) {
@@ -191,7 +202,7 @@ void stream(const Options& options) {
   std::printf("  server: resident %lu KiB without robots, at most %lu KiB\n", empty_kib, peak_kib);
   std::printf("  all TCP sockets of this machine, both ends: at most %lu KiB more than before\n",
               tcp_kib - idle_tcp_kib);
-  report_latency(fleet);
+  report_latencies(fleet);
   std::printf("  server's threads ready to run, but others had the processors: %.2f s\n",
               waited.count());
   result("kib_per_robot", static_cast<double>(peak_kib - empty_kib) / robots);
@@ -229,6 +240,7 @@ void run(const Options& options) {
               options.fps, options.bytes, options.seconds);
   std::fflush(stdout);
   stream(options);
+  if (options.idle_robots == 0) return;
   std::printf("load: %zu robots that only send their stats, %g s\n", options.idle_robots,
               options.idle_seconds);
   std::fflush(stdout);
@@ -246,9 +258,10 @@ int main(int argc, char** argv) {
   app.add_option("--fps", options.fps, "of each robot")->check(CLI::PositiveNumber);
   app.add_option("--bytes", options.bytes, "of each frame")->check(CLI::PositiveNumber);
   app.add_option("--seconds", options.seconds)->check(CLI::PositiveNumber);
-  app.add_option("--idle-robots", options.idle_robots)->check(CLI::PositiveNumber);
+  app.add_option("--idle-robots", options.idle_robots, "0: none")->check(CLI::NonNegativeNumber);
   app.add_option("--idle-seconds", options.idle_seconds)->check(CLI::PositiveNumber);
   app.add_option("--seed", options.seed, "of the images");
+  app.add_option("--sync", options.sync, "files.sync of the server");
   const auto quick = [&] {
     options.seconds = 10;
     options.idle_seconds = 5;

@@ -159,9 +159,9 @@ void ServerConnection::dispatch(const wire::Header& header) {
   if (header.type == wire::Type::kWelcome && !is_welcome_) {
     const auto welcome = wire::parse_welcome(header, body_);
     if (!accept(welcome)) return;
-    if (welcome.value().version != wire::kProtocolVersion) {
-      return refuse(
-          {"the server wants protocol version " + std::to_string(welcome.value().version)});
+    const auto version = welcome.value().version;
+    if (version < wire::kOldestProtocolVersion || version > wire::kProtocolVersion) {
+      return refuse({"the server wants protocol version " + std::to_string(version)});
     }
     is_welcome_ = true;
     owner_->on_welcome(welcome.value().position);
@@ -169,7 +169,7 @@ void ServerConnection::dispatch(const wire::Header& header) {
   } else if (header.type == wire::Type::kAck && is_welcome_) {
     const auto ack = wire::parse_ack(header, body_);
     if (!accept(ack)) return;
-    owner_->on_ack(ack.value().position);
+    owner_->on_ack(ack.value());
   } else if (header.type == wire::Type::kBye && is_welcome_) {
     const auto bye = wire::parse_bye(header, body_);
     if (!accept(bye)) return;

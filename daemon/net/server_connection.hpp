@@ -33,7 +33,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
     virtual void on_step(const ServerConnection& from) = 0;
     /// The server's position; writing may begin.
     virtual void on_welcome(const wire::Position& position) = 0;
-    virtual void on_ack(const wire::Position& position) = 0;
+    virtual void on_ack(const wire::Ack& ack) = 0;
     /// The server's last message: all is recorded up to `position`, or it is going down.
     virtual void on_bye(const wire::Position& position) = 0;
     /// The last message has gone to the kernel, which has little left unsent: the moment to choose

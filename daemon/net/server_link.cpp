@@ -267,7 +267,7 @@ void ServerLink::on_welcome(const wire::Position& position) {
   owner_.on_connected(position);
 }
 
-void ServerLink::on_ack(const wire::Position& position) { owner_.on_ack(position); }
+void ServerLink::on_ack(const wire::Ack& ack) { owner_.on_ack(ack); }
 
 void ServerLink::on_bye(const wire::Position& position) { owner_.on_bye(position); }
 

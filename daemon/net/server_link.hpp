@@ -97,7 +97,7 @@ class ServerLink final : private ServerConnection::Owner {
     virtual void on_connected(const wire::Position& position) = 0;
     /// The connection broke.
     virtual void on_disconnected() = 0;
-    virtual void on_ack(const wire::Position& position) = 0;
+    virtual void on_ack(const wire::Ack& ack) = 0;
     /// The server's last message on this connection: its record reaches `position`.
     virtual void on_bye(const wire::Position& position) = 0;
     /// The kernel has little left to send: the moment to choose the next message.
@@ -136,7 +136,7 @@ class ServerLink final : private ServerConnection::Owner {
  private:
   void on_step(const ServerConnection& from) override;
   void on_welcome(const wire::Position& position) override;
-  void on_ack(const wire::Position& position) override;
+  void on_ack(const wire::Ack& ack) override;
   void on_bye(const wire::Position& position) override;
   void on_writable() override;
   void on_failed(const ServerConnection& from, const Error& error) override;

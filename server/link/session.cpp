@@ -96,9 +96,10 @@ void Session::write_drops(wire::Dropped dropped, Taken taken) {
     const auto known =
         std::min<std::uint64_t>(position_.next_drop - dropped.first_drop, records.size());
     records.erase(records.begin(), records.begin() + static_cast<std::ptrdiff_t>(known));
+    dropped.first_drop += known;
   }
   if (records.empty()) return repeat(std::move(taken));
-  begin({nullptr, std::move(records), then, std::move(taken)});
+  begin({nullptr, std::move(dropped), then, std::move(taken)});
 }
 
 /// It is acknowledged as well: the robot may have missed the first acknowledgement.
@@ -160,7 +161,7 @@ void Session::call_sink() {
   if (job_->frame) {
     sink.async_write(job_->frame, std::move(done));
   } else {
-    sink.async_write_drops(job_->records, std::move(done));
+    sink.async_write_drops(job_->dropped, std::move(done));
   }
 }
 
@@ -198,7 +199,7 @@ void Session::show_job() const {
   if (job_->frame) {
     metrics_->on_delivered(job_->frame);
   } else {
-    metrics_->on_dropped(job_->records);
+    metrics_->on_dropped(job_->dropped.records);
   }
 }
 

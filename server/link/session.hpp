@@ -98,13 +98,15 @@ class Session : public std::enable_shared_from_this<Session> {
   wire::Position position() const { return position_; }
   /// Up to where they keep it, on the device if that is asked for: never beyond position().
   wire::Position kept() const { return kept_; }
+  /// The robot may send on behind it: position(), until a device has failed.
+  Sequence received() const { return (is_commit_failed_ ? kept_ : position_).next_sequence; }
   const SessionInfo& info() const { return info_; }
 
  private:
   /// What the sinks are given at the moment.
   struct Job {
     FramePtr frame;  // or, if null, records
-    std::vector<DropRecord> records;
+    wire::Dropped dropped;
     wire::Position then;  // the session's position when all sinks have it
     Taken taken;          // empty: no connection waits for it
     std::size_t sink = 0;

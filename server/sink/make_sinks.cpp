@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/sink/make_sinks.hpp"
 
+#include <spdlog/spdlog.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <chrono>
 #include <optional>
 #include <system_error>
@@ -33,6 +33,8 @@ namespace {
 
 /// The session on disk; null if it is not kept there. The recording is written before the files,
 /// for mcap::Recording::recover() relies on it: what it has beyond them was never acknowledged.
+/// Where there are files their position is the session's: the robot is asked again for what they
+/// lack, even if the recording has it.
 Result<std::shared_ptr<FrameSink>> make_record_sink(const SinkSettings& settings,
                                                     const SessionInfo& info, asio::io_context& main,
                                                     asio::thread_pool& pool, GroupCommit* commit,
@@ -54,9 +56,12 @@ Result<std::shared_ptr<FrameSink>> make_record_sink(const SinkSettings& settings
         std::make_unique<mcap::Recording>(folder / session_names::recording(info.session_id), info);
     auto position = recording->recover(of_files);
     if (!position) return std::move(position).error();
-    held.next_sequence = std::max(held.next_sequence, position.value().next_sequence);
-    held.next_drop = std::max(held.next_drop, position.value().next_drop);
-    if (!kept) kept = KeptFrames{};
+    if (!files) {
+      held = position.value();
+      kept = KeptFrames{};
+    } else if (const auto error = recording->take_missed(folder, held)) {
+      spdlog::warn("{} {}: not recorded: {}", info.robot_id, info.session_id, error->text);
+    }
     records.push_back(std::move(recording));
   }
   if (files) records.push_back(std::move(files));
@@ -82,7 +87,10 @@ std::unique_ptr<GroupCommit> make_group_commit(const SinkSettings& settings,
   if (!settings.is_kept() || settings.files_sync == FilesSync::kOff) return nullptr;
   const bool is_ack = settings.files_sync == FilesSync::kAck;
   return std::make_unique<GroupCommit>(main, settings.files_path,
-                                       is_ack ? kAckInterval : kSecondInterval);
+                                       is_ack ? kAckInterval : kSecondInterval,
+                                       is_ack ? "frames are not acknowledged any more"
+                                              : "frames are acknowledged and not synced any more, "
+                                                "and a power cut may lose them");
 }
 
 Result<std::vector<std::shared_ptr<FrameSink>>> make_sinks(const SinkSettings& settings,

@@ -29,7 +29,7 @@ enum class FilesSync : std::uint8_t {
 struct SinkSettings {
   bool files_enabled = true;
   std::filesystem::path files_path = "orbbuf-data";  ///< of the recordings, too
-  FilesSync files_sync = FilesSync::kSecond;         ///< of the recordings, too
+  FilesSync files_sync = FilesSync::kAck;            ///< of the recordings, too
   bool mcap_enabled = false;
   SlamSettings slam;
   std::map<std::string, SlamSettings> slam_of;  ///< robot id -> its own, in place of `slam`

@@ -32,9 +32,9 @@ void RecordSink::async_write(FramePtr frame, Done done) {
              std::move(done));
 }
 
-void RecordSink::async_write_drops(std::vector<DropRecord> records, Done done) {
+void RecordSink::async_write_drops(wire::Dropped dropped, Done done) {
   write_each(
-      [records = std::move(records)](SessionRecord& record) { return record.write_drops(records); },
+      [dropped = std::move(dropped)](SessionRecord& record) { return record.write_drops(dropped); },
       std::move(done));
 }
 

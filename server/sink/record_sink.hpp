@@ -40,7 +40,7 @@ class RecordSink final : public FrameSink {
 
   wire::Position position() const override { return position_; }
   void async_write(FramePtr frame, Done done) override;
-  void async_write_drops(std::vector<DropRecord> records, Done done) override;
+  void async_write_drops(wire::Dropped dropped, Done done) override;
   bool is_partly_taken() const override;
   void async_commit(Done done) override;
   void close() override;

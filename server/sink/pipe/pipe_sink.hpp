@@ -69,7 +69,7 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   void start();
 
   void async_write(FramePtr frame, Done done) override;
-  void async_write_drops(std::vector<DropRecord> records, Done done) override;
+  void async_write_drops(wire::Dropped dropped, Done done) override;
   void cancel() override;
   /// Waits until the reader has caught up, or has left.
   void async_drain(std::function<void()> drained) override;

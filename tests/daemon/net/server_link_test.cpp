@@ -28,7 +28,7 @@ class RecordingOwner final : public ServerLink::Owner {
  public:
   void on_connected(const wire::Position& position) override { add("connected", position); }
   void on_disconnected() override { add("disconnected", {}); }
-  void on_ack(const wire::Position& position) override { add("ack", position); }
+  void on_ack(const wire::Ack& ack) override { add("ack", ack.position); }
   void on_bye(const wire::Position& position) override { add("bye", position); }
   void on_writable() override { add("writable", {}); }
 

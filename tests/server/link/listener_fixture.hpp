@@ -18,9 +18,11 @@ namespace orbbuf::test {
 /// A whole server with `settings_`, its log, and the folder that it writes into.
 class ListenerTest : public testing::Test {
  protected:
-  /// The test may be held up for longer than a server waits.
+  /// The test may be held up for longer than a server waits. Each frame is acknowledged at once, so
+  /// that a test can count the acks.
   ListenerTest() {
     settings_.sinks.files_path = folder_ / "data";
+    settings_.sinks.files_sync = FilesSync::kSecond;
     settings_.listen.hello_timeout = settings_.listen.idle_timeout = std::chrono::minutes(10);
   }
 

@@ -19,8 +19,8 @@ class FakeSink : public FrameSink {
     frames.push_back(frame->sequence);
     done_ = std::move(done);
   }
-  void async_write_drops(std::vector<DropRecord> records, Done done) override {
-    for (const auto& record : records) drops.push_back(record.sequence);
+  void async_write_drops(wire::Dropped dropped, Done done) override {
+    for (const auto& record : dropped.records) drops.push_back(record.sequence);
     done_ = std::move(done);
   }
   void cancel() override { is_cancelled = true; }
@@ -125,6 +125,7 @@ TEST_F(SessionTest, AFrameIsKeptWhenItsCommitIsDone) {
   sink_->answer();
   EXPECT_EQ(taken_, 1);  // the next may come
   EXPECT_EQ(peer_->kept, 0);
+  EXPECT_EQ(session_->received(), 1U);
   EXPECT_EQ(session_->kept(), wire::Position{});
   write(1);
   sink_->answer();
@@ -167,6 +168,7 @@ TEST_F(SessionTest, AfterAFailedCommitNothingMoreIsKept) {
   write(1);
   sink_->answer();
   EXPECT_EQ(peer_->kept, 0);
+  EXPECT_EQ(session_->received(), 0U);  // the robot shall keep the rest
   EXPECT_EQ(log.lines("error robot session: stream paused: sync").size(), 1U);
   session_->close(SessionEnd::kStopping);
   EXPECT_EQ(peer_->bye, wire::Position{});

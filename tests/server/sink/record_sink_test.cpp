@@ -3,7 +3,6 @@
 
 #include <memory>
 #include <optional>
-#include <span>
 #include <string>
 #include <thread>
 #include <utility>
@@ -23,7 +22,7 @@ using test::plain_frame_ptr;
 struct Calls final : SessionRecord {
   Calls(std::string name, std::string& log) : name_(std::move(name)), log_(log) {}
   std::optional<Error> write(const EncodedFrame& /*frame*/) override { return note("write"); }
-  std::optional<Error> write_drops(std::span<const DropRecord> /*records*/) override {
+  std::optional<Error> write_drops(const wire::Dropped& /*dropped*/) override {
     return note("drops");
   }
   std::optional<Error> finish() override {
@@ -75,7 +74,7 @@ TEST_F(RecordSinkTest, RemembersHowFarItGot) {
   auto files = sink();
   EXPECT_FALSE(write(*files, plain_frame_ptr(5)));
   bool is_done = false;
-  files->async_write_drops({{6, 0, DropReason::kPolicy}}, [&](const auto& error) {
+  files->async_write_drops({0, {{6, 0, DropReason::kPolicy}}}, [&](const auto& error) {
     EXPECT_FALSE(error);
     is_done = true;
   });
