@@ -70,6 +70,7 @@ std::unique_ptr<StatusSocket> open_status(asio::io_context& main, const std::str
 
 void serve(const Settings& settings) {
   std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGCHLD, SIG_DFL);  // ignored, as some programs leave it, a child has no status
   check_sinks(settings.sinks);
   const UniqueFd lock =
       settings.sinks.is_kept() ? lock_folder(settings.sinks.files_path) : UniqueFd();
