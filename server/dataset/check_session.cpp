@@ -77,6 +77,21 @@ class Check {
       next = sequence + 1;
     }
     check_end(next);
+    check_closing(next);
+  }
+
+  void check_closing(Sequence next) {
+    if (!session_.closing) return;
+    const auto& [has_ended, stats] = *session_.closing;
+    const std::uint64_t known = delivered_.size() + dropped_.size();
+    if (has_ended && stats && stats->captured > next) {
+      problem("frames {} to {} were neither delivered nor dropped", next, stats->captured - 1);
+    } else if (!has_ended && stats) {
+      problem("not ended: up to {} frames unaccounted for",
+              stats->captured > known ? stats->captured - known : 0);
+    } else if (!has_ended) {
+      problem("not ended: it is not known how many frames are missing at the end");
+    }
   }
 
   /// A frame's checksum is written before its line of times.txt, so one may be ahead of that.

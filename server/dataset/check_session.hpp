@@ -24,7 +24,8 @@ std::string summary(const SessionReport& report);
 
 /// Compares a session's folder with what SessionFiles leaves there: every line whole and in order,
 /// each frame's images there and as they were received, every number below the end delivered or
-/// dropped and not both, nothing else among the images, camera.txt as DSO reads it.
+/// dropped and not both, nothing else among the images, camera.txt as DSO reads it, and the session
+/// ended by the robot.
 ///
 /// An image is compared with its checksum; where the session was recorded without, the JPEG is
 /// decoded, which misses what still decodes. An error if `folder` is no session or cannot be read.

@@ -161,7 +161,9 @@ void Connection::handle(Message message) {
     }
     case wire::Type::kBye: {
       const auto bye = wire::parse_bye(message.header, message.body);
-      return bye ? session_->close(SessionEnd::kBye) : fail(bye.error());
+      if (!bye) return fail(bye.error());
+      session_->on_bye(bye.value());
+      return session_->close(SessionEnd::kBye);
     }
     case wire::Type::kError: {
       const auto error = wire::parse_error(message.header, message.body);

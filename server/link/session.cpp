@@ -138,11 +138,25 @@ void Session::on_committed(const wire::Position& upto, const std::optional<Error
 void Session::on_report(const wire::Report& report) {
   if (metrics_) metrics_->on_report(report);
   const wire::Stats& stats = report.stats;
+  closing_.stats = stats;
   spdlog::debug(
       "{}: captured {} = skipped {} + failed {} + dropped {} + acknowledged {} + waiting {} + "
       "in flight {}",
       name_, stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged,
       stats.waiting, stats.in_flight);
+}
+
+void Session::on_bye(const wire::Bye& bye) {
+  const auto& [captured, drops] = bye.position;
+  if (captured < position_.next_sequence || drops != position_.next_drop) {
+    spdlog::warn(
+        "{}: the robot's bye does not fit: {} frames captured, {} dropped; the record has "
+        "frames up to {}, {} dropped",
+        name_, captured, drops, position_.next_sequence, position_.next_drop);
+  }
+  closing_.has_ended = true;
+  if (!closing_.stats) closing_.stats.emplace();
+  closing_.stats->captured = captured;
 }
 
 void Session::begin(Job job) {
@@ -261,7 +275,7 @@ void Session::close(SessionEnd end) {
 /// All that was begun has ended: one sink after the other finishes.
 void Session::drain() {
   if (drained_ == sinks_.size()) return finish_close();
-  sinks_[drained_]->async_drain([self = shared_from_this()] {
+  sinks_[drained_]->async_drain(closing_, [self = shared_from_this()] {
     ++self->drained_;
     self->drain();
   });

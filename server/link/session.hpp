@@ -87,6 +87,9 @@ class Session : public std::enable_shared_from_this<Session> {
   void write_drops(wire::Dropped dropped, Taken taken);
   void on_report(const wire::Report& report);
 
+  /// The robot ends the session, with its totals: close(SessionEnd::kBye) follows.
+  void on_bye(const wire::Bye& bye);
+
   /// Ends the session when the sinks are done with what they have begun, or when `drain` is over.
   void close(SessionEnd end);
 
@@ -155,6 +158,7 @@ class Session : public std::enable_shared_from_this<Session> {
   bool is_draining_ = false;
   bool is_failing_ = false;
   std::optional<SessionEnd> end_;
+  SessionClosing closing_;
   std::size_t drained_ = 0;  // sinks
 };
 

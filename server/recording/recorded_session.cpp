@@ -101,12 +101,18 @@ Result<RecordedSession> read_recorded_session(const fs::path& folder) {
   if (!drops) return std::move(drops).error();
   auto calibration = read_text(folder / session_names::kCamera);
   if (!calibration) return std::move(calibration).error();
+  const auto end = read_text(folder / session_names::kEnd);
+  if (!end) return end.error();
   auto checksums = read_text(folder / session_names::kChecksums);
   if (!checksums) return std::move(checksums).error();
   parse_times(times.value(), session);
   parse_drops(drops.value(), session);
   parse_checksums(checksums.value(), session);
   session.calibration = std::move(calibration).value();
+  session.closing = closing_from_csv(end.value());
+  if (!end.value().empty() && !session.closing) {
+    session.problems.push_back(fmt::format("{}: cannot be read", session_names::kEnd));
+  }
   return session;
 }
 

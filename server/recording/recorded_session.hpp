@@ -11,6 +11,7 @@
 #include "common/drop_record.hpp"
 #include "common/error.hpp"
 #include "common/frame.hpp"
+#include "server/recording/session_closing.hpp"
 
 namespace orbbuf {
 
@@ -28,7 +29,8 @@ struct RecordedSession {
   std::vector<RecordedFrame> frames;  ///< in the order of the lines
   std::vector<DropRecord> drops;      ///< likewise
   bool is_stereo = false;
-  std::string calibration;  ///< of camera.txt; empty: there is none
+  std::optional<SessionClosing> closing;  ///< nothing: an older server has recorded it
+  std::string calibration;                ///< of camera.txt; empty: there is none
   /// By the image's path in the folder; empty if the session was recorded without.
   std::map<std::string, std::uint32_t> checksums;
   /// Lines that cannot be read, a torn last one among them; such are in none of the above.

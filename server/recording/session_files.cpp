@@ -186,8 +186,19 @@ std::optional<Error> SessionFiles::prepare() {
     const fs::path camera = folder_ / session_names::kCamera;
     if (auto error = write_file(camera, temporary_, as_bytes(calibration_))) return error;
   }
+  if (auto error = write_end({})) return error;  // open, also if it had ended before
   is_prepared_ = true;
   return std::nullopt;
+}
+
+std::optional<Error> SessionFiles::finish(const SessionClosing& closing) {
+  std::error_code ignored;  // then writing says why
+  if (!is_prepared_ && !fs::exists(folder_ / session_names::kEnd, ignored)) return std::nullopt;
+  return write_end(closing);
+}
+
+std::optional<Error> SessionFiles::write_end(const SessionClosing& closing) const {
+  return write_file(folder_ / session_names::kEnd, temporary_, as_bytes(to_csv(closing)));
 }
 
 }  // namespace orbbuf

@@ -20,6 +20,7 @@ namespace orbbuf {
 ///   times.txt           `123 1.633012000 0.000000`: sequence, seconds, exposure in ms (0: unknown)
 ///   camera.txt          the robot's calibration, if it sent one
 ///   drops.csv           the frames that will not come, kDropCsvHeader first
+///   end.csv             whether the robot has ended the session, and its counts (SessionClosing)
 ///   orphans/            what recover() found and could not explain; no program reads it
 ///   checksums.sfv       `images/000123.jpg 8C4F21D3`: each image's CRC-32, as cksfv and rhash
 ///                       read it
@@ -43,10 +44,13 @@ class SessionFiles final : public SessionRecord {
 
   std::optional<Error> write(const EncodedFrame& frame) override;
   std::optional<Error> write_drops(const wire::Dropped& dropped) override;
+  /// Of a session without any frame or drop record nothing is kept.
+  std::optional<Error> finish(const SessionClosing& closing) override;
 
  private:
   Result<bool> cut_false_tail();
   std::optional<Error> prepare();
+  std::optional<Error> write_end(const SessionClosing& closing) const;
   std::optional<Error> write_right(const EncodedFrame& frame);
   std::optional<Error> append_lines(const EncodedFrame& frame);
 

@@ -6,6 +6,7 @@
 #include "common/error.hpp"
 #include "common/frame.hpp"
 #include "common/wire.hpp"
+#include "server/recording/session_closing.hpp"
 
 namespace orbbuf {
 
@@ -18,8 +19,8 @@ class SessionRecord {
   virtual std::optional<Error> write(const EncodedFrame& frame) = 0;
   virtual std::optional<Error> write_drops(const wire::Dropped& dropped) = 0;
 
-  /// The session has ended, though it may be continued later.
-  virtual std::optional<Error> finish() { return std::nullopt; }
+  /// The session is closed, though it may be continued later.
+  virtual std::optional<Error> finish(const SessionClosing& closing) = 0;
 };
 
 }  // namespace orbbuf

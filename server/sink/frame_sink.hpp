@@ -7,6 +7,7 @@
 #include "common/error.hpp"
 #include "common/frame.hpp"
 #include "common/wire.hpp"
+#include "server/recording/session_closing.hpp"
 
 namespace orbbuf {
 
@@ -42,9 +43,12 @@ class FrameSink {
   virtual void cancel() {}
 
   /// Nothing more will be written: `drained` runs, possibly from within the call, when all that was
-  /// answered has gone where it goes. It may never end; close() ends it.
+  /// answered has gone where it goes. It may never end; close() ends it. A sink that keeps the
+  /// session keeps `closing`, too.
   // NOLINTNEXTLINE(performance-unnecessary-value-param): who overrides it keeps it
-  virtual void async_drain(std::function<void()> drained) { drained(); }
+  virtual void async_drain(const SessionClosing& /*closing*/, std::function<void()> drained) {
+    drained();
+  }
 
   /// Nothing more will be written; readers see the end. An outstanding call ends soon, with an
   /// error if need be, even where that leaves the reader with half a frame. Harmless when repeated.

@@ -69,12 +69,13 @@ void RecordSink::async_commit(Done done) {
 
 bool RecordSink::is_partly_taken() const { return job_->is_begun; }
 
-void RecordSink::async_drain(std::function<void()> drained) {
+void RecordSink::async_drain(const SessionClosing& closing, std::function<void()> drained) {
   run_in_pool(
       main_, pool_,
-      [job = job_] {
+      [job = job_, closing] {
         for (const auto& record : job->records) {
-          if (const auto error = record->finish()) spdlog::warn("not finished: {}", error->text);
+          if (const auto error = record->finish(closing))
+            spdlog::warn("not finished: {}", error->text);
         }
         return true;
       },

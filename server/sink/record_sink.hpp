@@ -44,8 +44,8 @@ class RecordSink final : public FrameSink {
   void async_write_drops(wire::Dropped dropped, Done done) override;
   bool is_partly_taken() const override;
   void async_commit(Done done) override;
-  /// The records get their index.
-  void async_drain(std::function<void()> drained) override;
+  /// The records get their index, and the session its end.
+  void async_drain(const SessionClosing& closing, std::function<void()> drained) override;
 
  private:
   struct Job;

@@ -178,7 +178,7 @@ std::optional<Error> Recording::write_drops(const wire::Dropped& dropped) {
   return file_.append(batch);
 }
 
-std::optional<Error> Recording::finish() {
+std::optional<Error> Recording::finish(const SessionClosing& /*closing*/) {
   File::Described described;
   std::set<std::uint16_t> schemas;
   for (const auto& [channel, sequence] : file_.contents().last_sequence) {

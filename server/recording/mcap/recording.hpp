@@ -48,7 +48,7 @@ class Recording final : public SessionRecord {
 
   std::optional<Error> write(const EncodedFrame& frame) override;
   std::optional<Error> write_drops(const wire::Dropped& dropped) override;
-  std::optional<Error> finish() override;
+  std::optional<Error> finish(const SessionClosing& closing) override;
 
  private:
   std::optional<Error> take_missed_drops(const std::filesystem::path& folder);

@@ -56,7 +56,7 @@ void PipeSink::cancel() {
   go_on();
 }
 
-void PipeSink::async_drain(std::function<void()> drained) {
+void PipeSink::async_drain(const SessionClosing& /*closing*/, std::function<void()> drained) {
   drained_ = std::move(drained);
   go_on();
 }

@@ -72,7 +72,7 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   void async_write_drops(wire::Dropped dropped, Done done) override;
   void cancel() override;
   /// Waits until the reader has caught up, or has left.
-  void async_drain(std::function<void()> drained) override;
+  void async_drain(const SessionClosing& closing, std::function<void()> drained) override;
   void close() override;
 
  private:

@@ -60,7 +60,37 @@ TEST_F(CheckSession, FindsNothingInASoundPair) {
 TEST_F(CheckSession, FindsNothingInOneOfWhichAllWasDropped) {
   SessionFiles files(session_, "");
   ASSERT_FALSE(files.write_drops({0, {{0, 0, DropReason::kShutdown}}}));
+  ASSERT_FALSE(files.finish({true, wire::Stats{1, 0, 0, 1, 0, 0, 0}}));
   EXPECT_THAT(problems(), IsEmpty());
+}
+
+TEST_F(CheckSession, SaysThatASessionHasNotEnded) {
+  record();
+  SessionFiles files(session_, "");
+  ASSERT_TRUE(files.recover());
+  ASSERT_FALSE(files.write(*test::jpeg_frame_ptr(10, kWidth, kHeight)));
+  EXPECT_THAT(problems(), ElementsAre("not ended: it is not known how many frames are missing at "
+                                      "the end"));
+  ASSERT_FALSE(files.finish({false, wire::Stats{25, 1, 1, 1, 8, 14, 0}}));
+  EXPECT_THAT(problems(), ElementsAre("not ended: up to 14 frames unaccounted for"));
+}
+
+TEST_F(CheckSession, NamesTheFramesAtTheEndThatNeverCame) {
+  record();
+  replace("end.csv", "ended,10,", "ended,12,");
+  EXPECT_THAT(problems(), ElementsAre("frames 10 to 11 were neither delivered nor dropped"));
+}
+
+TEST_F(CheckSession, ASessionOfAnOlderServerHasNoEnd) {
+  record();
+  fs::remove(session_ / "end.csv");
+  EXPECT_THAT(problems(), IsEmpty());
+}
+
+TEST_F(CheckSession, AnEndThatCannotBeReadIsAProblem) {
+  record();
+  write_file(session_ / "end.csv", "ended\n");
+  EXPECT_THAT(problems(), ElementsAre("end.csv: cannot be read"));
 }
 
 TEST_F(CheckSession, NamesAMissingImageOfEitherSide) {
@@ -106,6 +136,7 @@ TEST_F(CheckSession, NamesAnImageThatWasNoJpegWhenItCame) {
   record();
   SessionFiles files(session_, "");
   ASSERT_FALSE(files.write(test::plain_frame(10)));
+  ASSERT_FALSE(files.finish({true, {}}));
   EXPECT_THAT(problems(), ElementsAre(StartsWith("images/000010.jpg: cannot read the header")));
 }
 

@@ -37,6 +37,7 @@ class Recording : public testing::Test {
                                     {{4, 4 * kFrameNs, DropReason::kPolicy},
                                      {3, 3 * kFrameNs, DropReason::kBusy},
                                      {7, 7 * kFrameNs, DropReason::kFailed}}}));
+    ASSERT_FALSE(files.finish({true, wire::Stats{10, 1, 1, 1, 7, 0, 0}}));
   }
 
   TemporaryFolder folder_;

@@ -24,7 +24,8 @@ class FakeSink : public FrameSink {
     done_ = std::move(done);
   }
   void cancel() override { is_cancelled = true; }
-  void async_drain(std::function<void()> drained) override {
+  void async_drain(const SessionClosing& last, std::function<void()> drained) override {
+    closing = last;
     if (!is_draining) return drained();
     drained_ = std::move(drained);
   }
@@ -56,6 +57,7 @@ class FakeSink : public FrameSink {
   bool is_cancelled = false;
   bool is_closed = false;
   bool is_draining = false;
+  std::optional<SessionClosing> closing;
 
  private:
   wire::Position position_;
@@ -136,6 +138,30 @@ TEST_F(SessionTest, AFrameIsKeptWhenItsCommitIsDone) {
   EXPECT_EQ(session_->kept(), (wire::Position{1, 0}));  // the commit began before frame 1
   sink_->answer_commit();
   EXPECT_EQ(session_->kept(), (wire::Position{2, 0}));
+}
+
+TEST_F(SessionTest, TheSinksLearnHowTheSessionWasLeft) {
+  const test::CapturedLog log;
+  make({sink_});
+  session_->on_report({.stats = {9, 0, 1, 1, 6, 1, 0}});
+  session_->on_bye({{10, 0}});
+  session_->close(SessionEnd::kBye);
+  EXPECT_EQ(sink_->closing, (SessionClosing{true, wire::Stats{10, 0, 1, 1, 6, 1, 0}}));
+  EXPECT_TRUE(log.lines("does not fit").empty());
+}
+
+TEST_F(SessionTest, TotalsThatDoNotFitAreLogged) {
+  const test::CapturedLog log;
+  make({std::make_shared<FakeSink>(wire::Position{12, 3})});
+  session_->on_bye({{11, 3}});
+  EXPECT_EQ(log.lines("does not fit: 11 frames captured, 3 dropped").size(), 1U);
+}
+
+TEST_F(SessionTest, OneThatTheRobotLeftIsNotEnded) {
+  make({sink_});
+  session_->on_report({.stats = {9, 0, 1, 1, 6, 1, 0}});
+  session_->close(SessionEnd::kAbandoned);
+  EXPECT_EQ(sink_->closing, (SessionClosing{false, wire::Stats{9, 0, 1, 1, 6, 1, 0}}));
 }
 
 TEST_F(SessionTest, EachFailedTryOfASinkIsReported) {

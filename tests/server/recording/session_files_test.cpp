@@ -50,7 +50,8 @@ TEST_F(SessionFilesTest, LaysFramesOutAsDsoReadsThem) {
   EXPECT_FALSE(out.write(plain_frame(7)));
   EXPECT_FALSE(out.write(plain_frame(1234567)));
   using Names = std::vector<std::string>;
-  EXPECT_EQ(names(folder_), (Names{"camera.txt", "checksums.sfv", "images", "times.txt"}));
+  EXPECT_EQ(names(folder_),
+            (Names{"camera.txt", "checksums.sfv", "end.csv", "images", "times.txt"}));
   EXPECT_EQ(names(folder_ / "images"), (Names{"000000.jpg", "000007.jpg", "1234567.jpg"}));
   EXPECT_EQ(read_file(folder_ / "images/000007.jpg"), as_text(plain_frame(7).jpeg));
   EXPECT_EQ(read_file(folder_ / "times.txt"),
@@ -58,13 +59,28 @@ TEST_F(SessionFilesTest, LaysFramesOutAsDsoReadsThem) {
   EXPECT_EQ(read_file(folder_ / "camera.txt"), "Pinhole 1 2 3\n");
 }
 
+TEST_F(SessionFilesTest, IsOpenFromTheFirstWriteUntilItIsFinished) {
+  const auto end = [&] { return closing_from_csv(read_file(folder_ / "end.csv")); };
+  const SessionClosing ended{true, wire::Stats{1, 0, 0, 0, 1, 0, 0}};
+  auto out = files();
+  EXPECT_FALSE(out.finish(ended));
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "end.csv"));
+  EXPECT_FALSE(out.write(plain_frame(0)));
+  EXPECT_EQ(end(), SessionClosing{});
+  EXPECT_FALSE(out.finish(ended));
+  EXPECT_EQ(end(), ended);
+  auto again = files();
+  EXPECT_FALSE(again.write(plain_frame(1)));
+  EXPECT_EQ(end(), SessionClosing{});
+}
+
 TEST_F(SessionFilesTest, RightImagesOfStereoFramesHaveTheirOwnFolder) {
   auto out = files();
   EXPECT_FALSE(out.write(plain_pair(0, 10, 20)));
   EXPECT_FALSE(out.write(plain_pair(7, 30, 40)));
   using Names = std::vector<std::string>;
-  EXPECT_EQ(names(folder_),
-            (Names{"camera.txt", "checksums.sfv", "images", "images_right", "times.txt"}));
+  EXPECT_EQ(names(folder_), (Names{"camera.txt", "checksums.sfv", "end.csv", "images",
+                                   "images_right", "times.txt"}));
   EXPECT_EQ(names(folder_ / "images"), (Names{"000000.jpg", "000007.jpg"}));
   EXPECT_EQ(names(folder_ / "images_right"), names(folder_ / "images"));
   EXPECT_EQ(read_file(folder_ / "images/000007.jpg"), as_text(plain_pair(7, 30, 40).left()));

@@ -39,7 +39,7 @@ TEST(RemoveFolder, StopsAtTheDeadlineAndGoesOn) {
     if (is_gone.value()) break;
     ASSERT_LT(++steps, 100) << "the folder is not gone";
   }
-  EXPECT_EQ(steps, 24);  // 20 images in two folders, times.txt, checksums.sfv
+  EXPECT_EQ(steps, 25);  // 20 images in two folders, three lists
   EXPECT_FALSE(fs::exists(folder / "r/s"));
 }
 

@@ -25,7 +25,7 @@ struct Calls final : SessionRecord {
   std::optional<Error> write_drops(const wire::Dropped& /*dropped*/) override {
     return note("drops");
   }
-  std::optional<Error> finish() override {
+  std::optional<Error> finish(const SessionClosing& /*closing*/) override {
     log_ += name_ + " finish, ";
     return Error{"it failed"};
   }
@@ -96,7 +96,7 @@ TEST_F(RecordSinkTest, IsFinishedBeforeItIsDrained) {
   auto files = sink_of(std::make_unique<Calls>("a", calls));
   EXPECT_FALSE(write(*files, plain_frame_ptr(5)));
   bool is_drained = false;
-  files->async_drain([&] { is_drained = true; });
+  files->async_drain({}, [&] { is_drained = true; });
   files.reset();
   ASSERT_TRUE(run_until([&] { return is_drained; }));
   EXPECT_EQ(calls, "a write, a finish, ");
@@ -112,7 +112,7 @@ TEST_F(RecordSinkTest, WritesEachRecordInTurn) {
   EXPECT_FALSE(write(sink, plain_frame_ptr(5)));
   EXPECT_EQ(calls, "a write, b write, ");
   bool is_drained = false;
-  sink.async_drain([&] { is_drained = true; });
+  sink.async_drain({}, [&] { is_drained = true; });
   ASSERT_TRUE(run_until([&] { return is_drained; }));
   EXPECT_EQ(calls, "a write, b write, a finish, b finish, ");
 }

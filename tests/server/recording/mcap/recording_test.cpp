@@ -50,7 +50,7 @@ TEST_F(McapRecordingTest, RemembersHowFarItGot) {
   EXPECT_EQ(recovered(), (wire::Position{4, 2}));
   EXPECT_FALSE(out.write(plain_pair(9, 10, 10)));
   EXPECT_EQ(recovered(), (wire::Position{10, 2}));
-  EXPECT_FALSE(out.finish());
+  EXPECT_FALSE(out.finish({}));
   EXPECT_EQ(recovered(), (wire::Position{10, 2}));
 }
 
