@@ -8,6 +8,8 @@
 #include <boost/asio/signal_set.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <csignal>
+#include <cstdint>
+#include <limits>
 #include <utility>
 
 #include "common/service_status.hpp"
@@ -68,10 +70,14 @@ std::unique_ptr<FrameSource> open_source(const SourceSettings& settings) {
   return source;
 }
 
-/// A source that waits for room is not chosen from: it loses no frame, however late it becomes.
+/// A source that waits for room is not chosen from: it loses no frame, however late it becomes. It
+/// waits for `capacity`, since the bytes of its next frame are not known.
 BufferSettings buffer_settings(const Settings& settings, const FrameSource& source) {
   BufferSettings buffer = settings.buffer;
-  if (!source.is_live()) buffer.policy = "drop-oldest";
+  if (!source.is_live()) {
+    buffer.policy = "drop-oldest";
+    buffer.memory_bytes = std::numeric_limits<std::uint64_t>::max();
+  }
   return buffer;
 }
 
