@@ -24,7 +24,9 @@ sockaddr_in endpoint(const std::string& address, const std::string& port) {
   return result;
 }
 
-int make_socket() { return static_cast<int>(check(::socket(AF_INET, SOCK_STREAM, 0), "socket")); }
+int make_socket(int protocol) {
+  return static_cast<int>(check(::socket(AF_INET, SOCK_STREAM, protocol), "socket"));
+}
 
 }  // namespace
 
@@ -33,17 +35,17 @@ ssize_t check(ssize_t result, const std::string& attempt) {
   return result;
 }
 
-int connect_to(const std::string& address, const std::string& port) {
+int connect_to(const std::string& address, const std::string& port, int protocol) {
   const sockaddr_in server = endpoint(address, port);
-  const int socket = make_socket();
+  const int socket = make_socket(protocol);
   check(::connect(socket, reinterpret_cast<const sockaddr*>(&server), sizeof server),
         "connect to " + address);
   return socket;
 }
 
-int accept_one(const std::string& address, const std::string& port) {
+int accept_one(const std::string& address, const std::string& port, int protocol) {
   const sockaddr_in self = endpoint(address, port);
-  const int listener = make_socket();
+  const int listener = make_socket(protocol);
   check(::bind(listener, reinterpret_cast<const sockaddr*>(&self), sizeof self),
         "bind to " + address);
   check(::listen(listener, 1), "listen");

@@ -12,7 +12,6 @@ constexpr int kIdleSeconds = 5;
 constexpr int kIntervalSeconds = 2;
 constexpr int kProbes = 5;
 constexpr int kTcpRtoMaxMs = 44;  // TCP_RTO_MAX_MS, newer than the headers of Debian 12 and 13
-constexpr int kLongestRetransmissionMs = 1000;  // the kernel refuses less
 constexpr int kUnacknowledgedMs = 30'000;
 
 bool set(int socket, int level, int option, int value) {
@@ -27,8 +26,8 @@ bool keep_alive(int socket) {
          set(socket, IPPROTO_TCP, TCP_KEEPCNT, kProbes) && set(socket, SOL_SOCKET, SO_KEEPALIVE, 1);
 }
 
-void limit_retransmission_interval(int socket) {
-  set(socket, IPPROTO_TCP, kTcpRtoMaxMs, kLongestRetransmissionMs);
+void limit_retransmission_interval(int socket, std::chrono::milliseconds longest) {
+  set(socket, IPPROTO_TCP, kTcpRtoMaxMs, static_cast<int>(longest.count()));
 }
 
 bool limit_unacknowledged_time(int socket) {

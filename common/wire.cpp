@@ -115,6 +115,7 @@ std::vector<std::uint8_t> encode(const Welcome& welcome) {
 std::vector<std::uint8_t> encode(const Ack& ack) {
   Message message(Type::kAck);
   message.put_position(ack.position);
+  if (ack.received) message.put(*ack.received);
   return std::move(message).take();
 }
 

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -19,7 +20,8 @@
 namespace orbbuf::wire {
 
 inline constexpr std::uint32_t kMagic = 0x4F524242;  ///< "ORBB"
-inline constexpr std::uint8_t kProtocolVersion = 1;
+inline constexpr std::uint8_t kProtocolVersion = 2;  ///< the newest; since 2: Ack::received
+inline constexpr std::uint8_t kOldestProtocolVersion = 1;
 inline constexpr std::uint8_t kHeaderFormat = 1;
 inline constexpr std::uint8_t kJpegEncoding = 1;
 inline constexpr std::size_t kHeaderBytes = 20;
@@ -52,7 +54,7 @@ struct Header {
 };
 
 struct Hello {
-  std::uint8_t min_version = kProtocolVersion;
+  std::uint8_t min_version = kOldestProtocolVersion;
   std::uint8_t max_version = kProtocolVersion;
   std::string robot_id;     ///< is_valid_id()
   std::string session_id;   ///< is_valid_id()
@@ -78,8 +80,12 @@ struct Welcome {
   friend bool operator==(const Welcome&, const Welcome&) = default;
 };
 
+/// `position` may be forgotten by the robot: it is on the server's device, if that is asked for.
+/// What the server has received it may only keep in memory; the link has done its work.
 struct Ack {
   Position position;
+  /// Every frame below it is with the server's sinks; not below the position. Version 2 only.
+  std::optional<Sequence> received{};
 
   friend bool operator==(const Ack&, const Ack&) = default;
 };

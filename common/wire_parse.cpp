@@ -218,7 +218,12 @@ Parsed<Welcome> parse_welcome(const Header& header, std::span<const std::uint8_t
 Parsed<Ack> parse_ack(const Header& header, std::span<const std::uint8_t> body) {
   assert(header.type == Type::kAck);
   Body in(header, body);
-  return in.finish(Ack{in.take_position()});
+  Ack ack{in.take_position()};
+  if (in.left() > 0) {
+    ack.received = in.take<std::uint64_t>();
+    in.require(*ack.received >= ack.position.next_sequence, "received is below next_sequence");
+  }
+  return in.finish(ack);
 }
 
 Parsed<Dropped> parse_dropped(const Header& header, std::span<const std::uint8_t> body) {

@@ -11,6 +11,7 @@
 #include <ctime>
 #include <limits>
 #include <random>
+#include <set>
 
 #include "common/config.hpp"
 #include "common/log.hpp"
@@ -142,11 +143,27 @@ void read_plan(ConfigReader& config, PlanSettings& plan) {
       config.duration("link.largest_step", plan.largest_step, milliseconds(1), hours(1));
 }
 
+void read_interfaces(ConfigReader& config, LinkSettings& link) {
+  constexpr std::size_t kMost = 8;
+  link.interfaces = config.texts("link.interfaces");
+  const std::set<std::string> different(link.interfaces.begin(), link.interfaces.end());
+  if (different.size() != link.interfaces.size()) {
+    config.fail("link.interfaces", "names an interface twice");
+  }
+  if (different.contains("")) config.fail("link.interfaces", "the name of an interface is empty");
+  if (different.size() > kMost) {
+    config.fail("link.interfaces", "more than " + std::to_string(kMost) + " interfaces");
+  }
+  link.return_after =
+      config.duration("link.return_after", link.return_after, milliseconds(0), hours(24));
+}
+
 void read_link(ConfigReader& config, LinkSettings& link) {
   const auto server = parse_address(config.text("link.server", to_string(link.server)));
   if (!server) config.fail("link.server", server.error().text);
   link.server = server.value();
   if (link.server.port == 0) config.fail("link.server", "port must not be 0");
+  read_interfaces(config, link);
   link.attempt_interval =
       config.duration("link.attempt_interval", link.attempt_interval, milliseconds(20), hours(1));
   link.connect_timeout =

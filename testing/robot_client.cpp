@@ -49,13 +49,17 @@ void RobotClient::send_frame(const EncodedFrame& frame) const {
   send(frame.jpeg);
 }
 
-std::optional<wire::Position> RobotClient::hello(const std::string& robot,
-                                                 const std::string& session) const {
+void RobotClient::send_hello(const std::string& robot, const std::string& session) const {
   wire::Hello hello;
   hello.robot_id = robot;
   hello.session_id = session;
   hello.software = "test";
   send(wire::encode(hello));
+}
+
+std::optional<wire::Position> RobotClient::hello(const std::string& robot,
+                                                 const std::string& session) const {
+  send_hello(robot, session);
   return welcome();
 }
 
@@ -66,9 +70,15 @@ std::optional<wire::Position> RobotClient::welcome() const {
 }
 
 std::optional<wire::Position> RobotClient::ack() const {
+  const auto whole = whole_ack();
+  if (!whole) return std::nullopt;
+  return whole->position;
+}
+
+std::optional<wire::Ack> RobotClient::whole_ack() const {
   const auto message = read(wire::Type::kAck);
   if (!message) return std::nullopt;
-  return wire::parse_ack(message->header, message->body).value().position;
+  return wire::parse_ack(message->header, message->body).value();
 }
 
 std::optional<wire::Position> RobotClient::bye() const {

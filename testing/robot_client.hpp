@@ -23,12 +23,14 @@ class RobotClient {
   void send(std::span<const std::uint8_t> bytes) const;
   void send_text(std::string_view text) const;
   void send_frame(const EncodedFrame& frame) const;
+  void send_hello(const std::string& robot, const std::string& session) const;
   /// Says hello and returns where the welcome puts the robot; nothing if there was none.
   std::optional<wire::Position> hello(const std::string& robot, const std::string& session) const;
 
   /// Reads the next message if it is of that kind.
   std::optional<wire::Position> welcome() const;
   std::optional<wire::Position> ack() const;
+  std::optional<wire::Ack> whole_ack() const;
   std::optional<wire::Position> bye() const;
   std::optional<wire::ErrorMessage> error() const;
   /// Reads acks until one covers `next` frames. False if something else comes.

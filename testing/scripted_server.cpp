@@ -65,8 +65,8 @@ void ScriptedServer::send(const std::vector<std::uint8_t>& bytes) {
   asio::write(socket_, asio::buffer(bytes), ignored);
 }
 
-void ScriptedServer::ack(const wire::Position& position) {
-  send(wire::encode(wire::Ack{position}));
+void ScriptedServer::ack(const wire::Position& position, std::optional<Sequence> received) {
+  send(wire::encode(wire::Ack{position, received.value_or(position.next_sequence)}));
 }
 
 void ScriptedServer::close() { socket_.close(); }

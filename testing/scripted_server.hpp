@@ -40,7 +40,8 @@ class ScriptedServer {
   /// The next message of that type; others before it are read and forgotten.
   Message read(wire::Type type);
   void send(const std::vector<std::uint8_t>& bytes);
-  void ack(const wire::Position& position);
+  /// received: all that is acknowledged, unless the test says more.
+  void ack(const wire::Position& position, std::optional<Sequence> received = std::nullopt);
   void close();
 
  private:

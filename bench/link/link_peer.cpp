@@ -2,13 +2,13 @@
 // What the bench of the link measures with, and against:
 //   send ADDRESS PORT BYTES FPS   a camera over one plain, blocking TCP connection
 //   receive ADDRESS PORT          its other end: a line for each whole frame, TIME BYTES
+//                                 send and receive: a last word, mptcp, for Multipath TCP
 //   read FPS                      a SLAM program that takes at most FPS frames a second from its
 //                                 standard input: a line for each, TIME BYTES NUMBER
 //   watch FOLDER                  the same line, and the file's name, for each file that is renamed
 //                                 into FOLDER
 //   path NEAR FAR SECONDS         two network interfaces, and the packets between them, each of
-//   which
-//                                 takes that long
+//                                 which takes that long
 // TIME is in seconds of the system's clock. Each runs until it is killed.
 #include <arpa/inet.h>
 #include <sys/inotify.h>
@@ -38,6 +38,8 @@ using orbbuf::bench::check;
 
 using Clock = std::chrono::steady_clock;
 
+constexpr int kMultipath = 262;  // IPPROTO_MPTCP, of <linux/in.h>, which excludes <netinet/in.h>
+
 void print_frame(std::size_t bytes, const char* name = "") {
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   const auto microseconds = std::chrono::duration_cast<std::chrono::microseconds>(now).count();
@@ -49,8 +51,9 @@ void print_frame(std::size_t bytes, const char* name = "") {
 
 /// A frame is its length, 4 bytes, and that many bytes. What the camera has captured while send()
 /// blocked is lost: nothing is queued but by the kernel.
-void send(const std::string& address, const std::string& port, std::size_t bytes, double fps) {
-  const int socket = orbbuf::bench::connect_to(address, port);
+void send(const std::string& address, const std::string& port, std::size_t bytes, double fps,
+          int protocol) {
+  const int socket = orbbuf::bench::connect_to(address, port, protocol);
   std::vector<std::uint8_t> frame(sizeof(std::uint32_t) + bytes, 'x');
   const std::uint32_t length = htonl(static_cast<std::uint32_t>(bytes));
   std::memcpy(frame.data(), &length, sizeof length);
@@ -68,8 +71,8 @@ bool receive_all(int socket, std::uint8_t* to, std::size_t size) {
   return static_cast<std::size_t>(check(::recv(socket, to, size, MSG_WAITALL), "receive")) == size;
 }
 
-void receive(const std::string& address, const std::string& port) {
-  const int socket = orbbuf::bench::accept_one(address, port);
+void receive(const std::string& address, const std::string& port, int protocol) {
+  const int socket = orbbuf::bench::accept_one(address, port, protocol);
   std::vector<std::uint8_t> frame;
   for (std::array<std::uint8_t, sizeof(std::uint32_t)> head{};
        receive_all(socket, head.data(), head.size());) {
@@ -118,11 +121,14 @@ void watch(const std::string& folder) {
   }
 }
 
-int run(const std::vector<std::string>& words) {
+int run(std::vector<std::string> words) {
+  const bool is_multipath = !words.empty() && words.back() == "mptcp";
+  if (is_multipath) words.pop_back();
+  const int protocol = is_multipath ? kMultipath : 0;
   if (words.size() == 5 && words[0] == "send") {
-    send(words[1], words[2], std::stoul(words[3]), std::stod(words[4]));
+    send(words[1], words[2], std::stoul(words[3]), std::stod(words[4]), protocol);
   } else if (words.size() == 3 && words[0] == "receive") {
-    receive(words[1], words[2]);
+    receive(words[1], words[2], protocol);
   } else if (words.size() == 2 && words[0] == "read") {
     read(std::stod(words[1]));
   } else if (words.size() == 2 && words[0] == "watch") {
@@ -133,7 +139,8 @@ int run(const std::vector<std::string>& words) {
                                      std::chrono::duration<double>(std::stod(words[3]))));
   } else {
     std::fputs(
-        "usage: orbbuf-link-peer send ADDRESS PORT BYTES FPS | receive ADDRESS PORT | "
+        "usage: orbbuf-link-peer send ADDRESS PORT BYTES FPS [mptcp] | receive ADDRESS PORT "
+        "[mptcp] | "
         "read FPS | watch FOLDER | path NEAR FAR SECONDS\n",
         stderr);
     return 2;

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
 # To be sourced after return.sh: how soon frames come after an outage of a link with a long round trip,
-# how long a robot needs to connect over it, what a name server behind the outage changes, and what
+# how long a robot needs to connect over it, what a name server behind the outage changes, for the end of the program too, and what
 # the attempts to connect cost.
 ADDRESS_far=10.78.0.2
 PATH_MS=(50 300 600 2000)
@@ -70,6 +70,21 @@ names() { # REPEATS
   read -r median worst < <(of_returns 20 name)
   results+=("RESULT link.name_return_median_s $median" "RESULT link.name_return_worst_s $worst")
   stop_from "$first"
+  end_in_lookup
+}
+
+# end_in_lookup: SIGTERM to a robot without frames to deliver, whose name server never answers. Wants
+# names's `on_robot`.
+end_in_lookup() {
+  local signalled
+  cut_link
+  start lookup "${on_robot[@]}" "$build/daemon/orbbufd" --set robot.id=r --set link.server=slam:7722 \
+    --set 'link.drain_timeout=0 s' --set 'link.connect_timeout=1 s'
+  wait_for lookup 'cannot resolve slam: no answer'
+  signalled=$EPOCHREALTIME
+  stop_from $((${#pids[@]} - 1))
+  results+=("$(awk -v a="$signalled" -v b="$EPOCHREALTIME" 'BEGIN { printf "RESULT link.name_sigterm_s %.3f", b - a }')")
+  mend_link
 }
 
 # sent_bytes COUNTER: what the robot has sent by now of what that counts.

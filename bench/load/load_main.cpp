@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Many robots from one process into one real server that writes files: whether all is delivered,
 // how soon it is on disk, and what the server takes for it. Then many robots that only say that
-// they are there.
+// they are there. Then one that comes back to a session of many frames, while another streams.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <boost/asio/io_context.hpp>
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
+#include <fstream>
+#include <future>
 #include <memory>
 
 #include "bench/load/robot.hpp"
@@ -15,7 +17,11 @@
 #include "bench/run_program.hpp"
 #include "bench/watched_process.hpp"
 #include "common/address.hpp"
+#include "common/as_bytes.hpp"
+#include "server/recording/session_lines.hpp"
+#include "server/recording/session_names.hpp"
 #include "testing/process.hpp"
+#include "testing/robot_client.hpp"
 
 namespace {
 
@@ -31,6 +37,7 @@ using Seconds = std::chrono::duration<double>;
 
 constexpr std::chrono::seconds kPatience{60};
 constexpr milliseconds kSampling{50};
+constexpr std::size_t kResumedFrames = 300'000;
 
 struct Options {
   std::string server;
@@ -42,6 +49,7 @@ struct Options {
   std::size_t idle_robots = 500;
   double idle_seconds = 20;
   std::uint64_t seed = 1;
+  std::string sync = "ack";
 };
 
 /// orbbuf-server with its files in a folder of the work folder, until end().
@@ -53,7 +61,7 @@ class Server {
                   "listen.max_connections=" + std::to_string(robots), "--set",
                   "listen.max_connections_per_address=" + std::to_string(robots), "--set",
                   "listen.max_robots=" + std::to_string(robots), "--set",
-                  "files.path=" + files_.string()}) {
+                  "files.path=" + files_.string(), "--set", "files.sync=" + options.sync}) {
     const std::string words = "listening on ";
     const auto line = process_.wait_for_line(words);
     if (!line) throw std::runtime_error("no server: " + process_.output());
@@ -133,21 +141,31 @@ void result(const char* name, double value) { std::printf("RESULT load.%s %.5g\n
 
 double milliseconds_of(nanoseconds time) { return Seconds(time).count() * 1000; }
 
-void report_latency(const Fleet& fleet) {
+/// Of all robots' `latencies`; returns the 99th percentile in ms.
+double report_latency(const Fleet& fleet, const char* until,
+                      const std::vector<nanoseconds>& (Robot::*latencies)() const) {
   std::vector<nanoseconds> all;
   for (const auto& robot : fleet.robots()) {
-    all.insert(all.end(), robot->latencies().begin(), robot->latencies().end());
+    const auto& of_robot = ((*robot).*latencies)();
+    all.insert(all.end(), of_robot.begin(), of_robot.end());
   }
   std::ranges::sort(all);
-  nanoseconds late{};
-  for (const auto& robot : fleet.robots()) late = std::max(late, robot->most_late());
   const auto share = [&](double part) {
     return milliseconds_of(all[static_cast<std::size_t>(part * static_cast<double>(all.size()))]);
   };
-  std::printf("  capture to ack: median %.1f ms, p99 %.1f ms, p99.9 %.1f ms, worst %.1f ms\n",
+  std::printf("  capture to %s: median %.1f ms, p99 %.1f ms, p99.9 %.1f ms, worst %.1f ms\n", until,
               share(0.5), share(0.99), share(0.999), milliseconds_of(all.back()));
+  return share(0.99);
+}
+
+void report_latencies(const Fleet& fleet) {
+  const double received_ms = report_latency(fleet, "received", &Robot::received_latencies);
+  const double ack_ms = report_latency(fleet, "ack", &Robot::latencies);
+  nanoseconds late{};
+  for (const auto& robot : fleet.robots()) late = std::max(late, robot->most_late());
   std::printf("  of which before the frame was made: at most %.1f ms\n", milliseconds_of(late));
-  result("p99_ms", share(0.99));
+  result("received_p99_ms", received_ms);
+  result("p99_ms", ack_ms);
 }
 
 void report_delivered(const Fleet& fleet, const Content& content, const fs::path& files) {
@@ -191,7 +209,7 @@ void stream(const Options& options) {
   std::printf("  server: resident %lu KiB without robots, at most %lu KiB\n", empty_kib, peak_kib);
   std::printf("  all TCP sockets of this machine, both ends: at most %lu KiB more than before\n",
               tcp_kib - idle_tcp_kib);
-  report_latency(fleet);
+  report_latencies(fleet);
   std::printf("  server's threads ready to run, but others had the processors: %.2f s\n",
               waited.count());
   result("kib_per_robot", static_cast<double>(peak_kib - empty_kib) / robots);
@@ -224,15 +242,66 @@ void idle(const Options& options) {
   server.end();
 }
 
+/// The folder of a session as a server has left it, with images of one byte.
+void make_session(const fs::path& folder, std::size_t frames) {
+  namespace names = orbbuf::session_names;
+  namespace lines = orbbuf::session_lines;
+  const std::string image = "i";
+  const auto crc = orbbuf::wire::crc32(orbbuf::as_bytes(image));
+  fs::create_directories(folder / names::kImages);
+  std::ofstream times(folder / names::kTimes);
+  std::ofstream checksums(folder / names::kChecksums);
+  for (orbbuf::Sequence i = 0; i < frames; ++i) {
+    std::ofstream(folder / names::left_image(i)) << image;
+    const auto time = static_cast<std::int64_t>(i) * 40'000'000;
+    times << lines::to_text({i, time, "0.000000"}) << '\n';
+    checksums << lines::checksum(names::left_image(i), crc) << '\n';
+  }
+  if (!times.flush() || !checksums.flush())
+    throw std::runtime_error("cannot write to " + folder.string());
+}
+
+void resume(const Options& options) {
+  const Content content(options.seed, options.bytes);
+  const auto interval = std::chrono::duration_cast<nanoseconds>(Seconds(1 / options.fps));
+  const auto length = std::chrono::seconds(2);
+  make_session(options.work / "resume/back/load", kResumedFrames);
+  Server server(options, "resume", 2);
+  Fleet fleet(content, 1, static_cast<std::uint64_t>(2 * options.fps), interval);
+  fleet.connect(server.endpoint());
+  auto resumed = std::async(std::launch::async, [&] {
+    const orbbuf::test::RobotClient robot(server.endpoint().port());
+    const auto begin = Clock::now();
+    const auto position = robot.hello("back", Robot::kSession);
+    if (!position || position->next_sequence != kResumedFrames) {
+      throw std::runtime_error("the session was not resumed");
+    }
+    return Seconds(Clock::now() - begin).count();
+  });
+  fleet.stream(length, [] {});
+  const double took = resumed.get();
+  const double p99_ms = report_latency(fleet, "ack", &Robot::latencies);
+  std::printf("RESULT recover.resume_s.300k %.3f\nRESULT recover.other_ack_p99_ms %.1f\n", took,
+              p99_ms);
+  fleet.end();
+  server.end();
+}
+
 void run(const Options& options) {
   std::printf("load: seed %lu; %zu robots, %g fps, %zu bytes, %g s\n", options.seed, options.robots,
               options.fps, options.bytes, options.seconds);
   std::fflush(stdout);
   stream(options);
-  std::printf("load: %zu robots that only send their stats, %g s\n", options.idle_robots,
-              options.idle_seconds);
+  if (options.idle_robots > 0) {
+    std::printf("load: %zu robots that only send their stats, %g s\n", options.idle_robots,
+                options.idle_seconds);
+    std::fflush(stdout);
+    idle(options);
+  }
+  std::printf(
+      "load: a robot that resumes a session of 300,000 frames, while another one streams\n");
   std::fflush(stdout);
-  idle(options);
+  resume(options);
 }
 
 }  // namespace
@@ -246,9 +315,10 @@ int main(int argc, char** argv) {
   app.add_option("--fps", options.fps, "of each robot")->check(CLI::PositiveNumber);
   app.add_option("--bytes", options.bytes, "of each frame")->check(CLI::PositiveNumber);
   app.add_option("--seconds", options.seconds)->check(CLI::PositiveNumber);
-  app.add_option("--idle-robots", options.idle_robots)->check(CLI::PositiveNumber);
+  app.add_option("--idle-robots", options.idle_robots, "0: none")->check(CLI::NonNegativeNumber);
   app.add_option("--idle-seconds", options.idle_seconds)->check(CLI::PositiveNumber);
   app.add_option("--seed", options.seed, "of the images");
+  app.add_option("--sync", options.sync, "files.sync of the server");
   const auto quick = [&] {
     options.seconds = 10;
     options.idle_seconds = 5;

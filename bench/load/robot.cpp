@@ -23,6 +23,7 @@ constexpr std::chrono::seconds kQuietAccountInterval{4};
 Robot::Robot(asio::io_context& io, const Content& content, Plan plan)
     : content_(content), plan_(plan), socket_(io), capture_timer_(io), stats_timer_(io) {
   latencies_.reserve(plan_.frames);
+  received_latencies_.reserve(plan_.frames);
 }
 
 std::string Robot::id() const { return "robot-" + std::to_string(plan_.number); }
@@ -132,7 +133,7 @@ void Robot::take(const wire::Header& header) {
       std::exchange(welcome_, nullptr)();
       return read();
     case wire::Type::kAck:
-      take_ack(wire::parse_ack(header, body_).value().position);
+      take_ack(wire::parse_ack(header, body_).value());
       return read();
     case wire::Type::kBye:
       if (!ended_) throw std::runtime_error(id() + ": the server says bye too soon");
@@ -145,12 +146,17 @@ void Robot::take(const wire::Header& header) {
   }
 }
 
-void Robot::take_ack(const wire::Position& position) {
+void Robot::take_ack(const wire::Ack& ack) {
   const auto now = Clock::now();
-  while (!kept_.empty() && kept_.front().frame->sequence < position.next_sequence) {
+  const Sequence received = ack.received.value_or(ack.position.next_sequence);
+  for (; received_latencies_.size() < received; ++received_) {
+    received_latencies_.push_back(now - kept_[received_].captured);
+  }
+  while (!kept_.empty() && kept_.front().frame->sequence < ack.position.next_sequence) {
     latencies_.push_back(now - kept_.front().captured);
     kept_.pop_front();
     --sent_;
+    --received_;
   }
   if (latencies_.size() == plan_.frames && settled_) std::exchange(settled_, nullptr)();
 }

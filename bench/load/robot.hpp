@@ -51,6 +51,10 @@ class Robot {
   std::chrono::nanoseconds most_late() const { return most_late_; }
   /// From each frame's capture to its ack, in the order of the acks.
   const std::vector<std::chrono::nanoseconds>& latencies() const { return latencies_; }
+  /// The same to when the server said that it had received the frame.
+  const std::vector<std::chrono::nanoseconds>& received_latencies() const {
+    return received_latencies_;
+  }
 
  private:
   struct Kept {
@@ -66,7 +70,7 @@ class Robot {
   void write_next();
   void read();
   void take(const wire::Header& header);
-  void take_ack(const wire::Position& position);
+  void take_ack(const wire::Ack& ack);
   /// Throws if `failed`.
   void check(const boost::system::error_code& failed, const char* attempt) const;
 
@@ -80,9 +84,11 @@ class Robot {
   std::function<void()> ended_;
 
   std::uint64_t captured_ = 0;
-  std::deque<Kept> kept_;  // captured, not acknowledged
-  std::size_t sent_ = 0;   // how many of kept_ are written
+  std::deque<Kept> kept_;     // captured, not acknowledged
+  std::size_t sent_ = 0;      // how many of kept_ are written
+  std::size_t received_ = 0;  // how many of kept_ the server has received
   std::vector<std::chrono::nanoseconds> latencies_;
+  std::vector<std::chrono::nanoseconds> received_latencies_;
   std::chrono::nanoseconds most_late_{};
 
   bool is_writing_ = false;

@@ -66,7 +66,7 @@ class Simulation {
       free_at_ns_ = link_(begin_ns, frame->jpeg.size());
       delivery_.end_ns.push_back(free_at_ns_);
       rate_.on_written(time(begin_ns), frame->sequence, frame->jpeg.size());
-      rate_.on_acknowledged(time(free_at_ns_), frame->sequence + 1, std::chrono::nanoseconds(0));
+      rate_.on_received(time(free_at_ns_), frame->sequence + 1, std::chrono::nanoseconds(0));
       buffer_.acknowledge(frame->sequence + 1);
     }
   }

@@ -103,18 +103,19 @@ bool FrameBuffer::prepare() {
 bool FrameBuffer::wait_for_room(const std::stop_token& stop) {
   std::unique_lock lock(mutex_);
   return wait_beating(room_, lock, stop, [this] {
-    return waiting_.size() < limits_.frames && waiting_bytes_ < limits_.bytes;
+    return waiting_.size() < limits_.frames && waiting_bytes_ + in_flight_bytes_ < limits_.bytes;
   });
 }
 
 FramePtr FrameBuffer::take(const SendMoment& moment) {
   const std::lock_guard lock(mutex_);
-  if (waiting_.empty()) return nullptr;
+  if (waiting_.empty() || !may_take()) return nullptr;
   const auto chosen = waiting_.begin() + static_cast<std::ptrdiff_t>(planner_ ? choose(moment) : 0);
   for (auto passed = waiting_.begin(); passed != chosen; ++passed) {
     drop(*passed, kUnknownSimilarity);
   }
   waiting_bytes_ -= chosen->frame->jpeg.size();
+  in_flight_bytes_ += chosen->frame->jpeg.size();
   in_flight_.push_back(std::move(*chosen));
   waiting_.erase(waiting_.begin(), chosen + 1);
   room_.notify_all();
@@ -125,17 +126,19 @@ void FrameBuffer::acknowledge(Sequence next) {
   const std::lock_guard lock(mutex_);
   auto first = in_flight_.begin();
   for (; first != in_flight_.end() && first->frame->sequence < next; ++first) {
+    in_flight_bytes_ -= first->frame->jpeg.size();
     count_delivered(*first);
   }
   in_flight_.erase(in_flight_.begin(), first);
+  room_.notify_all();
 }
 
 void FrameBuffer::return_in_flight() {
   const std::lock_guard lock(mutex_);
   for (Entry& entry : in_flight_) {
     entry.was_taken = true;
-    waiting_bytes_ += entry.frame->jpeg.size();
   }
+  waiting_bytes_ += std::exchange(in_flight_bytes_, 0);
   waiting_.insert(waiting_.begin(), std::make_move_iterator(in_flight_.begin()),
                   std::make_move_iterator(in_flight_.end()));
   in_flight_.clear();
@@ -199,7 +202,7 @@ void FrameBuffer::give_up() {
   unconfirmed_drops_.clear();
   in_flight_.clear();
   waiting_.clear();
-  waiting_bytes_ = 0;
+  waiting_bytes_ = in_flight_bytes_ = 0;
   room_.notify_all();
 }
 
@@ -228,7 +231,13 @@ wire::Stats FrameBuffer::current_stats() const {
 
 bool FrameBuffer::is_over_limit() const {
   return waiting_.size() > limits_.frames ||
-         (waiting_bytes_ > limits_.bytes && waiting_.size() > 1);
+         (waiting_bytes_ + in_flight_bytes_ > limits_.bytes && waiting_.size() > 1);
+}
+
+bool FrameBuffer::may_take() const {
+  if (in_flight_.size() < 2) return true;  // one is sent while the next one waits
+  return in_flight_.size() < std::max(limits_.frames, kMostInFlight) &&
+         in_flight_bytes_ < limits_.bytes / 2;
 }
 
 /// If the capture time goes back, the position stays the same for this frame.

@@ -19,10 +19,12 @@
 
 namespace orbbuf {
 
-/// The limits on the frames that wait.
+/// The limits on the frames in the buffer.
 struct BufferLimits {
-  std::size_t frames = std::numeric_limits<std::size_t>::max();  ///< >= 3
-  std::size_t bytes = std::numeric_limits<std::size_t>::max();   ///< of JPEG
+  /// Of the waiting frames, >= 3. As many may be in flight, or kMostInFlight if that is more.
+  std::size_t frames = std::numeric_limits<std::size_t>::max();
+  /// Of JPEG, those in flight included, which take half of it at most.
+  std::size_t bytes = std::numeric_limits<std::size_t>::max();
 };
 
 /// The robot's frames from capture to acknowledgement, and the count of what became of each.
@@ -48,10 +50,13 @@ struct BufferLimits {
 /// quality 80; and with OrbPolicy, once it has waited behind another, its features, 16 KB for 500.
 /// Besides the frames, the lists allocate only when they become longer than they ever were.
 /// Invariants: sequence numbers strictly increase from the first in flight to the last waiting;
-/// stats() always adds up. After a push the waiting frames are within the limits, except that the
-/// newest is always kept; returned frames may exceed the limits until the next push.
+/// stats() always adds up. After a push all is within the limits, except that the newest frame is
+/// always kept, and two frames in flight; returned frames may exceed the limit in frames until the
+/// next push.
 class FrameBuffer {
  public:
+  static constexpr std::size_t kMostInFlight = 32;
+
   /// limits.frames >= 3, since a policy compares the two neighbours of a frame. Throws
   /// std::invalid_argument below that. `planner` may be null: frames are then taken in order.
   FrameBuffer(BufferLimits limits, std::unique_ptr<DropPolicy> policy,
@@ -73,7 +78,8 @@ class FrameBuffer {
   bool wait_for_room(const std::stop_token& stop);
 
   /// `main`: hands the oldest frame to the network, or, with a planner, the one that it chooses
-  /// (giving up those before it). Null if none waits.
+  /// (giving up those before it). Null if none waits, or if so much is in flight as may be: then
+  /// the server receives frames faster than it brings them onto its device, or not at all.
   FramePtr take(const SendMoment& moment = {});
   /// `main`: the server has acknowledged every frame in flight below `next`.
   void acknowledge(Sequence next);
@@ -113,6 +119,7 @@ class FrameBuffer {
   // All require mutex_.
   wire::Stats current_stats() const;
   bool is_over_limit() const;
+  bool may_take() const;
   double next_position(const EncodedFrame& frame);
   std::size_t choose(const SendMoment& moment);
   void update_view();
@@ -132,6 +139,7 @@ class FrameBuffer {
   std::vector<Entry> waiting_;                  // some dozens at most; with a planner, thousands
   std::size_t waiting_bytes_ = 0;               // of their JPEGs
   std::vector<Entry> in_flight_;
+  std::size_t in_flight_bytes_ = 0;  // of their JPEGs
   Entry last_acknowledged_;  // the newest of them: the head's neighbour when none is in flight
   std::optional<std::int64_t> last_capture_time_ns_;  // of the last push
   double last_position_s_ = 0;                        // of the same

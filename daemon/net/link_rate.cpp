@@ -23,16 +23,16 @@ void LinkRate::on_written(Time now, Sequence sequence, std::size_t bytes) {
   on_their_way_.push_back({sequence, bytes, now});
 }
 
-/// Frames that are acknowledged together are one observation.
-void LinkRate::on_acknowledged(Time now, Sequence next, std::chrono::nanoseconds round_trip) {
+/// Frames that are received together are one observation.
+void LinkRate::on_received(Time now, Sequence next, std::chrono::nanoseconds round_trip) {
   if (on_their_way_.empty() || on_their_way_.front().sequence >= next) return;
-  const Time begin = std::max(acknowledged_time_, on_their_way_.front().time + round_trip);
+  const Time begin = std::max(received_time_, on_their_way_.front().time + round_trip);
   double bytes = 0;
   while (!on_their_way_.empty() && on_their_way_.front().sequence < next) {
     bytes += static_cast<double>(on_their_way_.front().bytes);
     on_their_way_.pop_front();
   }
-  acknowledged_time_ = now;
+  received_time_ = now;
   observe(bytes, std::max(kShortestService, to_seconds(now - begin)));
 }
 

@@ -9,25 +9,25 @@
 
 namespace orbbuf {
 
-/// How fast the link and the server take frames, measured by the server's acknowledgements, and how
-/// much may be on its way.
+/// How fast the link and the server take frames, measured by when the server says that it has
+/// received them, and how much may be on its way.
 ///
 /// Frames queue for the link, so the service of a frame begins when the one before it has been
-/// acknowledged, or when it was written, whichever is later; the path's own round trip is no
+/// received, or when it was written, whichever is later; the path's own round trip is no
 /// service. The rate is what was served over how long that took, of about the last 16 frames and
 /// the last second of service. A server slower than the link counts like a slow link: its
-/// acknowledgements come later. Knows no clock and no socket. Reentrant.
+/// answers come later. Knows no clock and no socket. Reentrant.
 class LinkRate {
  public:
   using Time = std::chrono::steady_clock::time_point;
 
   void on_written(Time now, Sequence sequence, std::size_t bytes);
   /// The server has every frame below `next`. round_trip: the path's shortest.
-  void on_acknowledged(Time now, Sequence next, std::chrono::nanoseconds round_trip);
-  /// The connection broke: what is on its way will not be acknowledged, and tells nothing.
+  void on_received(Time now, Sequence next, std::chrono::nanoseconds round_trip);
+  /// The connection broke: what is on its way will not be answered, and tells nothing.
   void on_lost() { on_their_way_.clear(); }
 
-  /// 0 until a frame has been acknowledged. An outage does not change it: one observation counts
+  /// 0 until a frame has been received. An outage does not change it: one observation counts
   /// for at most four times as long as expected, as long as it is the only one of its kind.
   double bytes_per_s() const;
 
@@ -45,8 +45,8 @@ class LinkRate {
   void observe(double bytes, double service_s);
 
   std::deque<Written> on_their_way_;
-  Time acknowledged_time_;  // of the last frame that was
-  double bytes_ = 0;        // sums, of which the old part fades
+  Time received_time_;  // of the last frame that was
+  double bytes_ = 0;    // sums, of which the old part fades
   double service_s_ = 0;
   double longest_ = 4;  // one observation, as a multiple of what is expected of it
 };

@@ -45,8 +45,9 @@ void Sender::on_disconnected() {
   buffer_.return_in_flight();
 }
 
-void Sender::on_ack(const wire::Position& position) {
-  rate_.on_acknowledged(Clock::now(), position.next_sequence, round_trip());
+void Sender::on_ack(const wire::Ack& ack) {
+  const auto& position = ack.position;
+  rate_.on_received(Clock::now(), ack.received.value_or(position.next_sequence), round_trip());
   buffer_.acknowledge(position.next_sequence);
   drops_.acknowledge(position.next_drop);
   wake();

@@ -22,8 +22,8 @@ namespace orbbuf {
 /// Chooses what goes over the link, until finish(): frames from the buffer, drop records, reports.
 ///
 /// The next frame is chosen when the kernel has nearly nothing left to send (paper, Sec. III-E:
-/// transmission of a message begins when the last is complete) and the server has acknowledged all
-/// but about 100 ms of what was written (LinkRate): what is written can no longer be chosen from.
+/// transmission of a message begins when the last is complete) and the server has received all but
+/// about 100 ms of what was written (LinkRate): what is written can no longer be chosen from.
 /// Every frame stays in the buffer's stats until the server has acknowledged it; every drop
 /// record is sent until acknowledged. Thread-bound to `main`, the thread that runs the io_context.
 class Sender final : private ServerLink::Owner {
@@ -48,7 +48,7 @@ class Sender final : private ServerLink::Owner {
  private:
   void on_connected(const wire::Position& position) override;
   void on_disconnected() override;
-  void on_ack(const wire::Position& position) override;
+  void on_ack(const wire::Ack& ack) override;
   void on_bye(const wire::Position& position) override;
   void on_writable() override { write_next(); }
 

@@ -4,40 +4,60 @@
 #include <netinet/tcp.h>
 
 #include <boost/asio/buffer.hpp>
+#include <boost/asio/post.hpp>
 #include <boost/asio/read.hpp>
 #include <boost/asio/ssl/error.hpp>
 #include <boost/asio/write.hpp>
 #include <utility>
 
 #include "common/keep_alive.hpp"
+#include "daemon/net/bind_interface.hpp"
 
 namespace orbbuf {
 namespace asio = boost::asio;
 using boost::system::error_code;
 
+namespace {
+
+/// A stalled connection's retransmissions are as large as what is lost, the attempts beside it are
+/// small, and sooner.
+constexpr std::chrono::seconds kLongestRetransmission{4};
+
+}  // namespace
+
 ServerConnection::ServerConnection(asio::io_context& io, TlsContext* tls, Owner& owner)
     : stream_(asio::ip::tcp::socket(io), tls), owner_(&owner) {}
 
-void ServerConnection::open(const asio::ip::tcp::endpoint& server, const std::string& host,
-                            const wire::Hello& hello, std::uint32_t unsent_limit,
-                            int largest_segment) {
-  server_ = server;
+void ServerConnection::open(const Way& way, const std::string& host, const wire::Hello& hello,
+                            std::uint32_t unsent_limit) {
+  way_ = way;
   message_ = wire::encode(hello);
-  if (largest_segment > 0) limit_segments(server, largest_segment);
+  if (const auto failed = prepare_socket()) {
+    return asio::post(stream_.get_executor(), [self = shared_from_this(), failed] {
+      if (self->owner_) self->fail(*failed);
+    });
+  }
   stream_.socket().async_connect(
-      server, [self = shared_from_this(), host, unsent_limit](const error_code& error) {
+      way.server, [self = shared_from_this(), host, unsent_limit](const error_code& error) {
         if (!self->owner_) return;
-        if (error) return self->fail("cannot connect", error);
+        if (error) return self->fail("cannot connect" + self->way_.over(), error);
         self->on_connected(host, unsent_limit);
       });
 }
 
-/// Before the SYN, so that the server's segments are as small.
-void ServerConnection::limit_segments(const asio::ip::tcp::endpoint& server, int bytes) {
+/// What must be set before the SYN; for the segments, so that the server's are as small.
+std::optional<Error> ServerConnection::prepare_socket() {
   using MaxSegment = asio::detail::socket_option::integer<IPPROTO_TCP, TCP_MAXSEG>;
-  error_code ignored;  // async_connect() says what is wrong with the socket
-  stream_.socket().open(server.protocol(), ignored);
-  stream_.socket().set_option(MaxSegment(bytes), ignored);
+  if (way_.largest_segment == 0 && way_.interface.empty()) return std::nullopt;
+  error_code failed;
+  stream_.socket().open(way_.server.protocol(), failed);
+  if (failed) return Error{"cannot open a socket: " + failed.message()};
+  if (way_.largest_segment > 0) {
+    stream_.socket().set_option(MaxSegment(way_.largest_segment), failed);  // as well as it can
+  }
+  if (way_.interface.empty()) return std::nullopt;
+  return bind_interface(stream_.socket().native_handle(), way_.server.protocol().family(),
+                        way_.interface);
 }
 
 void ServerConnection::on_connected(const std::string& host, std::uint32_t unsent_limit) {
@@ -46,7 +66,7 @@ void ServerConnection::on_connected(const std::string& host, std::uint32_t unsen
   socket.set_option(asio::ip::tcp::no_delay(true), error);
   if (error) return fail("cannot set TCP_NODELAY", error);
   keep_alive(socket.native_handle());  // without it a dead server is merely noticed later
-  limit_retransmission_interval(socket.native_handle());
+  limit_retransmission_interval(socket.native_handle(), kLongestRetransmission);
   if (!limit_unsent(socket.native_handle(), unsent_limit)) {
     return fail(system_error("cannot set TCP_NOTSENT_LOWAT", errno));
   }
@@ -139,9 +159,9 @@ void ServerConnection::dispatch(const wire::Header& header) {
   if (header.type == wire::Type::kWelcome && !is_welcome_) {
     const auto welcome = wire::parse_welcome(header, body_);
     if (!accept(welcome)) return;
-    if (welcome.value().version != wire::kProtocolVersion) {
-      return refuse(
-          {"the server wants protocol version " + std::to_string(welcome.value().version)});
+    const auto version = welcome.value().version;
+    if (version < wire::kOldestProtocolVersion || version > wire::kProtocolVersion) {
+      return refuse({"the server wants protocol version " + std::to_string(version)});
     }
     is_welcome_ = true;
     owner_->on_welcome(welcome.value().position);
@@ -149,7 +169,7 @@ void ServerConnection::dispatch(const wire::Header& header) {
   } else if (header.type == wire::Type::kAck && is_welcome_) {
     const auto ack = wire::parse_ack(header, body_);
     if (!accept(ack)) return;
-    owner_->on_ack(ack.value().position);
+    owner_->on_ack(ack.value());
   } else if (header.type == wire::Type::kBye && is_welcome_) {
     const auto bye = wire::parse_bye(header, body_);
     if (!accept(bye)) return;
@@ -177,9 +197,9 @@ void ServerConnection::refuse(const Error& error) {
 }
 
 /// OpenSSL's own errors are about certificates and versions, the others about the connection.
-void ServerConnection::fail(const char* attempt, const error_code& error) {
+void ServerConnection::fail(const std::string& attempt, const error_code& error) {
   was_refused_ = !is_welcome_ && error.category() == asio::error::get_ssl_category();
-  fail({std::string(attempt) + ": " + stream_.explain(error)});
+  fail({attempt + ": " + stream_.explain(error)});
 }
 
 void ServerConnection::fail(const Error& error) {

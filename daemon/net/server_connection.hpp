@@ -33,7 +33,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
     virtual void on_step(const ServerConnection& from) = 0;
     /// The server's position; writing may begin.
     virtual void on_welcome(const wire::Position& position) = 0;
-    virtual void on_ack(const wire::Position& position) = 0;
+    virtual void on_ack(const wire::Ack& ack) = 0;
     /// The server's last message: all is recorded up to `position`, or it is going down.
     virtual void on_bye(const wire::Position& position) = 0;
     /// The last message has gone to the kernel, which has little left unsent: the moment to choose
@@ -46,18 +46,27 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
     ~Owner() = default;
   };
 
+  struct Way {
+    boost::asio::ip::tcp::endpoint server;
+    std::string interface;    ///< as bind_interface() takes it; empty: the kernel's choice
+    int largest_segment = 0;  ///< in bytes, either way; 0: as the interface has it
+
+    /// For messages: " over INTERFACE", or nothing.
+    std::string over() const { return interface.empty() ? "" : " over " + interface; }
+    bool operator==(const Way&) const = default;
+  };
+
   /// `owner` must outlive the connection or its close(); `tls`, null for plain TCP, the
   /// io_context's last run.
   ServerConnection(boost::asio::io_context& io, TlsContext* tls, Owner& owner);
 
-  /// Connects to `server`, which under TLS must prove to be `host`, and says `hello`. From then on
-  /// the kernel keeps at most about `unsent_limit` bytes unsent. largest_segment: in bytes, either
-  /// way; 0: as the interface has it.
-  void open(const boost::asio::ip::tcp::endpoint& server, const std::string& host,
-            const wire::Hello& hello, std::uint32_t unsent_limit, int largest_segment);
+  /// Connects by `way` to the server, which under TLS must prove to be `host`, and says `hello`.
+  /// From then on the kernel keeps at most about `unsent_limit` bytes unsent.
+  void open(const Way& way, const std::string& host, const wire::Hello& hello,
+            std::uint32_t unsent_limit);
 
   /// Where it goes, since open().
-  const boost::asio::ip::tcp::endpoint& server() const { return server_; }
+  const Way& way() const { return way_; }
   /// The server's side answered and wants no connection with this robot: its error says so, or the
   /// certificates do not fit. There is no use in asking again at once.
   bool was_refused() const { return was_refused_; }
@@ -79,7 +88,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
  private:
   using FrameHead = std::array<std::uint8_t, wire::kHeaderBytes + wire::kFrameMetaBytes>;
 
-  void limit_segments(const boost::asio::ip::tcp::endpoint& server, int bytes);
+  std::optional<Error> prepare_socket();
   void on_connected(const std::string& host, std::uint32_t unsent_limit);
   void say_hello();
   void wait_writable();
@@ -90,12 +99,12 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   template <class Message>
   bool accept(const wire::Parsed<Message>& message);
   void fail(const Error& error);
-  void fail(const char* attempt, const boost::system::error_code& error);
+  void fail(const std::string& attempt, const boost::system::error_code& error);
   void refuse(const Error& error);
 
   Stream stream_;
   Owner* owner_;  // null once closed
-  boost::asio::ip::tcp::endpoint server_;
+  Way way_;
   bool was_refused_ = false;
   bool is_writable_ = false;
   bool has_said_hello_ = false;

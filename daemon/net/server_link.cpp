@@ -2,12 +2,15 @@
 #include "daemon/net/server_link.hpp"
 
 #include <spdlog/spdlog.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <random>
 #include <utility>
 
 #include "common/seconds.hpp"
+#include "daemon/net/bind_interface.hpp"
 
 namespace orbbuf {
 namespace asio = boost::asio;
@@ -23,7 +26,23 @@ constexpr seconds kLongestLookupInterval{30};
 constexpr int kLookupPartOfOutage = 30;
 constexpr std::size_t kMostErrors = 16;
 
-const Error kNoAnswer{"no answer"};
+Error no_answer(const ServerConnection& from) { return {"no answer" + from.way().over()}; }
+
+bool is_same_way(const ServerConnection::Way& one, const ServerConnection::Way& other) {
+  return one.server == other.server && one.interface == other.interface;
+}
+
+/// Of those that cannot be used now: an attempt over another may connect before they are tried.
+void warn_of_interfaces(const LinkSettings& settings) {
+  for (const std::string& interface : settings.interfaces) {
+    const int family = interface.find(':') == std::string::npos ? AF_INET : AF_INET6;
+    const int socket = ::socket(family, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    if (const auto failed = bind_interface(socket, family, interface)) {
+      spdlog::warn("link: {}; trying it again with each attempt", failed->text);
+    }
+    ::close(socket);
+  }
+}
 
 }  // namespace
 
@@ -35,7 +54,9 @@ ServerLink::ServerLink(asio::io_context& io, LinkSettings settings, wire::Hello 
       owner_(owner),
       connection_watch_(settings_.stall_timeout),
       candidate_watch_(settings_.stall_timeout),
-      pace_(settings_.attempt_interval, kMostAttempts, std::random_device{}()),
+      interfaces_(settings_.interfaces, settings_.return_after),
+      pace_(settings_.attempt_interval / interfaces_.count(), kMostAttempts * interfaces_.count(),
+            std::random_device{}()),
       addresses_(settings_.server),
       lookup_(io, settings_.server, [this](const auto& endpoints) { on_found(endpoints); }),
       news_(io, [this] { on_network_change(); }),
@@ -51,6 +72,7 @@ void ServerLink::start() {
         "docs/security.md says how to set up [tls]",
         to_string(settings_.server));
   }
+  warn_of_interfaces(settings_);
   begin_outage();
   attempt_at(Clock::now());
   news_.start();
@@ -96,33 +118,45 @@ void ServerLink::attempt_at(Clock::time_point time) {
 void ServerLink::attempt() {
   if (addresses_.is_empty()) return;  // on_found() goes on
   make_room();
+  if (interfaces_.is_round_begin()) server_ = addresses_.next();
+  open({server_, interfaces_.next(), segment_size_.limit()});
   const auto now = Clock::now();
-  attempts_.push_back({std::make_shared<ServerConnection>(
-                           io_, tls_.get(), static_cast<ServerConnection::Owner&>(*this)),
-                       now});
-  attempts_.back().connection->open(addresses_.next(), settings_.server.host, hello_,
-                                    static_cast<std::uint32_t>(settings_.unsent_bytes),
-                                    segment_size_.limit());
   pace_.on_attempt(now);
   attempt_at(pace_.next(now));
 }
 
-/// Keeps the oldest attempt to each address: it is the one for a long round trip.
+void ServerLink::open(const ServerConnection::Way& way) {
+  attempts_.push_back({std::make_shared<ServerConnection>(
+                           io_, tls_.get(), static_cast<ServerConnection::Owner&>(*this)),
+                       Clock::now()});
+  attempts_.back().connection->open(way, settings_.server.host, hello_,
+                                    static_cast<std::uint32_t>(settings_.unsent_bytes));
+}
+
+/// Sees if the preferred interface reaches the server, while another carries the stream.
+void ServerLink::probe() {
+  close_attempts();
+  interfaces_.on_probe(Clock::now());
+  open({connection_->way().server, interfaces_.preferred(), segment_size_.limit()});
+}
+
+/// Keeps the oldest attempt of each way: it is the one for a long round trip.
 void ServerLink::make_room() {
-  if (attempts_.size() < kMostAttempts) return;
+  if (attempts_.size() < kMostAttempts * interfaces_.count()) return;
   const auto spare = std::ranges::find_if(attempts_, [this](const Attempt& attempt) {
-    const auto& server = attempt.connection->server();
-    const auto oldest = std::ranges::find(
-        attempts_, server, [](const Attempt& other) { return other.connection->server(); });
+    const auto oldest = std::ranges::find_if(attempts_, [&](const Attempt& other) {
+      return is_same_way(other.connection->way(), attempt.connection->way());
+    });
     return &*oldest != &attempt;
   });
   give_up(spare == attempts_.end() ? attempts_.begin() : spare);
 }
 
 void ServerLink::give_up(std::vector<Attempt>::iterator attempt) {
-  attempt->connection->close();
+  const auto connection = attempt->connection;
+  connection->close();
   attempts_.erase(attempt);
-  note_failure(kNoAnswer);
+  note_failure(no_answer(*connection));
 }
 
 void ServerLink::close_attempts() {
@@ -165,6 +199,7 @@ void ServerLink::on_failed(const ServerConnection& from, const Error& error) {
   if (&from == candidate_.get()) return on_candidate_failed(error);
   if (&from == connection_.get()) return on_connection_lost(from, error);
   std::erase_if(attempts_, [&](const Attempt& one) { return one.connection.get() == &from; });
+  if (state_ == State::kConnected) return interfaces_.on_probe_failed();
   note_failure(error);
 }
 
@@ -172,6 +207,7 @@ void ServerLink::on_candidate_failed(const Error& why) {
   if (candidate_->was_refused()) pace_.on_refused(Clock::now());
   candidate_->close();
   candidate_.reset();
+  if (state_ == State::kConnected) interfaces_.on_return_failed();
   note_failure(why);
   attempt_at(pace_.next(Clock::now()));
 }
@@ -182,16 +218,23 @@ void ServerLink::on_connection_lost(const ServerConnection& from, const Error& w
   connection_.reset();
   const bool was_stalled = std::exchange(state_, State::kConnecting) == State::kStalled;
   owner_.on_disconnected();
-  spdlog::log(was_stalled ? spdlog::level::info : spdlog::level::warn,
-              "link: connection to {} lost: {}", to_string(settings_.server), why.text);
+  spdlog::log(was_stalled || candidate_ ? spdlog::level::info : spdlog::level::warn,
+              "link: connection to {}{} lost: {}", to_string(settings_.server), from.way().over(),
+              why.text);
   if (was_stalled) return;  // others are on their way already
+  interfaces_.start_over();
   begin_outage();
   if (was_refused) pace_.on_refused(now);
   attempt_at(was_refused ? pace_.next(now) : pace_.first(now));
 }
 
 void ServerLink::on_step(const ServerConnection& from) {
-  if (&from != candidate_.get()) promote(from);
+  if (&from != candidate_.get()) {
+    if (state_ == State::kConnected && !interfaces_.on_answer(Clock::now())) {
+      return close_attempts();
+    }
+    promote(from);
+  }
   step_time_ = Clock::now();
 }
 
@@ -215,18 +258,20 @@ void ServerLink::on_welcome(const wire::Position& position) {
   close_attempts();
   state_ = State::kConnected;
   pace_.on_welcome();
-  addresses_.welcomed_at(connection_->server());
+  addresses_.welcomed_at(connection_->way().server);
+  interfaces_.on_connected(connection_->way().interface, Clock::now());
   last_error_.clear();
   known_errors_.clear();
   connection_watch_.restart(Clock::now());
   const auto progress = connection_->progress();
   segment_size_.on_welcome(progress ? progress->acked_bytes : 0);
-  spdlog::info("link: connected to {}{}; its record of this session reaches frame {}",
-               to_string(settings_.server), tls_ ? " over TLS" : "", position.next_sequence);
+  spdlog::info("link: connected to {}{}{}; its record of this session reaches frame {}",
+               to_string(settings_.server), tls_ ? " over TLS" : "", connection_->way().over(),
+               position.next_sequence);
   owner_.on_connected(position);
 }
 
-void ServerLink::on_ack(const wire::Position& position) { owner_.on_ack(position); }
+void ServerLink::on_ack(const wire::Ack& ack) { owner_.on_ack(ack); }
 
 void ServerLink::on_bye(const wire::Position& position) { owner_.on_bye(position); }
 
@@ -238,6 +283,9 @@ void ServerLink::watch() {
     if (error || state_ == State::kClosed) return;
     if (candidate_) check_candidate();
     if (connection_) check_connection();
+    if (state_ == State::kConnected && !candidate_ && interfaces_.is_probe_due(Clock::now())) {
+      probe();
+    }
     check_attempts();
     watch();
   });
@@ -253,7 +301,7 @@ void ServerLink::check_candidate() {
   candidate_watch_.look(candidate_->progress(), now);
   if (now - step_time_ > patience()) {
     if (!candidate_->has_said_hello()) segment_size_.on_nothing_large();
-    return on_candidate_failed(kNoAnswer);
+    return on_candidate_failed(no_answer(*candidate_));
   }
   if (candidate_watch_.is_stalled() == was_stalled) return;
   if (was_stalled) return close_attempts();
@@ -283,8 +331,11 @@ void ServerLink::check_connection() {
   if (state_ == State::kStalled || !connection_watch_.is_stalled()) return;
   state_ = State::kStalled;
   segment_size_.on_stall(progress->acked_bytes);
-  spdlog::warn("link: connection to {} stalled, nothing acknowledged for {:.1f} s; trying another",
-               to_string(settings_.server), to_seconds(connection_watch_.still_for()));
+  spdlog::warn(
+      "link: connection to {}{} stalled, nothing acknowledged for {:.1f} s; trying another",
+      to_string(settings_.server), connection_->way().over(),
+      to_seconds(connection_watch_.still_for()));
+  interfaces_.on_stall();
   begin_outage();
   attempt_at(Clock::now());
 }

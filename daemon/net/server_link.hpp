@@ -16,6 +16,7 @@
 #include "common/net/tls.hpp"
 #include "common/wire.hpp"
 #include "daemon/net/attempt_pace.hpp"
+#include "daemon/net/link_interfaces.hpp"
 #include "daemon/net/name_lookup.hpp"
 #include "daemon/net/network_news.hpp"
 #include "daemon/net/segment_size.hpp"
@@ -29,7 +30,13 @@ namespace orbbuf {
 struct LinkSettings {
   Address server{"127.0.0.1", 7722};
   TlsSettings tls;  ///< `[tls]`; the server's certificate must be for server.host
-  /// From one attempt to connect to the next, less than 30 % more at random: AttemptPace.
+  /// Names of network interfaces, or source addresses, the preferred one first. Attempts go over
+  /// each in turn. Empty: over the one that the kernel chooses.
+  std::vector<std::string> interfaces;
+  /// How long the preferred interface must have reached the server before the stream returns to it.
+  std::chrono::nanoseconds return_after = std::chrono::seconds(5);
+  /// From one attempt to connect to the next, less than 30 % more at random: AttemptPace. With
+  /// several interfaces: over each of them.
   std::chrono::nanoseconds attempt_interval = std::chrono::milliseconds(100);
   /// How long to wait at most for each step of an attempt: TCP, TLS, the welcome. Attempts do not
   /// wait for each other.
@@ -49,7 +56,7 @@ struct LinkSettings {
 /// | state         | connection     | attempts | the next state, and when                         |
 /// |---------------|----------------|----------|--------------------------------------------------|
 /// | kConnecting   | none           | yes      | kConnected: the server welcomes one              |
-/// | kConnected    | the link's own | none     | kConnecting: the connection breaks               |
+/// | kConnected    | the link's own | a probe  | kConnecting: the connection breaks               |
 /// |               |                |          | kStalled: the server's kernel acknowledges       |
 /// |               |                |          | nothing for stall_timeout                        |
 /// | kStalled      | the link's own | yes      | kConnected, on the old connection: it recovers   |
@@ -60,15 +67,19 @@ struct LinkSettings {
 /// | kClosed       | none           | none     |                                                  |
 ///
 /// Attempts overlap: AttemptPace says when the next begins, whatever has become of those before,
-/// and each may wait for connect_timeout. When there are kMostAttempts, the next takes the place of
-/// an older one, but never of the oldest to each address: the many find a link that has just
-/// returned, and the oldest one with a long round trip.
+/// and each may wait for connect_timeout. When there are kMostAttempts for each interface, the next
+/// takes the place of an older one, but never of the oldest to each address over each interface:
+/// the many find a link that has just returned, and the oldest one with a long round trip.
 ///
 /// The first attempt on which TCP connects becomes the candidate, and the others are closed. Only a
 /// candidate says hello: at a second hello the server would leave the first connection. A candidate
 /// on which something is outstanding for stall_timeout has lost the link; then attempts begin
 /// beside it, and the next one to connect takes its place. Whichever hello the server reads last,
 /// its welcome settles which frames it has.
+///
+/// With several interfaces, and the stream not on the preferred one, an attempt over that one each
+/// second is a probe: one that connects is closed, until LinkInterfaces says that it is time to go
+/// back. That one becomes a candidate beside the connection, which goes on until the welcome.
 ///
 /// The addresses of a name are looked up beside the attempts, which go on with those last known.
 /// Thread-bound to `main`, the thread that runs the io_context.
@@ -86,7 +97,7 @@ class ServerLink final : private ServerConnection::Owner {
     virtual void on_connected(const wire::Position& position) = 0;
     /// The connection broke.
     virtual void on_disconnected() = 0;
-    virtual void on_ack(const wire::Position& position) = 0;
+    virtual void on_ack(const wire::Ack& ack) = 0;
     /// The server's last message on this connection: its record reaches `position`.
     virtual void on_bye(const wire::Position& position) = 0;
     /// The kernel has little left to send: the moment to choose the next message.
@@ -128,7 +139,7 @@ class ServerLink final : private ServerConnection::Owner {
  private:
   void on_step(const ServerConnection& from) override;
   void on_welcome(const wire::Position& position) override;
-  void on_ack(const wire::Position& position) override;
+  void on_ack(const wire::Ack& ack) override;
   void on_bye(const wire::Position& position) override;
   void on_writable() override;
   void on_failed(const ServerConnection& from, const Error& error) override;
@@ -143,6 +154,8 @@ class ServerLink final : private ServerConnection::Owner {
   bool is_attempt_due() const;
   void begin_outage();
   void attempt();
+  void open(const ServerConnection::Way& way);
+  void probe();
   void attempt_at(Clock::time_point time);
   void make_room();
   void give_up(std::vector<Attempt>::iterator attempt);
@@ -174,6 +187,7 @@ class ServerLink final : private ServerConnection::Owner {
   StallWatch candidate_watch_;
   Clock::time_point step_time_;    // when the candidate began its present step
   std::vector<Attempt> attempts_;  // oldest first: TCP is not there yet
+  LinkInterfaces interfaces_;
   AttemptPace pace_;
   SegmentSize segment_size_;
   bool has_tried_ = false;              // an attempt has ended
@@ -181,6 +195,7 @@ class ServerLink final : private ServerConnection::Owner {
   std::set<std::string> known_errors_;  // since the last welcome; logged already
 
   ServerAddresses addresses_;
+  ServerAddresses::Endpoint server_;  // where the attempts of a round of interfaces go
   NameLookup lookup_;
   Clock::time_point lookup_time_;  // of the last
   NetworkNews news_;

@@ -3,9 +3,11 @@
 
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/ssl/error.hpp>
 #include <boost/asio/write.hpp>
+#include <optional>
 #include <utility>
 
 #include "common/keep_alive.hpp"
@@ -44,7 +46,7 @@ void Connection::start() {
   // For the time in which a sink is busy and the idle timer does not run; else that is sooner.
   const int socket = stream_.socket().native_handle();
   keep_alive(socket);
-  limit_retransmission_interval(socket);
+  limit_retransmission_interval(socket, std::chrono::seconds(1));
   limit_unacknowledged_time(socket);
   start_timer(settings_.hello_timeout);
   if (stream_.is_tls()) return shake_hands();
@@ -82,7 +84,7 @@ void Connection::on_attached(wire::Position position) {
   state_ = State::kServing;
   spdlog::info("{}: session {} at frame {}, {}", name(), session_->info().session_id,
                position.next_sequence, software_);
-  send(encode(wire::Welcome{wire::kProtocolVersion, position}));
+  send(encode(wire::Welcome{version_, position}));
   read();
 }
 
@@ -178,10 +180,12 @@ void Connection::handle_hello(const Message& message) {
   robot_id_ = hello.value().robot_id;
   software_ = hello.value().software;
   const auto& [min, max] = std::pair(hello.value().min_version, hello.value().max_version);
-  if (min > wire::kProtocolVersion || max < wire::kProtocolVersion) {
-    return fail({ErrorCode::kVersion, fmt::format("the robot speaks protocol {} to {}, we speak {}",
-                                                  min, max, wire::kProtocolVersion)});
+  if (min > wire::kProtocolVersion || max < wire::kOldestProtocolVersion) {
+    return fail({ErrorCode::kVersion,
+                 fmt::format("the robot speaks protocol {} to {}, we speak {} to {}", min, max,
+                             wire::kOldestProtocolVersion, wire::kProtocolVersion)});
   }
+  version_ = std::min(max, wire::kProtocolVersion);
   const std::string certified = stream_.is_tls() ? stream_.peer_name() : robot_id_;
   if (certified != robot_id_) {
     return refuse(fmt::format("the certificate is for \"{}\", not for this robot",
@@ -220,7 +224,12 @@ void Connection::handle_dropped(const Message& message) {
 }
 
 void Connection::on_taken() {
-  if (state_ == State::kServing) read();
+  if (state_ != State::kServing) return;
+  if (version_ >= 2 && session_->received() > received_) {
+    is_ack_due_ = true;
+    send_next();
+  }
+  read();
 }
 
 void Connection::fail(const wire::Fault& fault, spdlog::level::level_enum level) {
@@ -255,7 +264,9 @@ void Connection::send_next() {
   if (!waiting_.empty()) {
     out_ = std::exchange(waiting_, {});
   } else if (is_ack_due_) {
-    out_ = encode(wire::Ack{session_->kept()});
+    received_ = session_->received();
+    out_ = encode(
+        wire::Ack{session_->kept(), version_ >= 2 ? std::optional(received_) : std::nullopt});
     is_ack_due_ = false;
   } else if (state_ == State::kParting) {
     if (has_peer_closed_) return close();

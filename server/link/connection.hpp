@@ -111,6 +111,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   ConnectionOwner& owner_;
   std::string robot_id_ = "-";
   std::string software_;
+  std::uint8_t version_ = wire::kProtocolVersion;  // since hello
   std::shared_ptr<Session> session_;
   State state_ = State::kHello;
   // Hello, idle or parting, one at a time. The timer wakes at the deadline or before it.
@@ -127,6 +128,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   std::vector<std::uint8_t> out_;
   std::vector<std::uint8_t> waiting_;  // welcome, last words; before any ack
   bool is_ack_due_ = false;
+  Sequence received_ = 0;  // as the last ack said it
   bool is_writing_ = false;
 };
 

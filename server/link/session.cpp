@@ -33,13 +33,13 @@ std::string_view to_string(SessionEnd end) {
 
 Session::Session(asio::io_context& main, SessionInfo info,
                  std::vector<std::shared_ptr<FrameSink>> sinks, const Timeouts& timeouts,
-                 std::function<void()> closed)
+                 Events events)
     : main_(main),
       info_(std::move(info)),
       name_(info_.robot_id + " " + info_.session_id),
       sinks_(std::move(sinks)),
       timeouts_(timeouts),
-      closed_(std::move(closed)),
+      events_(std::move(events)),
       timer_(main),
       retry_(main) {
   // Only sinks that outlive the server remember; the others begin where those stand.
@@ -96,9 +96,10 @@ void Session::write_drops(wire::Dropped dropped, Taken taken) {
     const auto known =
         std::min<std::uint64_t>(position_.next_drop - dropped.first_drop, records.size());
     records.erase(records.begin(), records.begin() + static_cast<std::ptrdiff_t>(known));
+    dropped.first_drop += known;
   }
   if (records.empty()) return repeat(std::move(taken));
-  begin({nullptr, std::move(records), then, std::move(taken)});
+  begin({nullptr, std::move(dropped), then, std::move(taken)});
 }
 
 /// It is acknowledged as well: the robot may have missed the first acknowledgement.
@@ -160,7 +161,7 @@ void Session::call_sink() {
   if (job_->frame) {
     sink.async_write(job_->frame, std::move(done));
   } else {
-    sink.async_write_drops(job_->records, std::move(done));
+    sink.async_write_drops(job_->dropped, std::move(done));
   }
 }
 
@@ -174,6 +175,7 @@ void Session::on_sink_done(const std::optional<Error>& error) {
   }
   note_failure(error);
   if (error) {
+    if (events_.sink_failed) events_.sink_failed();
     retry_.expires_after(kRetry);
     retry_.async_wait([self = shared_from_this()](const error_code& failed) {
       if (!failed && self->job_ && !self->is_sink_busy_) self->call_sink();
@@ -198,7 +200,7 @@ void Session::show_job() const {
   if (job_->frame) {
     metrics_->on_delivered(job_->frame);
   } else {
-    metrics_->on_dropped(job_->records);
+    metrics_->on_dropped(job_->dropped.records);
   }
 }
 
@@ -207,8 +209,10 @@ void Session::note_failure(const std::optional<Error>& error) {
   is_failing_ = error.has_value();
   if (error) {
     spdlog::error("{}: stream paused: {}", name_, error->text);
+    if (metrics_) metrics_->on_paused(error->text);
   } else {
     spdlog::info("{}: stream resumed", name_);
+    if (metrics_) metrics_->on_resumed();
   }
 }
 
@@ -266,7 +270,7 @@ void Session::drain() {
 /// All that was begun has ended: the sinks are closed before the end is reported, so that a
 /// reader's end and a robot's bye mean that nothing more follows.
 void Session::finish_close() {
-  const auto self = shared_from_this();  // `closed_` may drop the last reference
+  const auto self = shared_from_this();  // `closed` may drop the last reference
   timer_.cancel();
   if (metrics_) metrics_->on_ended();
   for (const auto& sink : std::exchange(sinks_, {})) sink->close();
@@ -279,7 +283,7 @@ void Session::finish_close() {
       peer->on_ended(kept_);
     }
   }
-  closed_();
+  events_.closed();
 }
 
 }  // namespace orbbuf

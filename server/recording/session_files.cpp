@@ -167,10 +167,10 @@ std::optional<Error> SessionFiles::write_right(const EncodedFrame& frame) {
                     frame.right());
 }
 
-std::optional<Error> SessionFiles::write_drops(std::span<const DropRecord> records) {
+std::optional<Error> SessionFiles::write_drops(const wire::Dropped& dropped) {
   if (auto error = prepare()) return error;
   std::string lines;
-  for (const DropRecord& record : records) lines += to_csv(record) + '\n';
+  for (const DropRecord& record : dropped.records) lines += to_csv(record) + '\n';
   auto error = drops_.append(lines);
   if (error) is_prepared_ = false;
   return error;

@@ -3,10 +3,8 @@
 
 #include <filesystem>
 #include <optional>
-#include <span>
 #include <string>
 
-#include "common/drop_record.hpp"
 #include "common/error.hpp"
 #include "common/frame.hpp"
 #include "common/wire.hpp"
@@ -44,7 +42,7 @@ class SessionFiles final : public SessionRecord {
   Result<wire::Position> recover();
 
   std::optional<Error> write(const EncodedFrame& frame) override;
-  std::optional<Error> write_drops(std::span<const DropRecord> records) override;
+  std::optional<Error> write_drops(const wire::Dropped& dropped) override;
 
  private:
   Result<bool> cut_false_tail();

@@ -2,11 +2,10 @@
 #pragma once
 
 #include <optional>
-#include <span>
 
-#include "common/drop_record.hpp"
 #include "common/error.hpp"
 #include "common/frame.hpp"
+#include "common/wire.hpp"
 
 namespace orbbuf {
 
@@ -17,7 +16,7 @@ class SessionRecord {
 
   /// On error nothing of the frame remains.
   virtual std::optional<Error> write(const EncodedFrame& frame) = 0;
-  virtual std::optional<Error> write_drops(std::span<const DropRecord> records) = 0;
+  virtual std::optional<Error> write_drops(const wire::Dropped& dropped) = 0;
 
   /// The session has ended, though it may be continued later.
   virtual std::optional<Error> finish() { return std::nullopt; }

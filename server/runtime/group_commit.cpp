@@ -32,11 +32,16 @@ GroupCommit::Sync sync_of(const std::filesystem::path& folder) {
 }  // namespace
 
 GroupCommit::GroupCommit(asio::io_context& main, const std::filesystem::path& folder,
-                         std::chrono::milliseconds interval)
-    : GroupCommit(main, sync_of(folder), interval) {}
+                         std::chrono::milliseconds interval, std::string failure_means)
+    : GroupCommit(main, sync_of(folder), interval, std::move(failure_means)) {}
 
-GroupCommit::GroupCommit(asio::io_context& main, Sync sync, std::chrono::milliseconds interval)
-    : main_(main), sync_(std::move(sync)), interval_(interval), timer_(main) {
+GroupCommit::GroupCommit(asio::io_context& main, Sync sync, std::chrono::milliseconds interval,
+                         std::string failure_means)
+    : main_(main),
+      sync_(std::move(sync)),
+      interval_(interval),
+      failure_means_(std::move(failure_means)),
+      timer_(main) {
   asio::post(thread_, [] { name_this_thread("sync"); });
 }
 
@@ -67,9 +72,7 @@ void GroupCommit::begin() {
 void GroupCommit::finish(const std::optional<Error>& error) {
   if (error) {
     failed_ = error;
-    spdlog::error(
-        "{}; frames are not acknowledged any more: check the disk, then restart the server",
-        error->text);
+    spdlog::error("{}; {}: check the disk, then restart the server", error->text, failure_means_);
     syncing_.insert(syncing_.end(), waiting_.begin(), waiting_.end());
     waiting_.clear();
   }

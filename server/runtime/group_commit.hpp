@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <functional>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "common/error.hpp"
@@ -26,11 +27,13 @@ class GroupCommit {
   using Sync = std::function<std::optional<Error>()>;
   using Done = std::function<void(const std::optional<Error>&)>;
 
-  /// interval: between the begins of two syncs; more calls then share one.
+  /// interval: between the begins of two syncs; more calls then share one. failure_means: for the
+  /// log, behind what has failed.
   GroupCommit(boost::asio::io_context& main, const std::filesystem::path& folder,
-              std::chrono::milliseconds interval);
+              std::chrono::milliseconds interval, std::string failure_means);
   /// For tests: `sync` instead of syncfs. It runs on the thread.
-  GroupCommit(boost::asio::io_context& main, Sync sync, std::chrono::milliseconds interval);
+  GroupCommit(boost::asio::io_context& main, Sync sync, std::chrono::milliseconds interval,
+              std::string failure_means);
   /// Waits for the sync that runs.
   ~GroupCommit();
 
@@ -46,6 +49,7 @@ class GroupCommit {
   boost::asio::io_context& main_;
   const Sync sync_;
   const std::chrono::milliseconds interval_;
+  const std::string failure_means_;
   std::chrono::steady_clock::time_point next_{};
   boost::asio::steady_timer timer_;
   std::vector<Done> waiting_;

@@ -3,9 +3,7 @@
 
 #include <functional>
 #include <optional>
-#include <vector>
 
-#include "common/drop_record.hpp"
 #include "common/error.hpp"
 #include "common/frame.hpp"
 #include "common/wire.hpp"
@@ -28,7 +26,7 @@ class FrameSink {
   virtual wire::Position position() const { return {}; }
 
   virtual void async_write(FramePtr frame, Done done) = 0;
-  virtual void async_write_drops(std::vector<DropRecord> records, Done done) = 0;
+  virtual void async_write_drops(wire::Dropped dropped, Done done) = 0;
 
   /// Brings all that was taken onto the device, if the sink keeps it on one. `done` runs on `main`,
   /// possibly from within the call, when that much may be acknowledged; after an error never again.

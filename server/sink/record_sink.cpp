@@ -3,7 +3,6 @@
 
 #include <spdlog/spdlog.h>
 
-#include <boost/asio/post.hpp>
 #include <utility>
 
 #include "server/runtime/run_in_pool.hpp"
@@ -32,9 +31,9 @@ void RecordSink::async_write(FramePtr frame, Done done) {
              std::move(done));
 }
 
-void RecordSink::async_write_drops(std::vector<DropRecord> records, Done done) {
+void RecordSink::async_write_drops(wire::Dropped dropped, Done done) {
   write_each(
-      [records = std::move(records)](SessionRecord& record) { return record.write_drops(records); },
+      [dropped = std::move(dropped)](SessionRecord& record) { return record.write_drops(dropped); },
       std::move(done));
 }
 
@@ -70,13 +69,16 @@ void RecordSink::async_commit(Done done) {
 
 bool RecordSink::is_partly_taken() const { return job_->is_begun; }
 
-void RecordSink::close() {
-  if (std::exchange(is_closed_, true)) return;
-  asio::post(pool_, [job = job_] {
-    for (const auto& record : job->records) {
-      if (const auto error = record->finish()) spdlog::warn("not finished: {}", error->text);
-    }
-  });
+void RecordSink::async_drain(std::function<void()> drained) {
+  run_in_pool(
+      main_, pool_,
+      [job = job_] {
+        for (const auto& record : job->records) {
+          if (const auto error = record->finish()) spdlog::warn("not finished: {}", error->text);
+        }
+        return true;
+      },
+      [drained = std::move(drained)](bool /*is_over*/) { drained(); });
 }
 
 }  // namespace orbbuf

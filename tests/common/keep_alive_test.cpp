@@ -42,7 +42,7 @@ TEST(KeepAlive, UnacknowledgedDataIsGivenUpAfterThirtySeconds) {
   ::close(socket);
 }
 
-TEST(KeepAlive, RetransmissionsAreAtMostASecondApartWhereTheKernelCanDoThat) {
+TEST(KeepAlive, RetransmissionsAreAtMostSoFarApartWhereTheKernelCanDoThat) {
   constexpr int kTcpRtoMaxMs = 44;
   const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
   int before = 0;
@@ -51,8 +51,10 @@ TEST(KeepAlive, RetransmissionsAreAtMostASecondApartWhereTheKernelCanDoThat) {
     ::close(socket);
     GTEST_SKIP() << "Linux has TCP_RTO_MAX_MS since 6.15";
   }
-  limit_retransmission_interval(socket);
-  EXPECT_EQ(option(socket, IPPROTO_TCP, kTcpRtoMaxMs), 1000);
+  for (const int longest : {1000, 4000}) {
+    limit_retransmission_interval(socket, std::chrono::milliseconds(longest));
+    EXPECT_EQ(option(socket, IPPROTO_TCP, kTcpRtoMaxMs), longest);
+  }
   ::close(socket);
 }
 

@@ -38,11 +38,11 @@ std::vector<Example> conversation() {
                      0, {0xFF, 0xD8, 0xFF, 0xD9}};
   frame.jpeg_crc = crc32(frame.jpeg);
   const DropRecord record{0, 1'600'000'000'000'000'000, DropReason::kBusy};
-  return {{"hello", hex(encode(Hello{1, 1, "tb3", "s1", "orbbufd 0.1.0", ""}))},
-          {"welcome", hex(encode(Welcome{1, {0, 0}}))},
+  return {{"hello", hex(encode(Hello{1, 2, "tb3", "s1", "orbbufd 0.1.0", ""}))},
+          {"welcome", hex(encode(Welcome{2, {0, 0}}))},
           {"dropped", hex(encode(Dropped{0, {record}}))},
           {"frame", hex(encode_whole(frame))},
-          {"ack", hex(encode(Ack{{2, 1}}))},
+          {"ack", hex(encode(Ack{{2, 1}, 2}))},
           {"stats", hex(encode(Report{{2, 1, 0, 0, 1, 0, 0}, 25, 0, 1'000'000, 40'000}))},
           {"bye", hex(encode(Bye{{2, 1}}))},
           {"error", hex(encode(ErrorMessage{ErrorCode::kReplaced, "replaced"}))}};

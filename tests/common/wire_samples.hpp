@@ -59,7 +59,7 @@ inline std::map<Type, Bytes> sample_messages() {
   return {{Type::kHello, encode(hello)},
           {Type::kWelcome, encode(Welcome{1, {0x0102030405060708, 0x1112131415161718}})},
           {Type::kFrame, encode_whole(sample_frame())},
-          {Type::kAck, encode(Ack{{7, 3}})},
+          {Type::kAck, encode(Ack{{7, 3}, 9})},
           {Type::kDropped, encode(dropped)},
           {Type::kStats, encode(Report{{21, 1, 2, 3, 4, 5, 6}, 25, 80'000, 1'000'000, 40'000})},
           {Type::kBye, encode(Bye{{8, 4}})},

@@ -35,8 +35,8 @@ TEST(Wire, EachMessageHasItsGoldenBytes) {
        "0102030405060708fffffffffffffffe1112131404ca01720100000000000005"
        "ffd801ffd9ffd80202ffd9"},
       {Type::kAck,
-       "4f524242010400000000001011d3772689b3e1ba"
-       "00000000000000070000000000000003"},
+       "4f5242420104000000000018c302320a060353cd"
+       "000000000000000700000000000000030000000000000009"},
       {Type::kDropped,
        "4f5242420105000000000056c0c5c2ae631cc342"
        "00000000000000050004000000000000000affffffffffffffff010101000000"
@@ -57,6 +57,14 @@ TEST(Wire, EachMessageHasItsGoldenBytes) {
   for (const auto& [type, message] : sample_messages()) {
     EXPECT_EQ(hex(message), golden.at(type)) << to_string(type);
   }
+}
+
+TEST(Wire, AnAckOfVersion1SaysNothingOfWhatIsReceived) {
+  const Bytes message = encode(Ack{{7, 3}, std::nullopt});
+  EXPECT_EQ(hex(message),
+            "4f524242010400000000001011d3772689b3e1ba"
+            "00000000000000070000000000000003");
+  EXPECT_EQ(there_and_back(message).value(), message);
 }
 
 TEST(Wire, AMonoFrameIsALeftImageAlone) {

@@ -54,6 +54,8 @@ TEST(Settings, SampleFileHoldsEveryKeyWithItsDefault) {
   EXPECT_EQ(sample.buffer.seed, fallback.buffer.seed);
   EXPECT_EQ(sample.buffer.drop_log, fallback.buffer.drop_log);
   EXPECT_EQ(sample.link.server, fallback.link.server);
+  EXPECT_EQ(sample.link.interfaces, fallback.link.interfaces);
+  EXPECT_EQ(sample.link.return_after, fallback.link.return_after);
   EXPECT_EQ(sample.link.attempt_interval, fallback.link.attempt_interval);
   EXPECT_EQ(sample.link.connect_timeout, fallback.link.connect_timeout);
   EXPECT_EQ(sample.link.stall_timeout, fallback.link.stall_timeout);
@@ -67,7 +69,8 @@ TEST(Settings, EveryValueReachesItsPlace) {
       with({"log.level=debug", "robot.id=front", "source.kind=folder", "source.path=/data",
             "source.realtime=false", "source.loop=true", "jpeg.color=true", "features.pixels=50000",
             "buffer.policy=uniform", "link.server=[::1]:9", "link.stall_timeout=250 ms",
-            "link.attempt_interval=70 ms", "link.unsent=1 MiB"});
+            "link.attempt_interval=70 ms", "link.unsent=1 MiB",
+            "link.interfaces=[\"wlan0\", \"10.0.0.7\"]", "link.return_after=20 s"});
   EXPECT_EQ(s.log_level, "debug");
   EXPECT_EQ(s.robot_id, "front");
   EXPECT_EQ(s.source.kind, "folder");
@@ -82,6 +85,8 @@ TEST(Settings, EveryValueReachesItsPlace) {
   EXPECT_EQ(s.link.stall_timeout, std::chrono::milliseconds(250));
   EXPECT_EQ(s.link.attempt_interval, std::chrono::milliseconds(70));
   EXPECT_EQ(s.link.unsent_bytes, 1U << 20);
+  EXPECT_EQ(s.link.interfaces, (std::vector<std::string>{"wlan0", "10.0.0.7"}));
+  EXPECT_EQ(s.link.return_after, std::chrono::seconds(20));
 }
 
 TEST(Settings, ACameraNeedsNoPath) {
@@ -98,6 +103,15 @@ TEST(Settings, ACameraNeedsNoPath) {
 
 void names(const std::string& text, const std::string& part) {
   EXPECT_NE(text.find(part), std::string::npos) << text;
+}
+
+TEST(Settings, InterfacesAreDifferentAndHaveNames) {
+  names(why({"link.interfaces=[\"wlan0\", \"wlan0\"]"}),
+        "link.interfaces: names an interface twice");
+  names(why({"link.interfaces=[\"wlan0\", \"\"]"}),
+        "link.interfaces: the name of an interface is empty");
+  names(why({R"(link.interfaces=["a", "b", "c", "d", "e", "f", "g", "h", "i"])"}),
+        "link.interfaces: more than 8 interfaces");
 }
 
 TEST(Settings, StereoIsTwoFoldersTwoCamerasOrSideBySide) {

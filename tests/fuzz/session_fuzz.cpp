@@ -39,8 +39,8 @@ class CheckingSink final : public FrameSink {
     next_ = frame->sequence + 1;
     finish(std::move(done));
   }
-  void async_write_drops(std::vector<DropRecord> records, Done done) override {
-    require(!is_busy_ && !records.empty());
+  void async_write_drops(wire::Dropped dropped, Done done) override {
+    require(!is_busy_ && !dropped.records.empty());
     finish(std::move(done));
   }
 

@@ -10,7 +10,10 @@
 
 #include "common/as_bytes.hpp"
 #include "common/decimal.hpp"
+#include "server/recording/backlog.hpp"
+#include "server/recording/file_io.hpp"
 #include "server/recording/mcap/foxglove.hpp"
+#include "server/recording/session_names.hpp"
 
 namespace orbbuf::mcap {
 namespace {
@@ -111,11 +114,44 @@ Result<wire::Position> Recording::recover(const std::optional<wire::Position>& f
     if (channel == kDrops) position.next_drop = next;
     if (is_image(channel)) position.next_sequence = std::max(position.next_sequence, next);
   }
-  next_drop_ = std::max(position.next_drop, files ? files->next_drop : 0);
+  known_ = position;
   return position;
 }
 
+std::optional<Error> Recording::take_missed(const std::filesystem::path& folder,
+                                            const wire::Position& files) {
+  if (files.next_sequence > known_.next_sequence + kMostMissed) {
+    spdlog::warn("{}: frames {} to {} are in the files only", file_.path().string(),
+                 known_.next_sequence, files.next_sequence - 1);
+    return std::nullopt;
+  }
+  Backlog backlog(folder);
+  while (known_.next_sequence < files.next_sequence) {
+    const auto frame = backlog.next(known_.next_sequence);
+    if (!frame) return frame.error();
+    if (!frame.value()) break;
+    if (auto error = write(*frame.value())) return error;
+    known_.next_sequence = frame.value()->sequence + 1;
+  }
+  return known_.next_drop < files.next_drop ? take_missed_drops(folder) : std::nullopt;
+}
+
+std::optional<Error> Recording::take_missed_drops(const std::filesystem::path& folder) {
+  const auto text = read_text(folder / session_names::kDrops);
+  if (!text) return text.error();
+  wire::Dropped dropped;
+  std::string_view lines = text.value();
+  lines.remove_prefix(std::min(lines.find('\n') + 1, lines.size()));  // the header
+  for (std::size_t end = 0; (end = lines.find('\n')) != lines.npos; lines.remove_prefix(end + 1)) {
+    const auto record = drop_from_csv(lines.substr(0, end));
+    if (!record) return Error{"read " + (folder / session_names::kDrops).string()};
+    dropped.records.push_back(*record);
+  }
+  return write_drops(dropped);
+}
+
 std::optional<Error> Recording::write(const EncodedFrame& frame) {
+  if (frame.sequence < known_.next_sequence) return std::nullopt;
   const bool is_stereo = frame.is_stereo();
   Batch batch;
   add_image(frame, is_stereo ? kLeftImage : kImage, frame.left(), batch);
@@ -128,16 +164,18 @@ std::optional<Error> Recording::write(const EncodedFrame& frame) {
   return file_.append(batch);
 }
 
-std::optional<Error> Recording::write_drops(std::span<const DropRecord> records) {
+std::optional<Error> Recording::write_drops(const wire::Dropped& dropped) {
   Batch batch;
   describe(kDrops, batch);
-  std::uint64_t number = next_drop_;
-  for (const DropRecord& record : records) {
-    batch.add(head_of(kDrops, number++, record.capture_time_ns), as_bytes(drop_json(record)));
+  std::uint64_t number = dropped.first_drop;
+  for (const DropRecord& record : dropped.records) {
+    if (number >= known_.next_drop) {
+      batch.add(head_of(kDrops, number, record.capture_time_ns), as_bytes(drop_json(record)));
+    }
+    ++number;
   }
-  auto error = file_.append(batch);
-  if (!error) next_drop_ = number;
-  return error;
+  if (batch.messages().empty()) return std::nullopt;
+  return file_.append(batch);
 }
 
 std::optional<Error> Recording::finish() {

@@ -7,7 +7,6 @@
 #include <span>
 #include <string>
 
-#include "common/drop_record.hpp"
 #include "common/error.hpp"
 #include "common/frame.hpp"
 #include "common/wire.hpp"
@@ -36,13 +35,23 @@ class Recording final : public SessionRecord {
 
   /// How far the recording reaches. files: the position of the session's files, if it keeps them;
   /// they are written after this, so what is here and not there was never acknowledged, and goes.
+  /// A power cut may have taken more from the files than a kill could: that much stays here, and
+  /// when it comes again for the files it is not written a second time.
   Result<wire::Position> recover(const std::optional<wire::Position>& files);
 
+  /// Takes what the recording lacks of the session's files, which are in `folder` and reach
+  /// `files`: a power cut may have spared them only. Nothing, with a warning, if that is more than
+  /// kMostMissed frames: then the recording began later. Requires recover().
+  std::optional<Error> take_missed(const std::filesystem::path& folder,
+                                   const wire::Position& files);
+  static constexpr std::uint64_t kMostMissed = 1000;
+
   std::optional<Error> write(const EncodedFrame& frame) override;
-  std::optional<Error> write_drops(std::span<const DropRecord> records) override;
+  std::optional<Error> write_drops(const wire::Dropped& dropped) override;
   std::optional<Error> finish() override;
 
  private:
+  std::optional<Error> take_missed_drops(const std::filesystem::path& folder);
   void describe(std::uint16_t channel, Batch& batch) const;
   void add_image(const EncodedFrame& frame, std::uint16_t channel,
                  std::span<const std::uint8_t> jpeg, Batch& batch) const;
@@ -51,7 +60,7 @@ class Recording final : public SessionRecord {
 
   std::string robot_id_;
   CalibratedCameras cameras_;
-  std::uint64_t next_drop_ = 0;
+  wire::Position known_;  // since recover(): what is below is there, even if it comes again
   File file_;
 };
 

@@ -47,7 +47,7 @@ void PipeSink::async_write(FramePtr frame, Done done) {
   go_on();
 }
 
-void PipeSink::async_write_drops(std::vector<DropRecord> /*records*/, Done done) {
+void PipeSink::async_write_drops(wire::Dropped /*dropped*/, Done done) {
   asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
 }
 

@@ -54,7 +54,7 @@ struct KeptFrames {
 /// skipped with a warning, both images of it.
 ///
 /// Lives in a shared_ptr, which its outstanding operations hold; close() ends them. Decoding and
-/// reading files run on the `files` thread, all else on `main`. The process must ignore SIGPIPE.
+/// reading files run in the `files` pool, all else on `main`. The process must ignore SIGPIPE.
 class PipeSink final : public FrameSink, public std::enable_shared_from_this<PipeSink> {
  public:
   /// kept: what a sink before this one keeps of the session; for kCatchUp only. Of a session that
@@ -69,7 +69,7 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   void start();
 
   void async_write(FramePtr frame, Done done) override;
-  void async_write_drops(std::vector<DropRecord> records, Done done) override;
+  void async_write_drops(wire::Dropped dropped, Done done) override;
   void cancel() override;
   /// Waits until the reader has caught up, or has left.
   void async_drain(std::function<void()> drained) override;

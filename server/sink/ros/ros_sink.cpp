@@ -70,7 +70,7 @@ class RosSink final : public FrameSink {
     asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
   }
 
-  void async_write_drops(std::vector<DropRecord> /*records*/, Done done) override {
+  void async_write_drops(wire::Dropped /*dropped*/, Done done) override {
     asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
   }
 

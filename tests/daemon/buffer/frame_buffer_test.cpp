@@ -53,6 +53,42 @@ TEST_F(FrameBufferTest, RefusesACapacityOfLessThanThreeFrames) {
   EXPECT_NO_THROW(FrameBuffer({3}, std::make_unique<FakePolicy>()));
 }
 
+TEST_F(FrameBufferTest, WhatIsInFlightIsBoundedInFrames) {
+  for (Sequence i = 0; i < FrameBuffer::kMostInFlight; ++i) {
+    push(i, i);
+    take(1);
+  }
+  push(100, 101);
+  EXPECT_FALSE(buffer_.take());
+  EXPECT_EQ(buffer_.stats().waiting, 2U);
+  buffer_.acknowledge(1);
+  EXPECT_TRUE(buffer_.take());
+  EXPECT_FALSE(buffer_.take());
+}
+
+TEST_F(FrameBufferTest, WhatIsInFlightHasAtMostHalfOfTheBytesAndCountsInAll) {
+  policy_ = new FakePolicy;
+  FrameBuffer buffer({100, 8}, std::unique_ptr<DropPolicy>(policy_));  // of frames of one byte
+  for (Sequence i = 0; i < 6; ++i) capture_and_push(buffer, i);
+  for (int i = 0; i < 4; ++i) ASSERT_TRUE(buffer.take());
+  EXPECT_FALSE(buffer.take());
+  for (Sequence i = 6; i < 8; ++i) capture_and_push(buffer, i);
+  EXPECT_THAT(collect_drops(buffer), IsEmpty());
+  capture_and_push(buffer, 8);
+  EXPECT_EQ(sequences_of(collect_drops(buffer)), std::vector<Sequence>{4});
+  buffer.acknowledge(2);
+  EXPECT_TRUE(buffer.take());
+}
+
+TEST_F(FrameBufferTest, TwoFramesMayAlwaysBeInFlight) {
+  policy_ = new FakePolicy;
+  FrameBuffer buffer({100, 1}, std::unique_ptr<DropPolicy>(policy_));
+  for (Sequence i = 0; i < 3; ++i) {
+    capture_and_push(buffer, i);
+    EXPECT_EQ(buffer.take() != nullptr, i < 2) << i;
+  }
+}
+
 TEST_F(FrameBufferTest, HasRoomUntilItIsFull) {
   for (Sequence count = 0; count <= kCapacity; ++count) {
     EXPECT_EQ(has_room(), count < kCapacity) << count;

@@ -31,7 +31,7 @@ class LinkRateTest : public testing::Test {
   void acknowledge_until(LinkRate::Time time) {
     while (!acks_.empty() && acks_.front().time <= time) {
       now_ = acks_.front().time;
-      rate_.on_acknowledged(now_, acks_.front().next, round_trip_);
+      rate_.on_received(now_, acks_.front().next, round_trip_);
       acks_.pop_front();
     }
     now_ = time;

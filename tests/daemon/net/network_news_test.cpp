@@ -2,27 +2,17 @@
 #include "daemon/net/network_news.hpp"
 
 #include <gtest/gtest.h>
-#include <sched.h>
 
 #include <boost/asio/io_context.hpp>
-#include <future>
-#include <thread>
 
+#include "testing/own_network.hpp"
 #include "testing/process.hpp"
 
 namespace orbbuf {
 namespace {
 
-/// On a thread that has left for a network of its own, which ends with it.
-void in_own_network(const std::function<void()>& body) {
-  std::thread([&] {
-    if (::unshare(CLONE_NEWNET) != 0) GTEST_SKIP() << "cannot make a network namespace (not root?)";
-    body();
-  }).join();
-}
-
 TEST(NetworkNews, AnInterfaceThatComesUpIsNews) {
-  in_own_network([] {
+  test::in_own_network([] {
     boost::asio::io_context io;
     int calls = 0;
     NetworkNews news(io, [&] {
@@ -41,7 +31,7 @@ TEST(NetworkNews, AnInterfaceThatComesUpIsNews) {
 }
 
 TEST(NetworkNews, WhatGoesAwayIsNot) {
-  in_own_network([] {
+  test::in_own_network([] {
     ASSERT_EQ(test::run({"ip", "link", "set", "lo", "up"}).status, 0);
     ASSERT_EQ(test::run({"ip", "addr", "add", "10.9.8.7/32", "dev", "lo"}).status, 0);
     boost::asio::io_context io;
@@ -55,7 +45,7 @@ TEST(NetworkNews, WhatGoesAwayIsNot) {
 }
 
 TEST(NetworkNews, ThereIsNoneAfterStop) {
-  in_own_network([] {
+  test::in_own_network([] {
     boost::asio::io_context io;
     NetworkNews news(io, [] { ADD_FAILURE(); });
     news.start();

@@ -135,6 +135,21 @@ TEST_F(SenderTest, BeyondWhatIsAcknowledgedAtMostTwoFramesAreWrittenAtFirst) {
   EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 2U);
 }
 
+TEST_F(SenderTest, WhatIsReceivedMakesRoomAndIsKeptUntilItIsAcknowledged) {
+  push(0, 4);
+  start();
+  server_.welcome({});
+  for (Sequence sequence = 0; sequence < 5; ++sequence) {
+    EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, sequence);
+    server_.ack({0, 0}, sequence + 1);  // the device takes its time
+  }
+  EXPECT_EQ(buffer_.stats().in_flight, 5U);
+  server_.close();
+  server_.welcome({3, 0});  // it was started again: the rest had not got to its device
+  EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 3U);
+  EXPECT_EQ(buffer_.stats().acknowledged, 3U);
+}
+
 TEST_F(SenderTest, FinishSaysByeOnceAllIsAcknowledged) {
   push(0, 1);
   start();

@@ -12,6 +12,9 @@
 #include <mutex>
 #include <thread>
 
+#include "testing/captured_log.hpp"
+#include "testing/own_network.hpp"
+#include "testing/process.hpp"
 #include "testing/scripted_server.hpp"
 
 namespace orbbuf {
@@ -25,7 +28,7 @@ class RecordingOwner final : public ServerLink::Owner {
  public:
   void on_connected(const wire::Position& position) override { add("connected", position); }
   void on_disconnected() override { add("disconnected", {}); }
-  void on_ack(const wire::Position& position) override { add("ack", position); }
+  void on_ack(const wire::Ack& ack) override { add("ack", ack.position); }
   void on_bye(const wire::Position& position) override { add("bye", position); }
   void on_writable() override { add("writable", {}); }
 
@@ -52,10 +55,10 @@ class RecordingOwner final : public ServerLink::Owner {
 };
 
 /// A link on its own thread, as `main` is, against a server that the test plays.
-class ServerLinkTest : public ::testing::Test {
- protected:
+class LinkRig {
+ public:
   /// The test may be held up in the middle of a welcome.
-  ServerLinkTest() { settings_.connect_timeout = std::chrono::minutes(1); }
+  LinkRig() { settings_.connect_timeout = std::chrono::minutes(1); }
   void start() {
     settings_.server.port = server_.port();
     wire::Hello hello;
@@ -84,7 +87,7 @@ class ServerLinkTest : public ::testing::Test {
     EXPECT_EQ(state(), ServerLink::State::kConnected);
     EXPECT_EQ(last_error(), "");
   }
-  void TearDown() override {
+  ~LinkRig() {
     asio::post(io_, [this] {
       link_->close();
       io_.stop();
@@ -100,6 +103,8 @@ class ServerLinkTest : public ::testing::Test {
   std::unique_ptr<ServerLink> link_;
   std::jthread main_;
 };
+
+class ServerLinkTest : public ::testing::Test, protected LinkRig {};
 
 TEST_F(ServerLinkTest, SaysHelloAndPassesOnWhatTheServerSays) {
   start();
@@ -178,6 +183,43 @@ TEST_F(ServerLinkTest, CloseEndsTheConnection) {
   EXPECT_FALSE(server_.read());
   EXPECT_EQ(state(), ServerLink::State::kClosed);
   EXPECT_TRUE(ask([](const ServerLink& link) { return !link.is_connected(); }));
+}
+
+TEST_F(ServerLinkTest, AnInterfaceThatIsNotThereIsNamedAndAnotherCarriesTheStream) {
+  const test::CapturedLog log;
+  settings_.interfaces = {"gone0", "127.0.0.9"};
+  start();
+  server_.welcome({});
+  expect_connected();
+  EXPECT_EQ(log.lines("cannot use interface gone0: No such device; trying it again").size(), 1U);
+  EXPECT_EQ(log.lines("over 127.0.0.9; its record").size(), 1U);
+}
+
+TEST_F(ServerLinkTest, ThePreferredInterfaceIsTheFirstToBeTried) {
+  const test::CapturedLog log;
+  settings_.interfaces = {"127.0.0.8", "127.0.0.9"};
+  settings_.attempt_interval = std::chrono::minutes(1);
+  start();
+  server_.welcome({});
+  expect_connected();
+  EXPECT_EQ(log.lines("over 127.0.0.8; its record").size(), 1U);
+}
+
+TEST(ServerLinkInNetwork, TheStreamGoesBackToThePreferredInterface) {
+  test::in_own_network([] {
+    ASSERT_EQ(test::run({"ip", "link", "set", "lo", "up"}).status, 0);
+    const test::CapturedLog log;
+    LinkRig rig;
+    rig.settings_.interfaces = {"10.9.8.7", "127.0.0.9"};
+    rig.settings_.return_after = std::chrono::seconds(0);
+    rig.start();
+    rig.server_.welcome({});
+    rig.expect_connected();
+    EXPECT_EQ(log.lines("over 127.0.0.9; its record").size(), 1U);
+    ASSERT_EQ(test::run({"ip", "addr", "add", "10.9.8.7/32", "dev", "lo"}).status, 0);
+    rig.server_.welcome({});
+    log.wait_for("over 10.9.8.7; its record");
+  });
 }
 
 }  // namespace

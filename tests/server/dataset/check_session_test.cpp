@@ -59,7 +59,7 @@ TEST_F(CheckSession, FindsNothingInASoundPair) {
 
 TEST_F(CheckSession, FindsNothingInOneOfWhichAllWasDropped) {
   SessionFiles files(session_, "");
-  ASSERT_FALSE(files.write_drops(std::vector<DropRecord>{{0, 0, DropReason::kShutdown}}));
+  ASSERT_FALSE(files.write_drops({0, {{0, 0, DropReason::kShutdown}}}));
   EXPECT_THAT(problems(), IsEmpty());
 }
 

@@ -125,7 +125,7 @@ TEST_F(ExportSession, RefusesAFolderWithSomethingInIt) {
 TEST_F(ExportSession, RefusesWhatIsNoSession) {
   EXPECT_THAT(error_to(out_), HasSubstr("not a session"));
   SessionFiles files(session_, "");
-  ASSERT_FALSE(files.write_drops(std::vector<DropRecord>{{0, 0, DropReason::kShutdown}}));
+  ASSERT_FALSE(files.write_drops({0, {{0, 0, DropReason::kShutdown}}}));
   EXPECT_THAT(error_to(out_), EndsWith("session: no frames"));
   EXPECT_FALSE(fs::exists(out_.parent_path()));
 }

@@ -33,10 +33,10 @@ class Recording : public testing::Test {
       }
       ASSERT_FALSE(files.write(*frame));
     }
-    const std::vector<DropRecord> drops = {{4, 4 * kFrameNs, DropReason::kPolicy},
-                                           {3, 3 * kFrameNs, DropReason::kBusy},
-                                           {7, 7 * kFrameNs, DropReason::kFailed}};
-    ASSERT_FALSE(files.write_drops(drops));
+    ASSERT_FALSE(files.write_drops({0,
+                                    {{4, 4 * kFrameNs, DropReason::kPolicy},
+                                     {3, 3 * kFrameNs, DropReason::kBusy},
+                                     {7, 7 * kFrameNs, DropReason::kFailed}}}));
   }
 
   TemporaryFolder folder_;

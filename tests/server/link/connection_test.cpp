@@ -26,9 +26,11 @@ using wire::ErrorCode;
 
 class ConnectionTest : public testing::Test {
  protected:
-  /// The test may be held up for longer than a server waits.
+  /// The test may be held up for longer than a server waits. Each frame is acknowledged at once, so
+  /// that a test can count the acks.
   ConnectionTest() {
     settings_.sinks.files_path = folder_.path();
+    settings_.sinks.files_sync = FilesSync::kSecond;
     settings_.listen.hello_timeout = settings_.listen.idle_timeout = std::chrono::minutes(10);
   }
 
@@ -200,8 +202,34 @@ TEST_F(ConnectionTest, AFrameWithAWrongChecksumIsNotTaken) {
 
 TEST_F(ConnectionTest, AProtocolWeDoNotSpeakIsRefused) {
   const auto robot = connect();
-  robot.send(wire::encode(wire::Hello{2, 3, "r1", "s1", "from the future", ""}));
-  expect_end(robot, ErrorCode::kVersion, "the robot speaks protocol 2 to 3, we speak 1");
+  robot.send(wire::encode(wire::Hello{3, 4, "r1", "s1", "from the future", ""}));
+  expect_end(robot, ErrorCode::kVersion, "the robot speaks protocol 3 to 4, we speak 1 to 2");
+}
+
+TEST_F(ConnectionTest, TheNewestVersionThatBothKnowIsTaken) {
+  const auto robot = connect();
+  robot.send(wire::encode(wire::Hello{2, 9, "r1", "s1", "from the future", ""}));
+  EXPECT_TRUE(robot.welcome());
+  robot.send_frame(plain_frame(0));
+  EXPECT_EQ(robot.whole_ack(), (wire::Ack{{1, 0}, 1}));
+}
+
+TEST_F(ConnectionTest, AFrameIsReceivedBeforeItIsOnTheDevice) {
+  settings_.sinks.files_sync = FilesSync::kAck;
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  robot.send_frame(plain_frame(0));
+  EXPECT_EQ(robot.whole_ack(), (wire::Ack{{0, 0}, 1}));
+  EXPECT_EQ(robot.whole_ack(), (wire::Ack{{1, 0}, 1}));
+}
+
+TEST_F(ConnectionTest, ARobotOfVersion1GetsNoAckBeforeTheFrameIsOnTheDevice) {
+  settings_.sinks.files_sync = FilesSync::kAck;
+  const auto robot = connect();
+  robot.send(wire::encode(wire::Hello{1, 1, "r1", "s1", "orbbufd 0.1.0", ""}));
+  EXPECT_TRUE(robot.welcome());
+  robot.send_frame(plain_frame(0));
+  EXPECT_EQ(robot.whole_ack(), (wire::Ack{{1, 0}, std::nullopt}));
 }
 
 TEST_F(ConnectionTest, AFrameBeforeHelloIsUnexpected) {

@@ -19,8 +19,8 @@ class FakeSink : public FrameSink {
     frames.push_back(frame->sequence);
     done_ = std::move(done);
   }
-  void async_write_drops(std::vector<DropRecord> records, Done done) override {
-    for (const auto& record : records) drops.push_back(record.sequence);
+  void async_write_drops(wire::Dropped dropped, Done done) override {
+    for (const auto& record : dropped.records) drops.push_back(record.sequence);
     done_ = std::move(done);
   }
   void cancel() override { is_cancelled = true; }
@@ -82,9 +82,10 @@ class SessionTest : public test::EventLoop {
 
   void make(std::vector<std::shared_ptr<FrameSink>> sinks,
             std::chrono::nanoseconds timeout = std::chrono::hours(1)) {
-    session_ = std::make_shared<Session>(
-        main_, SessionInfo{"robot", "session", ""}, std::move(sinks),
-        Session::Timeouts{timeout, std::chrono::seconds(2)}, [this] { ++closed_; });
+    session_ =
+        std::make_shared<Session>(main_, SessionInfo{"robot", "session", ""}, std::move(sinks),
+                                  Session::Timeouts{timeout, std::chrono::seconds(2)},
+                                  Session::Events{[this] { ++closed_; }, [this] { ++failures_; }});
     session_->attach(peer_);
   }
   void write(Sequence sequence) {
@@ -99,6 +100,7 @@ class SessionTest : public test::EventLoop {
   std::shared_ptr<Session> session_;
   int taken_ = 0;
   int closed_ = 0;
+  int failures_ = 0;
 };
 
 TEST_F(SessionTest, BeginsWhereTheSinkThatRemembersStands) {
@@ -125,6 +127,7 @@ TEST_F(SessionTest, AFrameIsKeptWhenItsCommitIsDone) {
   sink_->answer();
   EXPECT_EQ(taken_, 1);  // the next may come
   EXPECT_EQ(peer_->kept, 0);
+  EXPECT_EQ(session_->received(), 1U);
   EXPECT_EQ(session_->kept(), wire::Position{});
   write(1);
   sink_->answer();
@@ -133,6 +136,20 @@ TEST_F(SessionTest, AFrameIsKeptWhenItsCommitIsDone) {
   EXPECT_EQ(session_->kept(), (wire::Position{1, 0}));  // the commit began before frame 1
   sink_->answer_commit();
   EXPECT_EQ(session_->kept(), (wire::Position{2, 0}));
+}
+
+TEST_F(SessionTest, EachFailedTryOfASinkIsReported) {
+  const test::CapturedLog log;
+  make({sink_});
+  write(0);
+  sink_->answer(Error{"the disk is full"});
+  EXPECT_EQ(failures_, 1);
+  ASSERT_TRUE(run_until_busy(*sink_));
+  sink_->answer(Error{"the disk is full"});
+  EXPECT_EQ(failures_, 2);
+  ASSERT_TRUE(run_until_busy(*sink_));
+  sink_->answer();
+  EXPECT_EQ(failures_, 2);
 }
 
 TEST_F(SessionTest, AWelcomeWaitsUntilWhatIsThereIsKept) {
@@ -167,6 +184,7 @@ TEST_F(SessionTest, AfterAFailedCommitNothingMoreIsKept) {
   write(1);
   sink_->answer();
   EXPECT_EQ(peer_->kept, 0);
+  EXPECT_EQ(session_->received(), 0U);  // the robot shall keep the rest
   EXPECT_EQ(log.lines("error robot session: stream paused: sync").size(), 1U);
   session_->close(SessionEnd::kStopping);
   EXPECT_EQ(peer_->bye, wire::Position{});

@@ -94,8 +94,8 @@ TEST_F(SessionFilesTest, NothingIsMadeBeforeTheFirstWrite) {
 
 TEST_F(SessionFilesTest, DropRecordsAreCsv) {
   auto out = files();
-  EXPECT_FALSE(out.write_drops(std::vector<DropRecord>{{4, 160'000'000, DropReason::kPolicy}}));
-  EXPECT_FALSE(out.write_drops(std::vector<DropRecord>{{6, -1, DropReason::kBusy}}));
+  EXPECT_FALSE(out.write_drops({0, {{4, 160'000'000, DropReason::kPolicy}}}));
+  EXPECT_FALSE(out.write_drops({1, {{6, -1, DropReason::kBusy}}}));
   EXPECT_EQ(read_file(folder_ / "drops.csv"),
             "sequence,reason,capture_time_s\n4,policy,0.160000000\n6,busy,-0.000000001\n");
   EXPECT_EQ(recovered(), (wire::Position{0, 2}));
@@ -116,7 +116,7 @@ TEST_F(SessionFilesTest, WhatWasInTheMiddleOfBeingWrittenBecomesAnOrphan) {
   const test::CapturedLog log;
   auto out = files();
   EXPECT_FALSE(out.write(plain_frame(0)));
-  EXPECT_FALSE(out.write_drops(std::vector<DropRecord>{{1, 0, DropReason::kPolicy}}));
+  EXPECT_FALSE(out.write_drops({0, {{1, 0, DropReason::kPolicy}}}));
   const std::string times = read_file(folder_ / "times.txt");
   const std::string drops = read_file(folder_ / "drops.csv");
   test::write_file(folder_ / "times.txt", times + "2 0.0800");
@@ -227,7 +227,7 @@ TEST_F(SessionFilesTest, ATornHeaderOfDropsIsNoRecord) {
   test::write_file(folder_ / "drops.csv", "sequence,rea");
   EXPECT_EQ(recovered(), wire::Position{});
   auto out = files();
-  EXPECT_FALSE(out.write_drops(std::vector<DropRecord>{{1, 0, DropReason::kFailed}}));
+  EXPECT_FALSE(out.write_drops({0, {{1, 0, DropReason::kFailed}}}));
   EXPECT_EQ(read_file(folder_ / "drops.csv"),
             "sequence,reason,capture_time_s\n1,failed,0.000000000\n");
 }

@@ -35,7 +35,7 @@ TEST_F(GroupCommitTest, ThoseWhoComeDuringASyncShareTheNext) {
         }
         return std::nullopt;
       },
-      0ms);
+      0ms, "the consequence");
   int done = 0;
   const auto count = [&](const std::optional<Error>& error) {
     EXPECT_FALSE(error);
@@ -64,7 +64,7 @@ TEST_F(GroupCommitTest, ADeviceThatFailedIsNotTrustedAgain) {
         if (++syncs == 1) return Error{"sync: Input/output error"};
         return std::nullopt;
       },
-      0ms);
+      0ms, "the consequence");
   int errors = 0;
   const auto count = [&](const std::optional<Error>& error) {
     errors += error.has_value() ? 1 : 0;
@@ -76,12 +76,14 @@ TEST_F(GroupCommitTest, ADeviceThatFailedIsNotTrustedAgain) {
   main_.run();
   EXPECT_EQ(errors, 2);
   EXPECT_EQ(syncs, 1);
-  EXPECT_EQ(log_.lines("error ").size(), 1U);
+  EXPECT_EQ(log_.lines("error "),
+            std::vector<std::string>{"error sync: Input/output error; the consequence: check the "
+                                     "disk, then restart the server"});
 }
 
 TEST_F(GroupCommitTest, SyncsTheFileSystemOfAFolder) {
   const test::TemporaryFolder folder;
-  GroupCommit commit(main_, folder.path(), 0ms);
+  GroupCommit commit(main_, folder.path(), 0ms, "");
   bool is_done = false;
   commit.async_commit([&](const std::optional<Error>& error) { is_done = !error; });
   EXPECT_FALSE(is_done);

@@ -5,6 +5,7 @@
 
 #include <stdexcept>
 
+#include "testing/captured_log.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/server/event_loop.hpp"
 #include "tests/server/frames.hpp"
@@ -21,13 +22,14 @@ class MakeSinksTest : public test::EventLoop {
     run_ready();
   }
   std::size_t make() {
-    auto sinks = make_sinks(settings_, {"r1", "s1", ""}, main_, files_);
-    EXPECT_TRUE(sinks);
-    sinks_ = std::move(sinks).value();
+    auto opened = open_session(settings_, info_);
+    EXPECT_TRUE(opened);
+    sinks_ = make_sinks(settings_, info_, std::move(opened).value(), main_, files_);
     return sinks_.size();
   }
 
   test::TemporaryFolder folder_;
+  const SessionInfo info_{"r1", "s1", ""};
   SinkSettings settings_;
   std::vector<std::shared_ptr<FrameSink>> sinks_;
 };
@@ -55,6 +57,17 @@ TEST_F(MakeSinksTest, ARecordingIsInTheSessionsFolderAndWrittenBeforeTheFiles) {
   settings_.files_enabled = false;
   ASSERT_EQ(make(), 1U);
   EXPECT_EQ(sinks_[0]->position(), (wire::Position{3, 0}));
+}
+
+TEST_F(MakeSinksTest, WhatTheFilesLostIsAskedForAgainThoughTheRecordingHasIt) {
+  settings_.mcap_enabled = true;
+  ASSERT_EQ(make(), 1U);
+  for (Sequence i = 0; i < 60; ++i) {  // 2.4 s, more than a chunk
+    EXPECT_FALSE(write(*sinks_[0], test::plain_frame_ptr(i)));
+  }
+  test::write_file(folder_ / "data/r1/s1/images/000010.jpg", "");  // as a power cut leaves it
+  ASSERT_EQ(make(), 1U);
+  EXPECT_EQ(sinks_[0]->position(), (wire::Position{10, 0}));
 }
 
 TEST_F(MakeSinksTest, TheFifoOfASessionIsNamedAfterIt) {
@@ -99,7 +112,22 @@ TEST_F(MakeSinksTest, TheNextSlamMayBeginWithWhatTheLastOneMissed) {
 
 TEST_F(MakeSinksTest, ARecordThatCannotBeReadIsAnError) {
   std::filesystem::create_directories(folder_ / "data/r1/s1/times.txt");
-  EXPECT_FALSE(make_sinks(settings_, {"r1", "s1", ""}, main_, files_));
+  EXPECT_FALSE(open_session(settings_, info_));
+}
+
+TEST_F(MakeSinksTest, AFailedSyncIsLoggedAsWhatItMeansInThatMode) {
+  const test::CapturedLog log;
+  settings_.files_path = folder_ / "not there";
+  for (const auto sync : {FilesSync::kAck, FilesSync::kSecond}) {
+    settings_.files_sync = sync;
+    const auto commit = make_group_commit(settings_, main_);
+    bool is_done = false;
+    commit->async_commit([&](const std::optional<Error>& error) { is_done = error.has_value(); });
+    EXPECT_TRUE(run_until([&] { return is_done; }));
+  }
+  EXPECT_EQ(log.lines("No such file or directory; frames are not acknowledged any more: ").size(),
+            1U);
+  EXPECT_EQ(log.lines("; frames are acknowledged and not synced any more").size(), 1U);
 }
 
 TEST_F(MakeSinksTest, AFolderThatCannotBeMadeIsToldAtTheStart) {

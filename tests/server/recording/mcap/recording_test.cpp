@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <limits>
 
+#include "server/recording/session_files.hpp"
 #include "testing/captured_log.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
@@ -45,7 +46,7 @@ class McapRecordingTest : public testing::Test {
 TEST_F(McapRecordingTest, RemembersHowFarItGot) {
   auto out = recording();
   EXPECT_FALSE(out.write(plain_frame(3)));
-  EXPECT_FALSE(out.write_drops(std::vector<DropRecord>{{4, 0}, {5, 0}}));
+  EXPECT_FALSE(out.write_drops({0, {{4, 0}, {5, 0}}}));
   EXPECT_EQ(recovered(), (wire::Position{4, 2}));
   EXPECT_FALSE(out.write(plain_pair(9, 10, 10)));
   EXPECT_EQ(recovered(), (wire::Position{10, 2}));
@@ -83,10 +84,11 @@ TEST_F(McapRecordingTest, SaysWhyThereIsNoCalibration) {
 
 TEST_F(McapRecordingTest, DropsAreJson) {
   auto out = recording();
-  EXPECT_FALSE(out.write_drops(
-      std::vector<DropRecord>{{4, 1'633'012'000, DropReason::kPolicy, 17},
-                              {6, -1, DropReason::kBusy},
-                              {7, std::numeric_limits<std::int64_t>::min(), DropReason::kFailed}}));
+  EXPECT_FALSE(
+      out.write_drops({0,
+                       {{4, 1'633'012'000, DropReason::kPolicy, 17},
+                        {6, -1, DropReason::kBusy},
+                        {7, std::numeric_limits<std::int64_t>::min(), DropReason::kFailed}}}));
   EXPECT_EQ(count(R"({"timestamp":{"sec":1,"nsec":633012000},"sequence":4,)"
                   R"("reason":"policy","similarity":17})"),
             1U);
@@ -101,7 +103,7 @@ TEST_F(McapRecordingTest, WhatTheFilesLackWasNotAcknowledgedAndGoes) {
   for (Sequence i = 0; i < 3; ++i) EXPECT_FALSE(out.write(plain_pair(i, 10, 10)));
   EXPECT_EQ(recovered(wire::Position{2, 0}), (wire::Position{2, 0}));
   EXPECT_EQ(recovered(wire::Position{3, 0}), (wire::Position{3, 0}));
-  EXPECT_FALSE(out.write_drops(std::vector<DropRecord>{{3, 0}, {4, 0}}));
+  EXPECT_FALSE(out.write_drops({0, {{3, 0}, {4, 0}}}));
   EXPECT_EQ(recovered(wire::Position{3, 0}), (wire::Position{3, 0}));
   EXPECT_EQ(recovered(wire::Position{3, 2}), (wire::Position{3, 2}));
 }
@@ -112,10 +114,57 @@ TEST_F(McapRecordingTest, WhenTheFilesAreGoneTheRecordingIsKept) {
   EXPECT_EQ(recovered(wire::Position{}), (wire::Position{60, 0}));
 }
 
+TEST_F(McapRecordingTest, WhatComesAgainForTheFilesIsNotRecordedAgain) {
+  auto out = recording();
+  EXPECT_FALSE(out.write_drops({0, {{100, 0}, {101, 0}}}));
+  for (Sequence i = 0; i < 60; ++i) EXPECT_FALSE(out.write(plain_frame(i)));
+  auto again = recording();
+  ASSERT_EQ(again.recover(wire::Position{10, 1}).value(), (wire::Position{60, 2}));
+  const std::string before = content();
+  for (Sequence i = 10; i < 60; ++i) EXPECT_FALSE(again.write(plain_frame(i)));
+  EXPECT_FALSE(again.write_drops({1, {{101, 0}}}));
+  EXPECT_EQ(content(), before);
+  EXPECT_FALSE(again.write(plain_frame(60)));
+  EXPECT_FALSE(again.write_drops({1, {{101, 0}, {102, 0}}}));
+  EXPECT_EQ(recovered(), (wire::Position{61, 3}));
+  EXPECT_EQ(count("\"sequence\":101,"), 1U);
+}
+
+TEST_F(McapRecordingTest, WhatOnlyTheFilesHaveIsTakenFromThem) {
+  SessionFiles files(path_.parent_path(), "");
+  auto out = recording();
+  for (Sequence i = 0; i < 10; ++i) {
+    EXPECT_FALSE(files.write(plain_pair(i, 10, 20)));
+    if (i >= 6) continue;
+    EXPECT_FALSE(out.write(plain_pair(i, 10, 20)));
+  }
+  EXPECT_FALSE(files.write_drops({0, {{100, 0}, {101, 0}, {102, 0}}}));
+  EXPECT_FALSE(out.write_drops({0, {{100, 0}}}));
+  auto again = recording();
+  ASSERT_TRUE(again.recover(wire::Position{10, 3}));
+  EXPECT_FALSE(again.take_missed(path_.parent_path(), {10, 3}));
+  EXPECT_EQ(recovered(wire::Position{10, 3}), (wire::Position{10, 3}));
+  auto third = plain_pair(7, 10, 20);
+  EXPECT_EQ(count(test::as_text(third.left())), 1U);
+  EXPECT_EQ(count(test::as_text(third.right())), 1U);
+  for (const char* drop : {"100", "101", "102"}) {
+    EXPECT_EQ(count("\"sequence\":" + std::string(drop) + ","), 1U) << drop;
+  }
+}
+
+TEST_F(McapRecordingTest, ARecordingThatBeginsLateTakesNothingFromLongFiles) {
+  const test::CapturedLog log;
+  auto out = recording();
+  ASSERT_TRUE(out.recover(wire::Position{1001, 0}));
+  EXPECT_FALSE(out.take_missed(path_.parent_path(), {1001, 0}));
+  EXPECT_EQ(log.lines("frames 0 to 1000 are in the files only").size(), 1U);
+  EXPECT_FALSE(std::filesystem::exists(path_));
+}
+
 TEST_F(McapRecordingTest, ARecordingThatBeginsLateCountsDropsAsTheFilesDo) {
   auto out = recording();
   EXPECT_EQ(out.recover(wire::Position{7, 5}).value(), wire::Position{});
-  EXPECT_FALSE(out.write_drops(std::vector<DropRecord>{{7, 0}}));
+  EXPECT_FALSE(out.write_drops({5, {{7, 0}}}));
   EXPECT_EQ(recovered(), (wire::Position{0, 6}));
 }
 

@@ -276,7 +276,7 @@ TEST_F(PipeSinkTest, APathThatIsNoFifoIsOneErrorAndTriedAgain) {
 
 TEST_F(PipeSinkTest, DropRecordsAreNotPartOfTheStream) {
   auto& out = fifo_sink(PipeFormat::kMjpeg);
-  out.async_write_drops({{1, 0, DropReason::kPolicy}},
+  out.async_write_drops({0, {{1, 0, DropReason::kPolicy}}},
                         [this](const std::optional<Error>& e) { answers_.push_back(e); });
   EXPECT_TRUE(answers_.empty());
   ASSERT_TRUE(run_until_answered());
