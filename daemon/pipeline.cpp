@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/pipeline.hpp"
 
+#include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
 
+#include <exception>
 #include <optional>
 #include <utility>
 
@@ -48,6 +50,19 @@ void Pipeline::capture(const std::stop_token& stop) {
 
 void Pipeline::work(const std::stop_token& stop) {
   const WatchedThread watched("worker");
+  bool has_failed = false;
+  try {
+    work_until_end(stop);
+  } catch (const std::exception& error) {
+    has_failed = true;
+    spdlog::error("worker: {}", error.what());
+    capture_.request_stop();
+    while (const auto captured = mailbox_.take()) lose(*captured, DropReason::kFailed);
+  }
+  events_.ended(has_failed || source_failed_);
+}
+
+void Pipeline::work_until_end(const std::stop_token& stop) {
   while (auto captured = mailbox_.take()) {
     if (source_->is_live() || buffer_.wait_for_room(stop)) {
       encode(*captured);
@@ -58,11 +73,10 @@ void Pipeline::work(const std::stop_token& stop) {
     // What the policy does ahead is done here, in small units, so that no frame waits for it long.
     while (mailbox_.take_would_wait() && buffer_.prepare()) beat();
   }
-  events_.ended(source_failed_);
 }
 
 void Pipeline::encode(const Captured& captured) {
-  auto encoded = encoder_.encode(captured.raw, captured.sequence);
+  auto encoded = try_to_encode(captured);
   if (encoded) {
     buffer_.push(std::make_shared<const EncodedFrame>(std::move(encoded.value())));
   } else {
@@ -71,6 +85,14 @@ void Pipeline::encode(const Captured& captured) {
                    encoded.error().text);
     }
     lose(captured, DropReason::kFailed);
+  }
+}
+
+Result<EncodedFrame> Pipeline::try_to_encode(const Captured& captured) {
+  try {
+    return encoder_.encode(captured.raw, captured.sequence);
+  } catch (const std::exception& error) {  // no memory, for one
+    return Error{fmt::format("cannot encode it: {}", error.what())};
   }
 }
 

@@ -19,12 +19,14 @@ namespace orbbuf {
 /// source and numbers them, `worker` encodes and pushes them. A mailbox of a few frames lies
 /// between them: a live source never waits, and a frame that the worker does not take in time is
 /// recorded as skipped. A source that is not live is read only when the buffer has room, so it
-/// loses nothing. Thread-bound to `main`.
+/// loses nothing. A frame whose encoding throws is recorded as failed; any other exception ends
+/// both threads, as a source does that is gone. Thread-bound to `main`.
 class Pipeline {
  public:
   struct Events {
     std::function<void()> changed;           ///< `worker`: the buffer has news for the sender
-    std::function<void(bool failed)> ended;  ///< `worker`, last: the source is at its end, or gone
+    std::function<void(bool failed)> ended;  ///< `worker`, last: the source is at its end, or gone;
+                                             ///< or the worker cannot go on
   };
 
   /// `buffer` must outlive the pipeline. Nothing runs before start().
@@ -45,7 +47,9 @@ class Pipeline {
 
   void capture(const std::stop_token& stop);
   void work(const std::stop_token& stop);
+  void work_until_end(const std::stop_token& stop);
   void encode(const Captured& captured);
+  Result<EncodedFrame> try_to_encode(const Captured& captured);
   void lose(const Captured& captured, DropReason reason);
 
   const std::unique_ptr<FrameSource> source_;

@@ -13,8 +13,9 @@
 namespace orbbuf {
 
 /// Tells the service manager how the server does. Ready: from start() on. Fed: each time that a
-/// message has gone from `main` to `files`, behind all that is to be written, and back; so neither
-/// a thread that is stuck nor a disk that is goes unnoticed. Thread-bound to `main`.
+/// message has gone from `main` to the `files` pool and back. So a `main` that is stuck is noticed,
+/// and a disk on which all threads of the pool are; one slow session is not a reason to restart the
+/// server. Thread-bound to `main`.
 class Health {
  public:
   /// All must outlive it, and its run of `main`.

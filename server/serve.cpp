@@ -10,6 +10,7 @@
 #include <chrono>
 #include <csignal>
 #include <cstdlib>
+#include <latch>
 #include <memory>
 #include <optional>
 #include <stdexcept>
@@ -32,6 +33,8 @@ namespace asio = boost::asio;
 using boost::system::error_code;
 
 constexpr std::chrono::seconds kLastReaping{1};
+/// A session occupies one at most. More than processors, since most wait for the disk.
+constexpr unsigned kFilesThreads = 4;
 
 std::shared_ptr<Retention> make_retention(asio::io_context& main, asio::thread_pool& files,
                                           const Settings& settings, const Listener& listener) {
@@ -41,6 +44,16 @@ std::shared_ptr<Retention> make_retention(asio::io_context& main, asio::thread_p
       [&listener](const std::string& robot_id, const std::string& session_id) {
         return listener.has_session(robot_id, session_id);
       });
+}
+
+void name_threads(asio::thread_pool& files) {
+  const auto all_there = std::make_shared<std::latch>(kFilesThreads);
+  for (unsigned i = 0; i < kFilesThreads; ++i) {
+    asio::post(files, [all_there] {
+      name_this_thread("files");
+      all_there->arrive_and_wait();  // so each thread runs this once
+    });
+  }
 }
 
 /// SIGHUP never ends the server.
@@ -70,13 +83,14 @@ std::unique_ptr<StatusSocket> open_status(asio::io_context& main, const std::str
 
 void serve(const Settings& settings) {
   std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGCHLD, SIG_DFL);  // ignored, as some programs leave it, a child has no status
   check_sinks(settings.sinks);
   const UniqueFd lock =
       settings.sinks.is_kept() ? lock_folder(settings.sinks.files_path) : UniqueFd();
   allow_descriptors_for(settings.listen.max_connections + HttpServer::kMaxConnections);
   asio::io_context main(1);
-  asio::thread_pool files(1);  // ends before `main`, to which its work reports
-  asio::post(files, [] { name_this_thread("files"); });
+  asio::thread_pool files(kFilesThreads);  // ends before `main`, to which its work reports
+  name_threads(files);
   Metrics metrics(settings.listen.max_robots, settings.http_address.has_value());
   const auto status = open_status(main, settings.status_socket, metrics);
   std::optional<HttpServer> http;
@@ -85,6 +99,7 @@ void serve(const Settings& settings) {
   ServiceStatus service;
   Health health(main, files, service, listener);
   const auto retention = make_retention(main, files, settings, listener);
+  listener.on_sink_failed([&] { retention->wake(); });
 
   asio::signal_set reload(main, SIGHUP);
   await_reload(reload, listener);

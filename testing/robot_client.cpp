@@ -49,13 +49,17 @@ void RobotClient::send_frame(const EncodedFrame& frame) const {
   send(frame.jpeg);
 }
 
-std::optional<wire::Position> RobotClient::hello(const std::string& robot,
-                                                 const std::string& session) const {
+void RobotClient::send_hello(const std::string& robot, const std::string& session) const {
   wire::Hello hello;
   hello.robot_id = robot;
   hello.session_id = session;
   hello.software = "test";
   send(wire::encode(hello));
+}
+
+std::optional<wire::Position> RobotClient::hello(const std::string& robot,
+                                                 const std::string& session) const {
+  send_hello(robot, session);
   return welcome();
 }
 

@@ -23,6 +23,7 @@ class RobotClient {
   void send(std::span<const std::uint8_t> bytes) const;
   void send_text(std::string_view text) const;
   void send_frame(const EncodedFrame& frame) const;
+  void send_hello(const std::string& robot, const std::string& session) const;
   /// Says hello and returns where the welcome puts the robot; nothing if there was none.
   std::optional<wire::Position> hello(const std::string& robot, const std::string& session) const;
 

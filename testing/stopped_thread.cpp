@@ -6,9 +6,9 @@
 
 #include <chrono>
 #include <filesystem>
-#include <optional>
 #include <stdexcept>
 #include <thread>
+#include <vector>
 
 #include "testing/temporary_folder.hpp"
 
@@ -19,19 +19,20 @@ using Clock = std::chrono::steady_clock;
 
 constexpr std::chrono::minutes kLongestWait{1};
 
-std::optional<pid_t> find(pid_t process, const std::string& name) {
-  if (name == "main") return process;
+std::vector<pid_t> find(pid_t process, const std::string& name) {
+  if (name == "main") return {process};
+  std::vector<pid_t> found;
   const auto threads = "/proc/" + std::to_string(process) + "/task";
   for (const auto& thread : std::filesystem::directory_iterator(threads)) {
     if (read_file(thread.path() / "comm") == name + "\n")
-      return std::stoi(thread.path().filename());
+      found.push_back(std::stoi(thread.path().filename()));
   }
-  return std::nullopt;
+  return found;
 }
 
-pid_t wait_for(pid_t process, const std::string& name) {
+std::vector<pid_t> wait_for(pid_t process, const std::string& name) {
   for (const auto end = Clock::now() + kLongestWait; Clock::now() < end;) {
-    if (const auto thread = find(process, name)) return *thread;
+    if (auto threads = find(process, name); !threads.empty()) return threads;
     std::this_thread::yield();
   }
   throw std::runtime_error("no thread " + name);
@@ -40,15 +41,16 @@ pid_t wait_for(pid_t process, const std::string& name) {
 }  // namespace
 
 StoppedThread::StoppedThread(pid_t process, const std::string& name) {
-  const pid_t thread = wait_for(process, name);
-  if (::ptrace(PTRACE_SEIZE, thread, nullptr, nullptr) != 0) return;
-  thread_ = thread;
-  ::ptrace(PTRACE_INTERRUPT, thread_, nullptr, nullptr);
-  ::waitpid(thread_, nullptr, __WALL);
+  for (const pid_t thread : wait_for(process, name)) {
+    if (::ptrace(PTRACE_SEIZE, thread, nullptr, nullptr) != 0) return;
+    threads_.push_back(thread);
+    ::ptrace(PTRACE_INTERRUPT, thread, nullptr, nullptr);
+    ::waitpid(thread, nullptr, __WALL);
+  }
 }
 
 StoppedThread::~StoppedThread() {
-  if (is_stopped()) ::ptrace(PTRACE_DETACH, thread_, nullptr, nullptr);
+  for (const pid_t thread : threads_) ::ptrace(PTRACE_DETACH, thread, nullptr, nullptr);
 }
 
 }  // namespace orbbuf::test

@@ -4,11 +4,13 @@
 #include <sys/types.h>
 
 #include <string>
+#include <vector>
 
 namespace orbbuf::test {
 
-/// One thread of a child process that stands still, as one that is stuck in a driver does, for as
-/// long as this lives: stopped by ptrace(2). Thread-bound to its maker.
+/// A thread of a child process that stands still, as one that is stuck in a driver does, for as
+/// long as this lives: stopped by ptrace(2). All of that name, if there are several. Thread-bound
+/// to its maker.
 class StoppedThread {
  public:
   /// `name`: the thread's, as the log has it, which a new one gives itself: waits for it. Throws
@@ -19,10 +21,10 @@ class StoppedThread {
   StoppedThread& operator=(const StoppedThread&) = delete;
 
   /// False where this is not permitted: then nothing was stopped.
-  bool is_stopped() const { return thread_ > 0; }
+  bool is_stopped() const { return !threads_.empty(); }
 
  private:
-  pid_t thread_ = 0;
+  std::vector<pid_t> threads_;
 };
 
 }  // namespace orbbuf::test

@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Many robots from one process into one real server that writes files: whether all is delivered,
 // how soon it is on disk, and what the server takes for it. Then many robots that only say that
-// they are there.
+// they are there. Then one that comes back to a session of many frames, while another streams.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <boost/asio/io_context.hpp>
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
+#include <fstream>
+#include <future>
 #include <memory>
 
 #include "bench/load/robot.hpp"
@@ -15,7 +17,11 @@
 #include "bench/run_program.hpp"
 #include "bench/watched_process.hpp"
 #include "common/address.hpp"
+#include "common/as_bytes.hpp"
+#include "server/recording/session_lines.hpp"
+#include "server/recording/session_names.hpp"
 #include "testing/process.hpp"
+#include "testing/robot_client.hpp"
 
 namespace {
 
@@ -31,6 +37,7 @@ using Seconds = std::chrono::duration<double>;
 
 constexpr std::chrono::seconds kPatience{60};
 constexpr milliseconds kSampling{50};
+constexpr std::size_t kResumedFrames = 300'000;
 
 struct Options {
   std::string server;
@@ -235,16 +242,66 @@ void idle(const Options& options) {
   server.end();
 }
 
+/// The folder of a session as a server has left it, with images of one byte.
+void make_session(const fs::path& folder, std::size_t frames) {
+  namespace names = orbbuf::session_names;
+  namespace lines = orbbuf::session_lines;
+  const std::string image = "i";
+  const auto crc = orbbuf::wire::crc32(orbbuf::as_bytes(image));
+  fs::create_directories(folder / names::kImages);
+  std::ofstream times(folder / names::kTimes);
+  std::ofstream checksums(folder / names::kChecksums);
+  for (orbbuf::Sequence i = 0; i < frames; ++i) {
+    std::ofstream(folder / names::left_image(i)) << image;
+    const auto time = static_cast<std::int64_t>(i) * 40'000'000;
+    times << lines::to_text({i, time, "0.000000"}) << '\n';
+    checksums << lines::checksum(names::left_image(i), crc) << '\n';
+  }
+  if (!times.flush() || !checksums.flush())
+    throw std::runtime_error("cannot write to " + folder.string());
+}
+
+void resume(const Options& options) {
+  const Content content(options.seed, options.bytes);
+  const auto interval = std::chrono::duration_cast<nanoseconds>(Seconds(1 / options.fps));
+  const auto length = std::chrono::seconds(2);
+  make_session(options.work / "resume/back/load", kResumedFrames);
+  Server server(options, "resume", 2);
+  Fleet fleet(content, 1, static_cast<std::uint64_t>(2 * options.fps), interval);
+  fleet.connect(server.endpoint());
+  auto resumed = std::async(std::launch::async, [&] {
+    const orbbuf::test::RobotClient robot(server.endpoint().port());
+    const auto begin = Clock::now();
+    const auto position = robot.hello("back", Robot::kSession);
+    if (!position || position->next_sequence != kResumedFrames) {
+      throw std::runtime_error("the session was not resumed");
+    }
+    return Seconds(Clock::now() - begin).count();
+  });
+  fleet.stream(length, [] {});
+  const double took = resumed.get();
+  const double p99_ms = report_latency(fleet, "ack", &Robot::latencies);
+  std::printf("RESULT recover.resume_s.300k %.3f\nRESULT recover.other_ack_p99_ms %.1f\n", took,
+              p99_ms);
+  fleet.end();
+  server.end();
+}
+
 void run(const Options& options) {
   std::printf("load: seed %lu; %zu robots, %g fps, %zu bytes, %g s\n", options.seed, options.robots,
               options.fps, options.bytes, options.seconds);
   std::fflush(stdout);
   stream(options);
-  if (options.idle_robots == 0) return;
-  std::printf("load: %zu robots that only send their stats, %g s\n", options.idle_robots,
-              options.idle_seconds);
+  if (options.idle_robots > 0) {
+    std::printf("load: %zu robots that only send their stats, %g s\n", options.idle_robots,
+                options.idle_seconds);
+    std::fflush(stdout);
+    idle(options);
+  }
+  std::printf(
+      "load: a robot that resumes a session of 300,000 frames, while another one streams\n");
   std::fflush(stdout);
-  idle(options);
+  resume(options);
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "common/wire.hpp"
+#include "daemon/image/huffman_tables.hpp"
 
 namespace orbbuf {
 namespace {
@@ -76,7 +77,7 @@ Result<JpegEncoder::Image> JpegEncoder::encode_image(const RawFrame& raw) {
     if (!info) return std::move(info).error();
     const auto [width_px, height_px, is_gray] = info.value();
     if (auto error = wrong_size(width_px, height_px)) return std::move(*error);
-    return Image{width_px, height_px, {raw.data.begin(), raw.data.end()}};
+    return Image{width_px, height_px, with_huffman_tables(raw.data)};
   }
   auto view = pixels_of(raw);
   if (!view) return std::move(view).error();

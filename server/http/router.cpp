@@ -103,9 +103,7 @@ void Router::answer(const HttpRequest& request, Answer answer) const {
 
 void Router::answer_path(const HttpRequest& request, const Words& words, Answer answer) const {
   const std::string& first = words.front();
-  if (first == "healthz" && words.size() == 1) {  // `main` runs, and so does `files`
-    return run_on_files([] { return text_response("ok\n"); }, std::move(answer));
-  }
+  if (first == "healthz" && words.size() == 1) return answer(health(metrics_));
   if (first == "metrics" && words.size() == 1) {
     return answer(text_response(to_prometheus(metrics_, RobotMetrics::Clock::now()), kMetricsType));
   }

@@ -104,6 +104,7 @@ void add_robot(Json& json, const RobotMetrics& robot, std::uint64_t since_ms,
 }
 
 constexpr std::size_t kMostNames = 1000;
+constexpr unsigned kUnavailable = 503;
 
 using prometheus::ClientMetric;
 using prometheus::MetricFamily;
@@ -155,6 +156,8 @@ std::optional<double> report_age(const RobotMetrics& robot, RobotMetrics::Time n
 const auto kMetrics = std::to_array<Metric>({
     {"orbbuf_robot_connected", "1 while the robot has a connection, else 0", MetricType::Gauge,
      [](const auto& robot, auto) { return as_value(robot.is_connected()); }},
+    {"orbbuf_stream_paused", "1 while a sink fails and the robot's stream waits for it, else 0",
+     MetricType::Gauge, [](const auto& robot, auto) { return as_value(!robot.pause().empty()); }},
     {"orbbuf_connections_total", "Connections of the robot in this session", MetricType::Counter,
      [](const auto& robot, auto) { return as_value(robot.connections()); }},
     {"orbbuf_frames_total", "Frames taken from the robot in this session", MetricType::Counter,
@@ -297,6 +300,19 @@ std::string to_prometheus(const Metrics& metrics, RobotMetrics::Time now) {
   for (const Metric& metric : kMetrics) families.push_back(family_of(metric, metrics, now));
   std::erase_if(families, [](const MetricFamily& family) { return family.metric.empty(); });
   return prometheus::TextSerializer().Serialize(families);
+}
+
+HttpResponse health(const Metrics& metrics) {
+  std::string paused;
+  for (const auto& [id, robot] : metrics.robots()) {
+    if (robot->pause().empty()) continue;
+    paused +=
+        fmt::format("{} {}: stream paused: {}\n", id, robot->info().session_id, robot->pause());
+  }
+  if (paused.empty()) return text_response("ok\n");
+  HttpResponse response = text_response(std::move(paused));
+  response.status = kUnavailable;
+  return response;
 }
 
 HttpResponse page() {

@@ -13,6 +13,9 @@
 /// What a browser or Prometheus is shown (docs/live-page.md).
 namespace orbbuf {
 
+/// Whether all streams flow: 200 and `ok`, or 503 and a line for each whose sink fails.
+HttpResponse health(const Metrics& metrics);
+
 /// The one page there is, with its style and its script in it: what it shows depends on the path.
 /// Its policy of contents allows these two, by their hashes, and what this server sends; nothing
 /// else.

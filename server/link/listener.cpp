@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "server/runtime/listen_on.hpp"
-#include "server/sink/make_sinks.hpp"
+#include "server/runtime/run_in_pool.hpp"
 
 namespace orbbuf {
 namespace {
@@ -69,7 +69,8 @@ std::size_t Listener::robots() const {
 }
 
 bool Listener::has_session(const std::string& robot_id, const std::string& session_id) const {
-  return sessions_.contains({robot_id, session_id});
+  const SessionKey key(robot_id, session_id);
+  return sessions_.contains(key) || opening_.contains(key);
 }
 
 void Listener::accept() {
@@ -130,13 +131,13 @@ void Listener::on_hello(const std::shared_ptr<Connection>& connection, const wir
     return connection->refuse(why, is_known ? spdlog::level::debug : spdlog::level::warn);
   }
   close_other_sessions(key);
-  auto session = session_for(key, hello);
-  if (!session) {
-    spdlog::error("{} {}: no session: {}", key.first, key.second, session.error().text);
-    return connection->refuse("the server cannot keep this session: " + session.error().text);
+  if (const auto known = sessions_.find(key); known != sessions_.end()) {
+    if (known->second->is_closing()) return connection->refuse("the session is being closed");
+    return connection->join(known->second);
   }
-  if (session.value()->is_closing()) return connection->refuse("the session is being closed");
-  connection->join(std::move(session).value());
+  const auto [waiting, is_new] = opening_.try_emplace(key);
+  if (const auto old = std::exchange(waiting->second, connection)) old->on_replaced();
+  if (is_new) open(key, SessionInfo{key.first, key.second, hello.calibration});
 }
 
 /// Empty if there is none.
@@ -150,8 +151,9 @@ std::string Listener::reason_to_refuse(const SessionKey& key) const {
     return fmt::format("{} has begun another session since {}; are there two of that name?", robot,
                        key.second);
   }
-  const auto others = std::ranges::count_if(
-      sessions_, [&](const auto& entry) { return entry.first.first != robot; });
+  const auto is_other = [&](const auto& entry) { return entry.first.first != robot; };
+  const auto others =
+      std::ranges::count_if(sessions_, is_other) + std::ranges::count_if(opening_, is_other);
   if (static_cast<std::size_t>(others) < settings_.listen.max_robots) return "";
   return fmt::format("all {} robots' places are taken", settings_.listen.max_robots);
 }
@@ -163,25 +165,48 @@ void Listener::close_other_sessions(const SessionKey& key) {
        it != sessions_.end() && it->first.first == key.first; ++it) {
     if (it->first != key) others.push_back(it->second);
   }
+  const auto supersede = [&](const std::string& session_id) {
+    superseded_.emplace_back(key.first, session_id);
+    if (superseded_.size() > kSupersededKept) superseded_.pop_front();
+  };
   for (const auto& other : others) {
     other->close(SessionEnd::kSuperseded);
-    superseded_.emplace_back(key.first, other->info().session_id);
-    if (superseded_.size() > kSupersededKept) superseded_.pop_front();
+    supersede(other->info().session_id);
+  }
+  for (auto& [other, waiting] : opening_) {
+    if (other.first != key.first || other == key || !waiting) continue;
+    std::exchange(waiting, nullptr)->on_replaced();
+    supersede(other.second);
   }
 }
 
-Result<std::shared_ptr<Session>> Listener::session_for(const SessionKey& key,
-                                                       const wire::Hello& hello) {
-  if (const auto known = sessions_.find(key); known != sessions_.end()) return known->second;
-  SessionInfo info{key.first, key.second, hello.calibration};
-  auto sinks = make_sinks(settings_.sinks, info, main_, pool_, commit_.get());
-  if (!sinks) return std::move(sinks).error();
+/// The disk may be slow, and a session long: other robots do not wait for it.
+void Listener::open(const SessionKey& key, SessionInfo info) {
+  run_in_pool(
+      main_, pool_, [sinks = settings_.sinks, info] { return open_session(sinks, info); },
+      [this, key, info](Result<OpenedSession> opened) { on_opened(key, info, std::move(opened)); });
+}
+
+void Listener::on_opened(const SessionKey& key, SessionInfo info, Result<OpenedSession> opened) {
+  const auto connection = std::move(opening_.extract(key).mapped());
+  if (!connection) return check_stopped();
+  if (!opened) {
+    spdlog::error("{} {}: no session: {}", key.first, key.second, opened.error().text);
+    return connection->refuse("the server cannot keep this session: " + opened.error().text);
+  }
+  connection->join(begin(key, std::move(info), std::move(opened).value()));
+}
+
+std::shared_ptr<Session> Listener::begin(const SessionKey& key, SessionInfo info,
+                                         OpenedSession opened) {
+  auto sinks = make_sinks(settings_.sinks, info, std::move(opened), main_, pool_, commit_.get());
   const Session::Timeouts timeouts{settings_.session_timeout, settings_.drain_timeout};
-  auto session = std::make_shared<Session>(main_, std::move(info), std::move(sinks).value(),
-                                           timeouts, [this, key] {
-                                             sessions_.erase(key);
-                                             check_stopped();
-                                           });
+  auto session = std::make_shared<Session>(main_, std::move(info), std::move(sinks), timeouts,
+                                           Session::Events{[this, key] {
+                                                             sessions_.erase(key);
+                                                             check_stopped();
+                                                           },
+                                                           sink_failed_});
   if (metrics_ != nullptr) session->show(metrics_->begin(session->info()));
   sessions_.emplace(key, session);
   return session;
@@ -189,6 +214,9 @@ Result<std::shared_ptr<Session>> Listener::session_for(const SessionKey& key,
 
 void Listener::on_closed(const std::shared_ptr<Connection>& connection) {
   connections_.erase(connection);
+  for (auto& [key, waiting] : opening_) {
+    if (waiting == connection) waiting = nullptr;
+  }
   check_stopped();
 }
 
@@ -199,6 +227,7 @@ void Listener::stop(std::function<void()> stopped) {
   retry_.cancel();
   // Copies: a session that ends removes itself from the originals.
   const auto connections = connections_;
+  for (auto& [key, waiting] : opening_) waiting = nullptr;
   for (const auto& connection : connections) {
     if (!connection->is_introduced()) connection->refuse("the server stops");
   }
@@ -210,7 +239,8 @@ void Listener::stop(std::function<void()> stopped) {
 /// Sessions outlive their connections by what their sinks have begun, connections their sessions by
 /// their last words: it is over when both are gone.
 void Listener::check_stopped() {
-  if (stopped_ && connections_.empty() && sessions_.empty()) std::exchange(stopped_, nullptr)();
+  if (!stopped_ || !connections_.empty() || !sessions_.empty() || !opening_.empty()) return;
+  std::exchange(stopped_, nullptr)();
 }
 
 }  // namespace orbbuf

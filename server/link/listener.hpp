@@ -17,15 +17,16 @@
 #include "server/link/connection.hpp"
 #include "server/link/session.hpp"
 #include "server/settings.hpp"
+#include "server/sink/make_sinks.hpp"
 
 namespace orbbuf {
 
 /// The server: accepts connections and brings each together with its session.
 ///
 /// Robots do not wait for each other: everything on `main` is one message at a time, and whatever
-/// blocks is done elsewhere. Sessions are made when a robot asks for them, from what their files
-/// hold; a robot that begins a new one ends its old one, for good: else two robots with one id
-/// would replace each other again and again.
+/// blocks is done elsewhere. A session is made when a robot asks for it, from what its files hold,
+/// which the pool reads while the robot waits for its welcome; a robot that begins a new one ends
+/// its old one, for good: else two robots with one id would replace each other again and again.
 ///
 /// Memory for one robot, at most: the kernel's receive buffer, twice the largest frame while one
 /// comes, and as much again while a replaced connection's frame is still being written.
@@ -45,6 +46,9 @@ class Listener final : public ConnectionOwner {
 
   /// Whether that session is open: a robot is connected to it, or may come back to it.
   bool has_session(const std::string& robot_id, const std::string& session_id) const;
+
+  /// Before start(): runs at each failed try of a session's sink, a full disk for one.
+  void on_sink_failed(std::function<void()> run) { sink_failed_ = std::move(run); }
 
   void start();
   /// Reads the certificates again, for the connections that follow. If they cannot be used, it logs
@@ -68,7 +72,9 @@ class Listener final : public ConnectionOwner {
   void on_accept_failed(const boost::system::error_code& failed);
   std::string reason_to_refuse(const SessionKey& key) const;
   void close_other_sessions(const SessionKey& key);
-  Result<std::shared_ptr<Session>> session_for(const SessionKey& key, const wire::Hello& hello);
+  void open(const SessionKey& key, SessionInfo info);
+  void on_opened(const SessionKey& key, SessionInfo info, Result<OpenedSession> opened);
+  std::shared_ptr<Session> begin(const SessionKey& key, SessionInfo info, OpenedSession opened);
   void check_stopped();
 
   boost::asio::io_context& main_;
@@ -82,10 +88,14 @@ class Listener final : public ConnectionOwner {
   bool is_accept_failing_ = false;
   bool is_full_ = false;
   std::set<std::shared_ptr<Connection>> connections_;
+  /// The sessions that `pool` reads from the disk at the moment, and the newest connection that
+  /// waits for each; null: none does any more.
+  std::map<SessionKey, std::shared_ptr<Connection>> opening_;
   std::map<SessionKey, std::shared_ptr<Session>> sessions_;
   std::deque<SessionKey> superseded_;  // the last thousand
   std::string last_refusal_;           // logged already
-  std::function<void()> stopped_;      // set: stopping
+  std::function<void()> sink_failed_;
+  std::function<void()> stopped_;  // set: stopping
 };
 
 }  // namespace orbbuf

@@ -33,13 +33,13 @@ std::string_view to_string(SessionEnd end) {
 
 Session::Session(asio::io_context& main, SessionInfo info,
                  std::vector<std::shared_ptr<FrameSink>> sinks, const Timeouts& timeouts,
-                 std::function<void()> closed)
+                 Events events)
     : main_(main),
       info_(std::move(info)),
       name_(info_.robot_id + " " + info_.session_id),
       sinks_(std::move(sinks)),
       timeouts_(timeouts),
-      closed_(std::move(closed)),
+      events_(std::move(events)),
       timer_(main),
       retry_(main) {
   // Only sinks that outlive the server remember; the others begin where those stand.
@@ -175,6 +175,7 @@ void Session::on_sink_done(const std::optional<Error>& error) {
   }
   note_failure(error);
   if (error) {
+    if (events_.sink_failed) events_.sink_failed();
     retry_.expires_after(kRetry);
     retry_.async_wait([self = shared_from_this()](const error_code& failed) {
       if (!failed && self->job_ && !self->is_sink_busy_) self->call_sink();
@@ -208,8 +209,10 @@ void Session::note_failure(const std::optional<Error>& error) {
   is_failing_ = error.has_value();
   if (error) {
     spdlog::error("{}: stream paused: {}", name_, error->text);
+    if (metrics_) metrics_->on_paused(error->text);
   } else {
     spdlog::info("{}: stream resumed", name_);
+    if (metrics_) metrics_->on_resumed();
   }
 }
 
@@ -267,7 +270,7 @@ void Session::drain() {
 /// All that was begun has ended: the sinks are closed before the end is reported, so that a
 /// reader's end and a robot's bye mean that nothing more follows.
 void Session::finish_close() {
-  const auto self = shared_from_this();  // `closed_` may drop the last reference
+  const auto self = shared_from_this();  // `closed` may drop the last reference
   timer_.cancel();
   if (metrics_) metrics_->on_ended();
   for (const auto& sink : std::exchange(sinks_, {})) sink->close();
@@ -280,7 +283,7 @@ void Session::finish_close() {
       peer->on_ended(kept_);
     }
   }
-  closed_();
+  events_.closed();
 }
 
 }  // namespace orbbuf

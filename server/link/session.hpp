@@ -51,7 +51,7 @@ enum class SessionEnd : std::uint8_t {
 /// is given up when its connection goes: it was not acknowledged, so the robot still has it.
 ///
 /// Thread-bound to `main`. Lives in a shared_ptr, held by its owner and by its timers; the calls at
-/// sinks hold it weakly. The owner keeps it until `closed` has run.
+/// sinks hold it weakly. The owner keeps it until Events::closed has run.
 class Session : public std::enable_shared_from_this<Session> {
  public:
   /// Runs when the sinks have what was written, never from within the call. Not run for a
@@ -64,10 +64,14 @@ class Session : public std::enable_shared_from_this<Session> {
     std::chrono::nanoseconds drain;       ///< when it closes, for the sinks
   };
 
-  /// closed: runs once, when the session has ended for whatever reason and all sinks are closed.
+  /// What the owner wants to know.
+  struct Events {
+    std::function<void()> closed;  ///< once: it has ended for whatever reason, all sinks are closed
+    std::function<void()> sink_failed;  ///< at each failed try; may be empty
+  };
+
   Session(boost::asio::io_context& main, SessionInfo info,
-          std::vector<std::shared_ptr<FrameSink>> sinks, const Timeouts& timeouts,
-          std::function<void()> closed);
+          std::vector<std::shared_ptr<FrameSink>> sinks, const Timeouts& timeouts, Events events);
 
   /// Tells `metrics` what happens from here on. At most once, before all else.
   void show(std::shared_ptr<RobotMetrics> metrics) { metrics_ = std::move(metrics); }
@@ -134,7 +138,7 @@ class Session : public std::enable_shared_from_this<Session> {
   const std::string name_;  // for the log
   std::vector<std::shared_ptr<FrameSink>> sinks_;
   const Timeouts timeouts_;
-  const std::function<void()> closed_;
+  const Events events_;
   boost::asio::steady_timer timer_;  // until a connection comes, or the sinks drain
   boost::asio::steady_timer retry_;
 

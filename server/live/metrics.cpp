@@ -46,6 +46,7 @@ void RobotMetrics::on_dropped(std::span<const DropRecord> records, Time now) {
 }
 
 void RobotMetrics::on_ended(Time now) {
+  pause_.clear();
   is_connected_ = false;
   ended_ = now;
 }

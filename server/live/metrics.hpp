@@ -35,6 +35,9 @@ class RobotMetrics {
   /// The sinks have taken it.
   void on_delivered(FramePtr frame, Time now = Clock::now());
   void on_dropped(std::span<const DropRecord> records, Time now = Clock::now());
+  /// A sink fails: nothing more is taken from the robot until on_resumed().
+  void on_paused(std::string why) { pause_ = std::move(why); }
+  void on_resumed() { pause_.clear(); }
   void on_ended(Time now = Clock::now());
 
   const SessionInfo& info() const { return info_; }
@@ -42,6 +45,8 @@ class RobotMetrics {
   bool is_ended() const { return ended_.has_value(); }
   /// One word: `connected`, `disconnected` or `ended`.
   std::string state() const;
+  /// Why its stream is paused; empty: it is not.
+  const std::string& pause() const { return pause_; }
   std::optional<Time> ended_at() const { return ended_; }
   std::uint64_t connections() const { return connections_; }
 
@@ -63,6 +68,7 @@ class RobotMetrics {
   const SessionInfo info_;
   const bool keeps_frame_;
   bool is_connected_ = false;
+  std::string pause_;
   std::optional<Time> ended_;
   std::uint64_t connections_ = 0;
   std::uint64_t frames_ = 0;

@@ -37,6 +37,12 @@ Retention::Retention(asio::io_context& main, asio::thread_pool& pool, Options op
 
 void Retention::start() { survey(true); }
 
+void Retention::wake() {
+  if (is_stopped_ || !std::exchange(is_idle_, false)) return;
+  timer_.cancel();
+  survey(true);
+}
+
 void Retention::stop() {
   is_stopped_ = true;
   timer_.cancel();
@@ -118,7 +124,10 @@ void Retention::remove_next() {
     set_aside(going_.front());
     going_.pop_front();
   }
-  if (aside_.empty()) return pause_then(options_.interval, [this] { survey(true); });
+  if (aside_.empty()) {
+    is_idle_ = true;
+    return pause_then(options_.interval, [this] { wake(); });
+  }
   const fs::path folder = std::move(aside_.front());
   aside_.pop_front();
   remove(folder);

@@ -20,8 +20,8 @@
 
 namespace orbbuf {
 
-/// Keeps each robot's sessions within a quota: looks what there is, at the start and then every
-/// minute, and removes what is finished and over it, the oldest first.
+/// Keeps each robot's sessions within a quota: looks what there is, at the start, every minute and
+/// when it is woken, and removes what is finished and over it, the oldest first.
 ///
 /// Nothing is removed by its age while the clock is not to be trusted (ClockTrust).
 ///
@@ -29,7 +29,7 @@ namespace orbbuf {
 /// still be continued, not the robot's newest one while its last write is not `session_timeout`
 /// ago. That is decided, and the folder renamed, in one go on `main`, where robots are let into
 /// their sessions; so no robot can come back to a session that is on its way out. What is read and
-/// removed goes in steps of a few milliseconds through the `files` thread, behind the frames that
+/// removed goes in steps of a few milliseconds through the `files` pool, behind the frames that
 /// wait there, with pauses in between. A folder that was renamed when the server died is removed by
 /// the next one.
 ///
@@ -51,6 +51,8 @@ class Retention : public std::enable_shared_from_this<Retention> {
             IsOpen is_open);
 
   void start();
+  /// Looks at once: a disk is full, say. Does nothing while a pass is under way.
+  void wake();
   /// Nothing more is begun, and no timer is left in `main`.
   void stop();
 
@@ -76,6 +78,7 @@ class Retention : public std::enable_shared_from_this<Retention> {
   std::deque<KeptSession> going_;            // oldest first, robot by robot
   std::deque<std::filesystem::path> aside_;  // to be removed before the next of those
   std::set<std::string> failures_;           // logged already
+  bool is_idle_ = false;                     // between two passes
   bool is_stopped_ = false;
 };
 

@@ -29,50 +29,6 @@ const SlamSettings& SinkSettings::slam_for(const std::string& robot_id) const {
   return own == slam_of.end() ? slam : own->second;
 }
 
-namespace {
-
-/// The session on disk; null if it is not kept there. The recording is written before the files,
-/// for mcap::Recording::recover() relies on it: what it has beyond them was never acknowledged.
-/// Where there are files their position is the session's: the robot is asked again for what they
-/// lack, even if the recording has it.
-Result<std::shared_ptr<FrameSink>> make_record_sink(const SinkSettings& settings,
-                                                    const SessionInfo& info, asio::io_context& main,
-                                                    asio::thread_pool& pool, GroupCommit* commit,
-                                                    std::optional<KeptFrames>& kept) {
-  const auto folder = settings.files_path / info.robot_id / info.session_id;
-  std::unique_ptr<SessionFiles> files;
-  std::optional<wire::Position> of_files;
-  if (settings.files_enabled) {
-    files = std::make_unique<SessionFiles>(folder, info.calibration);
-    auto position = files->recover();
-    if (!position) return std::move(position).error();
-    of_files = position.value();
-    kept = KeptFrames{folder, of_files->next_sequence};
-  }
-  RecordSink::Records records;
-  wire::Position held = of_files.value_or(wire::Position{});
-  if (settings.mcap_enabled) {
-    auto recording =
-        std::make_unique<mcap::Recording>(folder / session_names::recording(info.session_id), info);
-    auto position = recording->recover(of_files);
-    if (!position) return std::move(position).error();
-    if (!files) {
-      held = position.value();
-      kept = KeptFrames{};
-    } else if (const auto error = recording->take_missed(folder, held)) {
-      spdlog::warn("{} {}: not recorded: {}", info.robot_id, info.session_id, error->text);
-    }
-    records.push_back(std::move(recording));
-  }
-  if (files) records.push_back(std::move(files));
-  if (records.empty()) return std::shared_ptr<FrameSink>();
-  return std::shared_ptr<FrameSink>(std::make_shared<RecordSink>(
-      main, pool, std::move(records), held,
-      RecordSink::Commit{commit, settings.files_sync == FilesSync::kAck}));
-}
-
-}  // namespace
-
 void check_sinks(const SinkSettings& settings) {
   if (!settings.is_kept()) return;
   std::error_code ignored;  // access() says why
@@ -93,18 +49,50 @@ std::unique_ptr<GroupCommit> make_group_commit(const SinkSettings& settings,
                                                 "and a power cut may lose them");
 }
 
-Result<std::vector<std::shared_ptr<FrameSink>>> make_sinks(const SinkSettings& settings,
-                                                           const SessionInfo& info,
-                                                           asio::io_context& main,
-                                                           asio::thread_pool& pool,
-                                                           GroupCommit* commit) {
+/// The recording is written before the files, for mcap::Recording::recover() relies on it: what it
+/// has beyond them was never acknowledged. Where there are files their position is the session's:
+/// the robot is asked again for what they lack, even if the recording has it.
+Result<OpenedSession> open_session(const SinkSettings& settings, const SessionInfo& info) {
+  const auto folder = settings.files_path / info.robot_id / info.session_id;
+  OpenedSession opened;
+  std::unique_ptr<SessionFiles> files;
+  std::optional<wire::Position> of_files;
+  if (settings.files_enabled) {
+    files = std::make_unique<SessionFiles>(folder, info.calibration);
+    auto position = files->recover();
+    if (!position) return std::move(position).error();
+    of_files = opened.position = position.value();
+    opened.kept = KeptFrames{folder, of_files->next_sequence};
+  }
+  if (settings.mcap_enabled) {
+    auto recording =
+        std::make_unique<mcap::Recording>(folder / session_names::recording(info.session_id), info);
+    auto position = recording->recover(of_files);
+    if (!position) return std::move(position).error();
+    if (!files) {
+      opened.position = position.value();
+      opened.kept = KeptFrames{};
+    } else if (const auto error = recording->take_missed(folder, opened.position)) {
+      spdlog::warn("{} {}: not recorded: {}", info.robot_id, info.session_id, error->text);
+    }
+    opened.records.push_back(std::move(recording));
+  }
+  if (files) opened.records.push_back(std::move(files));
+  return opened;
+}
+
+std::vector<std::shared_ptr<FrameSink>> make_sinks(const SinkSettings& settings,
+                                                   const SessionInfo& info, OpenedSession opened,
+                                                   asio::io_context& main, asio::thread_pool& pool,
+                                                   GroupCommit* commit) {
   std::vector<std::shared_ptr<FrameSink>> sinks;
-  std::optional<KeptFrames> kept;
-  auto record = make_record_sink(settings, info, main, pool, commit, kept);
-  if (!record) return std::move(record).error();
-  if (record.value()) sinks.push_back(std::move(record).value());
+  if (!opened.records.empty()) {
+    sinks.push_back(std::make_shared<RecordSink>(
+        main, pool, std::move(opened.records), opened.position,
+        RecordSink::Commit{commit, settings.files_sync == FilesSync::kAck}));
+  }
   const SlamSettings& slam = settings.slam_for(info.robot_id);
-  if (slam.is_on()) sinks.push_back(make_slam_sink(slam, info, kept, main, pool));
+  if (slam.is_on()) sinks.push_back(make_slam_sink(slam, info, opened.kept, main, pool));
 #ifdef ORBBUF_ROS
   if (settings.ros_enabled) sinks.push_back(make_ros_sink(main, info));
 #endif

@@ -7,14 +7,17 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "common/error.hpp"
+#include "common/wire.hpp"
 #include "server/recording/session_info.hpp"
 #include "server/runtime/group_commit.hpp"
 #include "server/sink/frame_sink.hpp"
 #include "server/sink/pipe/slam.hpp"
+#include "server/sink/record_sink.hpp"
 
 namespace orbbuf {
 
@@ -49,14 +52,25 @@ void check_sinks(const SinkSettings& settings);
 std::unique_ptr<GroupCommit> make_group_commit(const SinkSettings& settings,
                                                boost::asio::io_context& main);
 
-/// The sinks of a new or resumed session, those that keep frames before the one that shows them.
-/// Reads what these hold (see SessionFiles::recover(), mcap::scan()), so it may block for as long
-/// as that takes. An error if it cannot be read. `main`, `pool` and `commit` as in RecordSink.
-Result<std::vector<std::shared_ptr<FrameSink>>> make_sinks(const SinkSettings& settings,
-                                                           const SessionInfo& info,
-                                                           boost::asio::io_context& main,
-                                                           boost::asio::thread_pool& pool,
-                                                           GroupCommit* commit = nullptr);
+/// A session as the disk has it.
+struct OpenedSession {
+  RecordSink::Records records;  ///< empty: it is not kept there
+  wire::Position position;
+  std::optional<KeptFrames> kept;
+};
+
+/// Opens a new or resumed session: reads and repairs what the disk holds of it (see
+/// SessionFiles::recover(), mcap::Recording::recover()). An error if that cannot be read. Blocking:
+/// up to a second for 300,000 frames, longer on a cold disk. Reentrant for different sessions.
+Result<OpenedSession> open_session(const SinkSettings& settings, const SessionInfo& info);
+
+/// The sinks of an opened session, those that keep frames before the one that shows them. `main`,
+/// `pool` and `commit` as in RecordSink.
+std::vector<std::shared_ptr<FrameSink>> make_sinks(const SinkSettings& settings,
+                                                   const SessionInfo& info, OpenedSession opened,
+                                                   boost::asio::io_context& main,
+                                                   boost::asio::thread_pool& pool,
+                                                   GroupCommit* commit = nullptr);
 
 /// When serving is over and no sink is left: what they shared ends, within 1 s. False if it does
 /// not; it may then still run, so no destructor of the process's may.

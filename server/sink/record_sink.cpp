@@ -3,7 +3,6 @@
 
 #include <spdlog/spdlog.h>
 
-#include <boost/asio/post.hpp>
 #include <utility>
 
 #include "server/runtime/run_in_pool.hpp"
@@ -70,13 +69,16 @@ void RecordSink::async_commit(Done done) {
 
 bool RecordSink::is_partly_taken() const { return job_->is_begun; }
 
-void RecordSink::close() {
-  if (std::exchange(is_closed_, true)) return;
-  asio::post(pool_, [job = job_] {
-    for (const auto& record : job->records) {
-      if (const auto error = record->finish()) spdlog::warn("not finished: {}", error->text);
-    }
-  });
+void RecordSink::async_drain(std::function<void()> drained) {
+  run_in_pool(
+      main_, pool_,
+      [job = job_] {
+        for (const auto& record : job->records) {
+          if (const auto error = record->finish()) spdlog::warn("not finished: {}", error->text);
+        }
+        return true;
+      },
+      [drained = std::move(drained)](bool /*is_over*/) { drained(); });
 }
 
 }  // namespace orbbuf

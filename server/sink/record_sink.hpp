@@ -15,13 +15,14 @@
 
 namespace orbbuf {
 
-/// Keeps a session on disk, in one form or several. One job on the `files` thread writes each
+/// Keeps a session on disk, in one form or several. One job in the `files` pool writes each
 /// record in turn; the last one's position is what the session has, so a record before it may only
 /// hold more. A record that fails ends the job, and the next try goes on with that record.
 ///
 /// A job that has begun cannot be cancelled: it ends when the disk does. The sink may be destroyed
-/// before that. close() has the records finished there, behind what was begun; only a join
-/// of `pool` waits for it.
+/// before that. async_drain() finishes the records. So all work on the records is one job at a
+/// time, though `pool` may have several threads; and it has ended before the session may be opened
+/// again.
 class RecordSink final : public FrameSink {
  public:
   using Records = std::vector<std::unique_ptr<SessionRecord>>;
@@ -43,7 +44,8 @@ class RecordSink final : public FrameSink {
   void async_write_drops(wire::Dropped dropped, Done done) override;
   bool is_partly_taken() const override;
   void async_commit(Done done) override;
-  void close() override;
+  /// The records get their index.
+  void async_drain(std::function<void()> drained) override;
 
  private:
   struct Job;
@@ -57,7 +59,6 @@ class RecordSink final : public FrameSink {
   const wire::Position position_;
   const Commit commit_;
   std::shared_ptr<bool> is_commit_due_ = std::make_shared<bool>(false);  // no call waits for it
-  bool is_closed_ = false;
 };
 
 }  // namespace orbbuf

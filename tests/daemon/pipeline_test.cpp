@@ -3,8 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <functional>
 #include <future>
 #include <semaphore>
+#include <stdexcept>
 #include <string>
 #include <thread>
 #include <utility>
@@ -43,7 +45,10 @@ class PipelineTest : public ::testing::Test {
   void start(std::unique_ptr<ScriptedSource> source) {
     pipeline_ = std::make_unique<Pipeline>(
         std::move(source), JpegSettings{}, buffer_,
-        Pipeline::Events{[this] { ++changes_; },
+        Pipeline::Events{[this] {
+                           ++changes_;
+                           on_changed_();
+                         },
                          [this](bool failed) { ended_.set_value(failed); }});
     pipeline_->start();
   }
@@ -51,6 +56,7 @@ class PipelineTest : public ::testing::Test {
 
   FrameBuffer buffer_{{5}, std::make_unique<DropOldestPolicy>()};
   int changes_ = 0;  // worker only
+  std::function<void()> on_changed_ = [] {};
   std::promise<bool> ended_;
   std::unique_ptr<Pipeline> pipeline_;
 };
@@ -118,6 +124,17 @@ TEST_F(PipelineTest, SourceThatIsGoneEndsTheStreamAsFailed) {
   start(std::move(source));
   EXPECT_TRUE(wait_for_end());
   EXPECT_EQ(buffer_.stats().captured, 2U);
+}
+
+TEST_F(PipelineTest, AnExceptionOnTheWorkerEndsTheStreamAsFailed) {
+  on_changed_ = [this] {
+    if (changes_ == 2) throw std::runtime_error("no memory");
+  };
+  start(gray_frames(1000, true));
+  EXPECT_TRUE(wait_for_end());
+  const wire::Stats stats = buffer_.stats();
+  EXPECT_EQ(stats.waiting, 2U);
+  EXPECT_EQ(stats.captured, stats.skipped + stats.dropped + stats.failed + stats.waiting);
 }
 
 TEST_F(PipelineTest, StopEndsAPipelineThatWaitsForRoom) {

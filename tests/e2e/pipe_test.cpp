@@ -54,6 +54,16 @@ std::string jpeg_size(const Record& record, std::size_t frame, const std::string
   return std::to_string(read_file(folder / name).size() + 4 + lines.size()) + " bytes";
 }
 
+TEST(Pipe, AServerStartedWithSigchldIgnoredKnowsHowItsCommandEnded) {
+  const TemporaryFolder out;
+  Server server(out.path(), {"slam.command=cat > /dev/null; exit 3"}, "127.0.0.1:0",
+                {"sh", "-c", "trap '' CHLD; exec \"$@\"", "sh"});
+  const Finished robot =
+      run(robot_command("r", server.address(), {"source.frames=3", "source.realtime=false"}));
+  EXPECT_EQ(robot.status, 0) << robot.output;
+  EXPECT_TRUE(server.process().wait_for_line("exited with status 3")) << server.process().output();
+}
+
 TEST(Pipe, ACProgramReadsEveryPgmWithItsNumberAndTime) {
   const TemporaryFolder out;
   const auto images = read_by_c("pgm", out.path());

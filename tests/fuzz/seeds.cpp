@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <iostream>
 
+#include "common/jpeg.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/common/wire_samples.hpp"
 #include "tests/server/frames.hpp"
@@ -56,6 +57,11 @@ void write_seeds(const fs::path& folder) {
                          " HTTP/1.1\r\nHost: localhost:7723\r\nConnection: keep-alive\r\n\r\n"
                          "HEAD / HTTP/1.0\r\nHost: [::1]\r\n\r\n"));
   }
+  const std::uint8_t pixels[16 * 16 * 3] = {};
+  const Bytes jpeg = JpegCodec().encode({pixels, 16, 16, 48, 3}, 80, true).value();
+  const auto size = static_cast<std::uint8_t>(jpeg.size() % 256);
+  const auto size_high = static_cast<std::uint8_t>(jpeg.size() / 256);
+  write(folder / "jpeg/two", joined({{size_high, size}, jpeg, {size_high, size}, jpeg}));
   const fs::path samples = ORBBUF_SOURCE_DIR "/config";
   for (const char* name : {"orbbuf-server.toml", "orbbufd.toml"}) {
     write(folder / "config" / name, wire::bytes_of(test::read_file(samples / name)));

@@ -68,7 +68,7 @@ class RunningServer {
 
  private:
   boost::asio::io_context main_{1};
-  boost::asio::thread_pool files_{1};
+  boost::asio::thread_pool files_{2};
   Metrics metrics_{256};
   std::optional<HttpServer> http_;
   std::optional<Listener> listener_;

@@ -3,6 +3,8 @@
 
 #include <spdlog/fmt/fmt.h>
 
+#include <algorithm>
+#include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 #include <utility>
@@ -10,6 +12,21 @@
 #include "daemon/capture/replay/replay_frame.hpp"
 
 namespace orbbuf {
+namespace {
+
+/// Reads that fail in succession until the video is taken to be at its end: FFmpeg reports a frame
+/// that cannot be decoded as it does the end.
+constexpr int kMaxFailedReads = 1000;
+
+/// Containers state how long they are less exactly than this, for example if sound goes on.
+constexpr double kSlackSeconds = 0.25;
+
+/// So many frames at the stated rate, to a part of the time between two frames, show that the file
+/// has a steady one.
+constexpr std::int64_t kSteadyFrames = 8;
+constexpr double kSteadyTolerance = 0.2;
+
+}  // namespace
 
 VideoReplaySource::VideoReplaySource(const SourceSettings& settings)
     : path_(settings.path), is_color_(settings.color), fps_(settings.fps) {
@@ -25,23 +42,72 @@ VideoReplaySource::VideoReplaySource(const SourceSettings& settings)
       !video_.open(path_.string(), cv::CAP_OPENCV_MJPEG)) {
     throw std::runtime_error(attempt + ": neither FFmpeg nor OpenCV recognises it as a video");
   }
-  decode_next();
-  if (decoded_.empty()) throw std::runtime_error(attempt + ": the video has no frames");
   const double stated_fps = video_.get(cv::CAP_PROP_FPS);
   if (is_usable_fps(stated_fps)) fps_ = stated_fps;
+  stated_seconds_ = video_.get(cv::CAP_PROP_FRAME_COUNT) / fps_;
+  decode_next();
+  if (decoded_.empty()) throw std::runtime_error(attempt + ": the video has no frames");
 }
 
 void VideoReplaySource::decode_next() {
+  missing_ = 0;
   try {
     decoded_ = cv::Mat();  // the one before may still be lent
-    video_.read(decoded_);
+    while (!video_.read(decoded_) && missing_ < kMaxFailedReads) ++missing_;
   } catch (const cv::Exception& error) {
     throw std::runtime_error("cannot continue reading video " + path_.string() + ": " + error.err);
   }
+  if (decoded_.empty()) {
+    missing_ = missing_at_end();
+  } else {
+    note_position();
+    ++decoded_count_;
+  }
+}
+
+void VideoReplaySource::note_position() {
+  const double nominal = static_cast<double>(index_ + missing_) / fps_;
+  const double stated = video_.get(cv::CAP_PROP_POS_MSEC) / 1e3;
+  position_seconds_ = stated > 0 ? stated : nominal;  // some containers have no times
+  const double place = position_seconds_ * fps_;
+  const auto nearest = std::llround(place);
+  if (is_steady() && nearest > index_) missing_ = nearest - index_;
+  const bool agrees = std::abs(place - static_cast<double>(nearest)) < kSteadyTolerance &&
+                      nearest == index_ + missing_;
+  has_steady_rate_ = has_steady_rate_ && agrees;
+}
+
+std::int64_t VideoReplaySource::missing_at_end() {
+  const double missing_seconds = stated_seconds_ - position_seconds_ - 1 / fps_;
+  breaks_off_ = missing_seconds > kSlackSeconds;
+  if (breaks_off_) return 1;
+  return is_steady() ? std::max(std::llround(missing_seconds * fps_), 0LL) : 0;
+}
+
+bool VideoReplaySource::is_steady() const {
+  return has_steady_rate_ && decoded_count_ >= kSteadyFrames;
+}
+
+RawFrame VideoReplaySource::missing_frame() {
+  RawFrame frame;
+  frame.capture_time_ns = nominal_time_ns(index_++, fps_);
+  frame.defect = fmt::format("cannot read the frame at {:.3f} s of {}",
+                             static_cast<double>(frame.capture_time_ns) / 1e9, path_.string());
+  return frame;
 }
 
 std::optional<RawFrame> VideoReplaySource::next(std::stop_token stop) {
-  if (decoded_.empty() || stop.stop_requested()) return std::nullopt;
+  if (stop.stop_requested()) return std::nullopt;
+  if (missing_ > 0) {
+    --missing_;
+    return missing_frame();
+  }
+  if (decoded_.empty() && !breaks_off_) return std::nullopt;
+  if (decoded_.empty()) {
+    throw std::runtime_error(fmt::format(
+        "video {} breaks off at {:.2f} s of the {:.2f} s that it states: {} frames were read",
+        path_.string(), position_seconds_, stated_seconds_, decoded_count_));
+  }
   const auto time_ns = nominal_time_ns(index_++, fps_);
   cv::Mat image = decoded_;
   if (image.type() == CV_8UC3 && !is_color_) {

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "common/log.hpp"
+#include "server/runtime/adopt.hpp"
 
 namespace orbbuf {
 namespace {
@@ -64,14 +65,19 @@ bool OutputLog::lets_through(Moment now) {
   return true;
 }
 
-ChildOutput::ChildOutput(asio::io_context& main, UniqueFd end, std::shared_ptr<OutputLog> log)
-    : pipe_(main, end.release()), pause_(main), log_(std::move(log)) {}
+ChildOutput::ChildOutput(asio::io_context& main, std::shared_ptr<OutputLog> log)
+    : pipe_(main), pause_(main), log_(std::move(log)) {}
 
-void ChildOutput::start() {
+std::optional<Error> ChildOutput::start(UniqueFd end) {
+  if (auto error = adopt(pipe_, std::move(end), "the output of a command")) return error;
   error_code failed;
   pipe_.non_blocking(true, failed);
-  if (failed) return close();
-  wait();
+  if (failed) {
+    close();
+  } else {
+    wait();
+  }
+  return std::nullopt;
 }
 
 void ChildOutput::wait() {

@@ -9,9 +9,11 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 
+#include "common/error.hpp"
 #include "common/unique_fd.hpp"
 
 namespace orbbuf {
@@ -51,10 +53,11 @@ class OutputLog {
 /// Thread-bound to `main`. Lives in a shared_ptr, which its outstanding operations hold.
 class ChildOutput : public std::enable_shared_from_this<ChildOutput> {
  public:
-  /// Owns `end`, the reading end of the child's output. `main` must outlive the object.
-  ChildOutput(boost::asio::io_context& main, UniqueFd end, std::shared_ptr<OutputLog> log);
+  /// `main` must outlive the object.
+  ChildOutput(boost::asio::io_context& main, std::shared_ptr<OutputLog> log);
 
-  void start();
+  /// Reads `end`, the reading end of the child's output, from now on. Once.
+  std::optional<Error> start(UniqueFd end);
   /// The child is gone: takes what it left in the pipe, and no more, also if another process still
   /// holds the other end.
   void finish();

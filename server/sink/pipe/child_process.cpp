@@ -9,12 +9,14 @@
 
 #include <algorithm>
 #include <boost/asio/posix/stream_descriptor.hpp>
+#include <boost/asio/steady_timer.hpp>
 #include <cerrno>
 #include <csignal>
 #include <cstring>
 #include <utility>
 
 #include "common/quantity.hpp"
+#include "server/runtime/adopt.hpp"
 #include "server/sink/pipe/spawn.hpp"
 
 namespace orbbuf {
@@ -87,8 +89,8 @@ struct ChildProcess::History {
 
 /// A running child; the wait for its end keeps it alive.
 struct ChildProcess::Child : std::enable_shared_from_this<Child> {
-  Child(asio::io_context& main, std::string child_name, pid_t child_pid, int pidfd)
-      : name(std::move(child_name)), pid(child_pid), end(main, pidfd) {}
+  Child(asio::io_context& main, std::string child_name, pid_t child_pid)
+      : name(std::move(child_name)), pid(child_pid), end(main), patience(main) {}
 
   void wait() {
     end.async_wait(asio::posix::stream_descriptor::wait_read,
@@ -101,14 +103,39 @@ struct ChildProcess::Child : std::enable_shared_from_this<Child> {
     int status = 0;
     if (::waitpid(pid, &status, WNOHANG) != pid) return wait();
     is_running = false;
+    patience.cancel();
     output->finish();
     history->note_end(name, pid, status, started);
     std::exchange(gone, nullptr)();
   }
 
+  /// Its input has ended.
+  void end_within(const Patience& limits) {
+    const auto kill_later = [self = shared_from_this(), limits] {
+      self->signal(SIGTERM, "the end of its input");
+      self->after(limits.with_term, [self] { self->signal(SIGKILL, "SIGTERM"); });
+    };
+    after(limits.with_end, kill_later);
+  }
+
+  void after(std::chrono::milliseconds wait, std::function<void()> act) {
+    patience.expires_after(wait);
+    patience.async_wait(
+        [self = shared_from_this(), act = std::move(act)](const boost::system::error_code& failed) {
+          if (!failed && self->is_running) act();
+        });
+  }
+
+  void signal(int number, const char* ignored) const {
+    spdlog::warn("{}: {}: process {} ignores {}; sending SIG{}", history->label, name, pid, ignored,
+                 ::sigabbrev_np(number));
+    ::kill(-pid, number);
+  }
+
   const std::string name;
   const pid_t pid;
   asio::posix::stream_descriptor end;
+  asio::steady_timer patience;
   const Clock::time_point started = Clock::now();
   std::shared_ptr<ChildOutput> output;
   std::shared_ptr<History> history;
@@ -118,10 +145,20 @@ struct ChildProcess::Child : std::enable_shared_from_this<Child> {
 
 ChildProcess::ChildProcess(asio::io_context& main, std::string label, std::string command,
                            std::vector<std::string> environment, Restart restart)
+    : ChildProcess(main, std::move(label), std::move(command), std::move(environment), restart,
+                   Patience()) {}
+
+ChildProcess::ChildProcess(asio::io_context& main, std::string label, std::string command,
+                           std::vector<std::string> environment, Restart restart, Patience patience)
     : main_(main),
       command_(std::move(command)),
       environment_(std::move(environment)),
-      history_(std::make_shared<History>(std::move(label), restart)) {}
+      history_(std::make_shared<History>(std::move(label), restart)),
+      patience_(patience) {}
+
+ChildProcess::~ChildProcess() {
+  if (child_ && child_->is_running) child_->end_within(patience_);
+}
 
 Result<UniqueFd> ChildProcess::connect(std::function<void()> gone) {
   if ((child_ && child_->is_running) || !history_->allows_start()) return UniqueFd();
@@ -134,22 +171,27 @@ Result<UniqueFd> ChildProcess::connect(std::function<void()> gone) {
                          output.value().writing.get(), &pid)) {
     return system_error("start " + name(), failed);
   }
+  if (auto error = watch(pid, std::move(output.value().reading), std::move(gone))) {
+    child_.reset();
+    ::kill(-pid, SIGKILL);  // unwatched it would stay a zombie; after this the wait is short
+    ::waitpid(pid, nullptr, 0);
+    return std::move(*error);
+  }
+  return std::move(input.value().writing);
+}
+
+std::optional<Error> ChildProcess::watch(pid_t pid, UniqueFd output, std::function<void()> gone) {
   // Debian 12's <sys/pidfd.h> declares pidfd_open() for C only.
   UniqueFd pidfd(static_cast<int>(::syscall(SYS_pidfd_open, pid, 0)));
-  if (!pidfd) {
-    auto error = system_error("watch " + name(), errno);
-    ::kill(pid, SIGKILL);  // unwatched it would stay a zombie; after this the wait is short
-    ::waitpid(pid, nullptr, 0);
-    return error;
-  }
-  child_ = std::make_shared<Child>(main_, name(), pid, pidfd.release());
+  if (!pidfd) return system_error("watch " + name(), errno);
+  child_ = std::make_shared<Child>(main_, name(), pid);
+  if (auto error = adopt(child_->end, std::move(pidfd), name())) return error;
   child_->history = history_;
   child_->gone = std::move(gone);
-  child_->output =
-      std::make_shared<ChildOutput>(main_, std::move(output.value().reading), history_->output);
-  child_->output->start();
+  child_->output = std::make_shared<ChildOutput>(main_, history_->output);
+  if (auto error = child_->output->start(std::move(output))) return error;
   child_->wait();
-  return std::move(input.value().writing);
+  return std::nullopt;
 }
 
 std::string ChildProcess::name() const { return "command \"" + command_ + "\""; }

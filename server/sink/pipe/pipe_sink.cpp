@@ -11,6 +11,7 @@
 #include <chrono>
 #include <utility>
 
+#include "server/runtime/adopt.hpp"
 #include "server/runtime/run_in_pool.hpp"
 
 namespace orbbuf {
@@ -77,11 +78,12 @@ void PipeSink::look_for_reader() {
     log_state(spdlog::level::err, end.error().text);
   } else if (!end.value()) {
     log_state(spdlog::level::info, "no reader");
+  } else if (auto error = adopt(pipe_, std::move(end).value(), reader_->name())) {
+    log_state(spdlog::level::err, error->text);
   } else {
     log_state(spdlog::level::info, "has a reader");
     frames_read_ = 0;
     reader_state_ = ReaderState::kPresent;
-    pipe_.assign(end.value().release());
     watch_reader();
   }
   if (reader_state_ != ReaderState::kPresent) return look_again_later();

@@ -54,7 +54,7 @@ struct KeptFrames {
 /// skipped with a warning, both images of it.
 ///
 /// Lives in a shared_ptr, which its outstanding operations hold; close() ends them. Decoding and
-/// reading files run on the `files` thread, all else on `main`. The process must ignore SIGPIPE.
+/// reading files run in the `files` pool, all else on `main`. The process must ignore SIGPIPE.
 class PipeSink final : public FrameSink, public std::enable_shared_from_this<PipeSink> {
  public:
   /// kept: what a sink before this one keeps of the session; for kCatchUp only. Of a session that

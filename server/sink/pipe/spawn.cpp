@@ -4,6 +4,8 @@
 #include <spawn.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <csignal>
 #include <string_view>
 
@@ -14,10 +16,18 @@ constexpr int kFirstDescriptorToClose = 3;
 
 std::string_view variable(std::string_view entry) { return entry.substr(0, entry.find('=')); }
 
+/// systemd means them for the server alone.
+bool is_for_server_alone(std::string_view name) {
+  constexpr std::array<std::string_view, 4> kNames = {"CREDENTIALS_DIRECTORY", "NOTIFY_SOCKET",
+                                                      "WATCHDOG_PID", "WATCHDOG_USEC"};
+  return std::ranges::find(kNames, name) != kNames.end();
+}
+
 /// `ours` first, and of the server's own what is not among it.
 std::vector<std::string> merged_environment(const std::vector<std::string>& ours) {
   std::vector<std::string> merged = ours;
   for (char** entry = environ; *entry != nullptr; ++entry) {
+    if (is_for_server_alone(variable(*entry))) continue;
     bool is_ours = false;
     for (const auto& own : ours) is_ours = is_ours || variable(own) == variable(*entry);
     if (!is_ours) merged.emplace_back(*entry);

@@ -236,5 +236,18 @@ TEST(JpegEncoder, ImagesOfOneFrameHaveOneSize) {
   EXPECT_EQ(error_of(encoder, raw), "left image of 160x120 px, right one of 160x119 px");
 }
 
+TEST(JpegEncoder, AJpegWithoutHuffmanTablesIsSentWithThem) {
+  auto jpeg = JpegEncoder({}).encode(scene_frame(), 0).value().jpeg;
+  const auto whole = jpeg;
+  for (auto at = jpeg.begin() + 2; at[1] != 0xDA;) {
+    const auto end = at + 2 + at[2] * 256 + at[3];
+    at = at[1] == 0xC4 ? jpeg.erase(at, end) : end;
+  }
+  const auto frame = JpegEncoder({}).encode(jpeg_frame(jpeg), 0);
+  ASSERT_TRUE(frame);
+  EXPECT_GE(frame.value().jpeg.size(), whole.size());
+  EXPECT_EQ(frame.value().jpeg_crc, wire::crc32(frame.value().jpeg));
+}
+
 }  // namespace
 }  // namespace orbbuf

@@ -50,6 +50,39 @@ TEST_F(HttpServerTest, SaysThatItIsWell) {
   EXPECT_EQ(answer.body, "ok\n");
 }
 
+TEST_F(HttpServerTest, SaysThatItIsWellWhileTheDiskIsSlow) {
+  make_unreadable("a/s");
+  make_unreadable("b/s");  // the pool has two threads
+  const RobotClient a = connect();
+  a.send_hello("a", "s");
+  const RobotClient b = connect();
+  b.send_hello("b", "s");
+  while (!server_->has_session("b", "s")) std::this_thread::yield();
+  EXPECT_EQ(get("/healthz").status, 200);
+  EXPECT_EQ(get("/metrics").status, 200);
+  EXPECT_FALSE(has_answer(a, 0) || has_answer(b, 0));
+  finish_reading("a/s");
+  finish_reading("b/s");
+  EXPECT_TRUE(a.welcome() && b.welcome());
+}
+
+TEST_F(HttpServerTest, SaysWhichStreamIsPausedAndWhy) {
+  const RobotClient robot = stream();
+  fs::rename(session(), folder_ / "aside");
+  write_file(session(), "a file where the folder should be");
+  robot.send_frame(plain_frame(3));
+  while (log_.lines("stream paused").empty()) std::this_thread::yield();
+  const HttpAnswer answer = get("/healthz");
+  EXPECT_EQ(answer.status, 503);
+  EXPECT_THAT(answer.body, testing::MatchesRegex("r s: stream paused: .*Not a directory\n"));
+  EXPECT_THAT(get("/metrics").body, HasSubstr("orbbuf_stream_paused{robot=\"r\"} 1"));
+  fs::remove(session());
+  fs::rename(folder_ / "aside", session());
+  EXPECT_TRUE(robot.acked(4));
+  EXPECT_EQ(get("/healthz").body, "ok\n");
+  EXPECT_THAT(get("/metrics").body, HasSubstr("orbbuf_stream_paused{robot=\"r\"} 0"));
+}
+
 TEST_F(HttpServerTest, ThePageIsOneFileThatLoadsNothingFromElsewhere) {
   const HttpAnswer answer = get("/");
   EXPECT_EQ(answer.status, 200);

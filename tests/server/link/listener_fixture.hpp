@@ -3,11 +3,17 @@
 
 #include <gtest/gtest.h>
 #include <poll.h>
+#include <sys/stat.h>
 
 #include <chrono>
+#include <filesystem>
 #include <memory>
 #include <string>
 
+#include "common/as_bytes.hpp"
+#include "common/wire.hpp"
+#include "server/recording/session_lines.hpp"
+#include "server/recording/session_names.hpp"
 #include "testing/captured_log.hpp"
 #include "testing/robot_client.hpp"
 #include "testing/temporary_folder.hpp"
@@ -34,10 +40,27 @@ class ListenerTest : public testing::Test {
   std::size_t frames_kept(const std::string& session) const {
     return read_lines(folder_ / "data" / session / "times.txt").size();
   }
+  /// A session of one frame whose files the server cannot read to their end before
+  /// finish_reading().
+  void make_unreadable(const std::string& session) const {
+    const auto folder = folder_ / "data" / session;
+    std::filesystem::create_directories(folder / "images");
+    write_file(folder / "times.txt", "0 0.000000000 0\n");
+    const auto crc = wire::crc32(as_bytes(kImage));
+    write_file(folder / "checksums.sfv",
+               session_lines::checksum(session_names::left_image(0), crc) + "\n");
+    ASSERT_EQ(::mkfifo((folder / session_names::left_image(0)).c_str(), 0600), 0);
+  }
+  /// Blocks until the server reads.
+  void finish_reading(const std::string& session) const {
+    write_file(folder_ / "data" / session / session_names::left_image(0), kImage);
+  }
   static bool has_answer(const RobotClient& robot, int milliseconds) {
     pollfd events{robot.fd(), POLLIN, 0};
     return ::poll(&events, 1, milliseconds) > 0;
   }
+
+  static constexpr const char* kImage = "an image";
 
   TemporaryFolder folder_;
   CapturedLog log_;

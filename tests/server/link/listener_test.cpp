@@ -75,6 +75,65 @@ TEST_F(ListenerTest, ARobotThatConnectsAgainGoesOnWhereItWas) {
   EXPECT_EQ(frames_kept("r/s"), 2U);
 }
 
+TEST_F(ListenerTest, ASessionIsOpenedWhileOtherRobotsAreServed) {
+  make_unreadable("slow/s");
+  const auto slow = connect();
+  slow.send_hello("slow", "s");
+  const auto other = connect();
+  ASSERT_TRUE(other.hello("other", "s"));
+  other.send_frame(plain_frame(0));
+  EXPECT_TRUE(other.acked(1));
+  EXPECT_TRUE(server_->has_session("slow", "s"));
+  EXPECT_FALSE(has_answer(slow, 0));
+  finish_reading("slow/s");
+  EXPECT_EQ(slow.welcome(), (wire::Position{1, 0}));
+  slow.send_frame(plain_frame(1));
+  EXPECT_TRUE(slow.acked(2));
+}
+
+TEST_F(ListenerTest, TheNewestConnectionGetsTheSessionThatWasBeingOpened) {
+  make_unreadable("r/s");
+  const auto first = connect();
+  first.send_hello("r", "s");
+  const auto second = connect();
+  second.send_hello("r", "s");
+  const auto error = first.error();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->code, ErrorCode::kReplaced);
+  finish_reading("r/s");
+  EXPECT_EQ(second.welcome(), (wire::Position{1, 0}));
+}
+
+TEST_F(ListenerTest, ANewSessionEndsTheOneThatWasBeingOpened) {
+  make_unreadable("r/before");
+  const auto first = connect();
+  first.send_hello("r", "before");
+  const auto second = connect();
+  EXPECT_EQ(second.hello("r", "after"), wire::Position{});
+  const auto error = first.error();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->code, ErrorCode::kReplaced);
+  finish_reading("r/before");
+  const auto late = connect();
+  EXPECT_FALSE(late.hello("r", "before"));
+  second.send_frame(plain_frame(0));
+  EXPECT_TRUE(second.acked(1));
+}
+
+TEST_F(ListenerTest, StopsOnceASessionHasBeenOpened) {
+  make_unreadable("r/s");
+  const auto robot = connect();
+  robot.send_hello("r", "s");
+  const auto other = connect();
+  ASSERT_TRUE(other.hello("other", "s"));  // so the first hello was read
+  std::thread stopper([this] { server_->stop(); });
+  const auto error = robot.error();
+  finish_reading("r/s");
+  stopper.join();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->text, "the server stops");
+}
+
 TEST_F(ListenerTest, ARebootedRobotsOldSessionIsClosed) {
   const auto first = connect();
   ASSERT_TRUE(first.hello("r", "before"));

@@ -82,9 +82,10 @@ class SessionTest : public test::EventLoop {
 
   void make(std::vector<std::shared_ptr<FrameSink>> sinks,
             std::chrono::nanoseconds timeout = std::chrono::hours(1)) {
-    session_ = std::make_shared<Session>(
-        main_, SessionInfo{"robot", "session", ""}, std::move(sinks),
-        Session::Timeouts{timeout, std::chrono::seconds(2)}, [this] { ++closed_; });
+    session_ =
+        std::make_shared<Session>(main_, SessionInfo{"robot", "session", ""}, std::move(sinks),
+                                  Session::Timeouts{timeout, std::chrono::seconds(2)},
+                                  Session::Events{[this] { ++closed_; }, [this] { ++failures_; }});
     session_->attach(peer_);
   }
   void write(Sequence sequence) {
@@ -99,6 +100,7 @@ class SessionTest : public test::EventLoop {
   std::shared_ptr<Session> session_;
   int taken_ = 0;
   int closed_ = 0;
+  int failures_ = 0;
 };
 
 TEST_F(SessionTest, BeginsWhereTheSinkThatRemembersStands) {
@@ -134,6 +136,20 @@ TEST_F(SessionTest, AFrameIsKeptWhenItsCommitIsDone) {
   EXPECT_EQ(session_->kept(), (wire::Position{1, 0}));  // the commit began before frame 1
   sink_->answer_commit();
   EXPECT_EQ(session_->kept(), (wire::Position{2, 0}));
+}
+
+TEST_F(SessionTest, EachFailedTryOfASinkIsReported) {
+  const test::CapturedLog log;
+  make({sink_});
+  write(0);
+  sink_->answer(Error{"the disk is full"});
+  EXPECT_EQ(failures_, 1);
+  ASSERT_TRUE(run_until_busy(*sink_));
+  sink_->answer(Error{"the disk is full"});
+  EXPECT_EQ(failures_, 2);
+  ASSERT_TRUE(run_until_busy(*sink_));
+  sink_->answer();
+  EXPECT_EQ(failures_, 2);
 }
 
 TEST_F(SessionTest, AWelcomeWaitsUntilWhatIsThereIsKept) {

@@ -36,7 +36,7 @@ class RetentionTest : public test::EventLoop {
   void start(const Quota& quota) {
     retention_ = std::make_shared<Retention>(
         main_, files_,
-        Retention::Options{folder_.path(), quota, minutes(10), std::chrono::milliseconds(1),
+        Retention::Options{folder_.path(), quota, minutes(10), interval_,
                            [this] {
                              ++clock_reads_;
                              ClockReading now = read_clock();
@@ -83,6 +83,7 @@ class RetentionTest : public test::EventLoop {
   int asked_ = 0;
   int clock_reads_ = 0;
   bool is_synchronised_ = true;
+  std::chrono::nanoseconds interval_ = std::chrono::milliseconds(1);
   std::shared_ptr<Retention> retention_;
 };
 
@@ -181,6 +182,19 @@ TEST_F(RetentionTest, SeesASessionGrow) {
     ASSERT_FALSE(files.write(test::plain_pair(sequence, 5000, 3000)));
   }
   EXPECT_TRUE(run_until_left({"r/b"}));
+}
+
+TEST_F(RetentionTest, LooksAtOnceWhenItIsWoken) {
+  interval_ = hours(100);
+  make("r/a", hours(4));
+  make("r/b", hours(2));
+  start(size_of(1));
+  ASSERT_TRUE(run_until_left({"r/b"}));
+  make("r/c", hours(1));
+  ASSERT_TRUE(run_until([&] {
+    retention_->wake();  // nothing, until the first pass is over
+    return left() == std::vector<std::string>{"r/c"};
+  }));
 }
 
 TEST_F(RetentionTest, FramesAreWrittenWhileALargeSessionGoes) {

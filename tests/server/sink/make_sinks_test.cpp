@@ -22,13 +22,14 @@ class MakeSinksTest : public test::EventLoop {
     run_ready();
   }
   std::size_t make() {
-    auto sinks = make_sinks(settings_, {"r1", "s1", ""}, main_, files_);
-    EXPECT_TRUE(sinks);
-    sinks_ = std::move(sinks).value();
+    auto opened = open_session(settings_, info_);
+    EXPECT_TRUE(opened);
+    sinks_ = make_sinks(settings_, info_, std::move(opened).value(), main_, files_);
     return sinks_.size();
   }
 
   test::TemporaryFolder folder_;
+  const SessionInfo info_{"r1", "s1", ""};
   SinkSettings settings_;
   std::vector<std::shared_ptr<FrameSink>> sinks_;
 };
@@ -111,7 +112,7 @@ TEST_F(MakeSinksTest, TheNextSlamMayBeginWithWhatTheLastOneMissed) {
 
 TEST_F(MakeSinksTest, ARecordThatCannotBeReadIsAnError) {
   std::filesystem::create_directories(folder_ / "data/r1/s1/times.txt");
-  EXPECT_FALSE(make_sinks(settings_, {"r1", "s1", ""}, main_, files_));
+  EXPECT_FALSE(open_session(settings_, info_));
 }
 
 TEST_F(MakeSinksTest, AFailedSyncIsLoggedAsWhatItMeansInThatMode) {

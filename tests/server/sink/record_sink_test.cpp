@@ -90,15 +90,15 @@ TEST_F(RecordSinkTest, TellsWhyAFrameWasNotTaken) {
   EXPECT_EQ(error->text, "create " + (folder_ / "s/images").string() + ": Not a directory");
 }
 
-TEST_F(RecordSinkTest, IsFinishedBehindWhatWasBegunAndOnce) {
+TEST_F(RecordSinkTest, IsFinishedBeforeItIsDrained) {
   const test::CapturedLog log;
   std::string calls;
   auto files = sink_of(std::make_unique<Calls>("a", calls));
-  files->async_write(plain_frame_ptr(5), [](const auto&) {});
-  files->close();
-  files->close();
+  EXPECT_FALSE(write(*files, plain_frame_ptr(5)));
+  bool is_drained = false;
+  files->async_drain([&] { is_drained = true; });
   files.reset();
-  files_.join();
+  ASSERT_TRUE(run_until([&] { return is_drained; }));
   EXPECT_EQ(calls, "a write, a finish, ");
   EXPECT_EQ(log.lines("it failed").size(), 1U);
 }
@@ -111,8 +111,9 @@ TEST_F(RecordSinkTest, WritesEachRecordInTurn) {
   RecordSink sink(main_, files_, std::move(records), {}, {});
   EXPECT_FALSE(write(sink, plain_frame_ptr(5)));
   EXPECT_EQ(calls, "a write, b write, ");
-  sink.close();
-  files_.join();
+  bool is_drained = false;
+  sink.async_drain([&] { is_drained = true; });
+  ASSERT_TRUE(run_until([&] { return is_drained; }));
   EXPECT_EQ(calls, "a write, b write, a finish, b finish, ");
 }
 

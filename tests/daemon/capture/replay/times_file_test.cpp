@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 
+#include "testing/captured_log.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/daemon/capture/source_test_support.hpp"
 
@@ -105,6 +106,12 @@ TEST_F(TimesFile, AnImageWithoutALineIsNamed) {
 TEST_F(TimesFile, OneTimeTooManyOrTooFewIsRefusedWhereOnlyThePlaceTells) {
   EXPECT_THAT(error("1.0\n", {"a.png", "b.png"}), EndsWith("1 times for 2 images"));
   EXPECT_THAT(error("1.0\n2.0\n3.0\n", {"a.png", "b.png"}), EndsWith("3 times for 2 images"));
+}
+
+TEST_F(TimesFile, MoreTimesThanImagesAreCounted) {
+  const test::CapturedLog log;
+  EXPECT_EQ(read("1.0 a.png\n2.0 b.png\n3.0 c.png\n", {"a.png", "b.png"}).size(), 2U);
+  EXPECT_EQ(log.lines("times.txt has 3 times for 2 images; images are missing").size(), 1U);
 }
 
 TEST_F(TimesFile, TimesThatDoNotIncreaseAreRefusedWithTheirLine) {

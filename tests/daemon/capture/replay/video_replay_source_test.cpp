@@ -2,6 +2,9 @@
 #include "daemon/capture/replay/video_replay_source.hpp"
 
 #include <gmock/gmock.h>
+#include <spdlog/fmt/fmt.h>
+
+#include <string_view>
 
 #include "testing/temporary_folder.hpp"
 #include "tests/daemon/capture/source_test_support.hpp"
@@ -17,15 +20,30 @@ using testing::HasSubstr;
 
 class VideoReplaySourceTest : public testing::Test {
  protected:
-  /// Frame i is of one colour: blue 20 * i, green 100, red 200. Motion JPEG needs no other library.
+  /// Frame i is of one colour: blue 10 * i, green 100, red 200. Motion JPEG needs no other library.
   void write_video(int count) {
     const auto fourcc = cv::VideoWriter::fourcc('M', 'J', 'P', 'G');
     cv::VideoWriter video((folder_ / "v.avi").string(), cv::CAP_OPENCV_MJPEG, fourcc, 20.0,
                           {64, 48});
     ASSERT_TRUE(video.isOpened());
     for (int i = 0; i < count; ++i) {
-      video.write(cv::Mat(48, 64, CV_8UC3, cv::Scalar(20 * i, 100, 200)));
+      video.write(cv::Mat(48, 64, CV_8UC3, cv::Scalar(10 * i, 100, 200)));
     }
+  }
+  /// Overwrites these frames of a Motion JPEG.
+  static void blank(const std::filesystem::path& file, const std::vector<std::size_t>& frames) {
+    constexpr std::string_view kBegin("\xFF\xD8\xFF"), kEnd("\xFF\xD9");
+    std::string bytes = test::read_file(file);
+    std::vector<std::size_t> begins;
+    for (auto at = bytes.find(kBegin); at != bytes.npos; at = bytes.find(kBegin, at + 1)) {
+      begins.push_back(at);
+    }
+    for (const auto frame : frames) {
+      const auto begin = begins.at(frame);
+      const auto length = bytes.find(kEnd, begin) + kEnd.size() - begin;
+      bytes.replace(begin, length, length, '\0');
+    }
+    write_file(file, bytes);
   }
   SourceSettings settings(const std::string& name, bool color = false) {
     SourceSettings settings;
@@ -50,7 +68,7 @@ TEST_F(VideoReplaySourceTest, EveryFrameComesOnceAtTheRateOfTheFile) {
     EXPECT_EQ(frame->format, PixelFormat::kGray8);
     EXPECT_EQ(frame->width_px, 64);
     EXPECT_EQ(frame->height_px, 48);
-    EXPECT_NEAR(frame->data[0], 0.114 * 20 * i + 0.587 * 100 + 0.299 * 200, 4);
+    EXPECT_NEAR(frame->data[0], 0.114 * 10 * i + 0.587 * 100 + 0.299 * 200, 4);
   }
   EXPECT_FALSE(source.next({}));
   EXPECT_FALSE(source.next({}));
@@ -67,7 +85,7 @@ TEST_F(VideoReplaySourceTest, ColourIsKeptWhereAskedForAndFramesOutliveTheSource
   for (int i = 0; i < 3; ++i) {
     const auto& frame = frames[static_cast<std::size_t>(i)];
     ASSERT_EQ(frame.format, PixelFormat::kBgr24);
-    EXPECT_NEAR(frame.data[0], 20 * i, 6);
+    EXPECT_NEAR(frame.data[0], 10 * i, 6);
     EXPECT_NEAR(frame.data[1], 100, 6);
     EXPECT_NEAR(frame.data[2], 200, 6);
   }
@@ -85,15 +103,39 @@ TEST_F(VideoReplaySourceTest, WhatIsNoVideoStopsTheStartWithTheReason) {
   EXPECT_THAT(error({}), HasSubstr("source.path is not set"));
 }
 
-TEST_F(VideoReplaySourceTest, AVideoThatBreaksOffEndsThere) {
-  write_video(5);
+TEST_F(VideoReplaySourceTest, AVideoThatBreaksOffIsAnError) {
+  write_video(20);
   const auto size = std::filesystem::file_size(folder_ / "v.avi");
-  std::filesystem::resize_file(folder_ / "v.avi", size * 7 / 10);
+  std::filesystem::resize_file(folder_ / "v.avi", size / 2);
   VideoReplaySource source(settings("v.avi"));
-  int count = 0;
-  while (source.next({})) ++count;
-  EXPECT_GE(count, 1);
-  EXPECT_LT(count, 5);
+  std::vector<RawFrame> frames;
+  const auto text = error_of([&] {
+    while (auto frame = source.next({})) frames.push_back(std::move(*frame));
+  });
+  EXPECT_THAT(text, HasSubstr("breaks off at 0."));
+  EXPECT_THAT(text, HasSubstr(fmt::format("of the 1.00 s that it states: {} frames were read",
+                                          frames.size() - 1)));
+  ASSERT_GE(frames.size(), 2U);
+  EXPECT_LT(frames.size(), 15U);
+  EXPECT_THAT(frames.back().defect, HasSubstr("cannot read the frame at 0."));
+}
+
+TEST_F(VideoReplaySourceTest, FramesThatCannotBeDecodedComeWithADefect) {
+  write_video(20);
+  blank(folder_ / "v.avi", {0, 3, 12, 13, 19});
+  VideoReplaySource source(settings("v.avi"));
+  std::vector<int> bad;
+  for (int i = 0; i < 20; ++i) {
+    const auto frame = source.next({});
+    ASSERT_TRUE(frame) << i;
+    EXPECT_EQ(frame->capture_time_ns, i * 50'000'000);
+    if (!frame->defect.empty()) bad.push_back(i);
+    if (frame->defect.empty()) {
+      EXPECT_NEAR(frame->data[0], 0.114 * 10 * i + 0.587 * 100 + 0.299 * 200, 4) << i;
+    }
+  }
+  EXPECT_FALSE(source.next({}));
+  EXPECT_EQ(bad, (std::vector<int>{0, 3, 12, 13, 19}));
 }
 
 TEST_F(VideoReplaySourceTest, AStopEndsIt) {

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/sink/pipe/child_process.hpp"
 
+#include <cstdlib>
 #include <string_view>
+#include <utility>
 
 #include "testing/captured_log.hpp"
 #include "testing/temporary_folder.hpp"
@@ -172,6 +174,58 @@ TEST_F(ChildProcessTest, WhatItLeavesBehindHoldsNothingUp) {
   EXPECT_EQ(log.lines("slam: started").size(), 1U);
   const pid_t left = std::stoi(output());
   EXPECT_EQ(::kill(left, SIGKILL), 0);
+}
+
+/// A variable of this process, for as long as it lives.
+class Variable {
+ public:
+  Variable(const char* name, const char* value) : name_(name) { ::setenv(name, value, 1); }
+  ~Variable() { ::unsetenv(name_); }
+  Variable(const Variable&) = delete;
+  Variable& operator=(const Variable&) = delete;
+
+ private:
+  const char* name_;
+};
+
+TEST_F(ChildProcessTest, DoesNotInheritWhatSystemdMeansForTheServer) {
+  const Variable credentials("CREDENTIALS_DIRECTORY", "/run/credentials/orbbuf-server");
+  const Variable notify("NOTIFY_SOCKET", "/run/systemd/notify");
+  const Variable other("ORBBUF_TEST", "stays");
+  auto child = command("echo \"$CREDENTIALS_DIRECTORY$NOTIFY_SOCKET$ORBBUF_TEST\" > " + out());
+  ASSERT_TRUE(child.connect([] {}));
+  ASSERT_TRUE(run_until_reaped());
+  EXPECT_EQ(output(), "stays\n");
+}
+
+TEST_F(ChildProcessTest, OneThatIgnoresTheEndOfItsInputIsEnded) {
+  using std::chrono::milliseconds;
+  const test::CapturedLog log;
+  for (const auto& [ignored, number] : {std::pair("", "15"), std::pair("trap '' TERM; ", "9")}) {
+    {
+      ChildProcess child(main_, "r s", std::string(ignored) + "echo ready; sleep 1000; true", {},
+                         Restart::kAlways, {milliseconds(1), milliseconds(1)});
+      ASSERT_TRUE(start(child));
+      ASSERT_TRUE(run_until([&] { return !log.lines("slam: ready").empty(); }));
+      input_ = UniqueFd();
+    }
+    ASSERT_TRUE(run_until_reaped());
+    EXPECT_EQ(log.lines(std::string("was killed by signal ") + number).size(), 1U);
+  }
+  EXPECT_EQ(log.lines("ignores the end of its input; sending SIGTERM").size(), 2U);
+  EXPECT_EQ(log.lines("ignores SIGTERM; sending SIGKILL").size(), 1U);
+}
+
+TEST_F(ChildProcessTest, OneThatEndsWithItsInputGetsNoSignal) {
+  const test::CapturedLog log;
+  {
+    auto child = command("cat > " + out());
+    ASSERT_TRUE(start(child));
+    input_ = UniqueFd();
+  }
+  ASSERT_TRUE(run_until_reaped());
+  EXPECT_TRUE(log.lines("ignores").empty());
+  EXPECT_EQ(log.lines("exited with status 0").size(), 1U);
 }
 
 TEST_F(ChildProcessTest, IsReapedAfterTheSessionHasGone) {
