@@ -27,6 +27,7 @@ struct Options {
   fs::path work;
   fs::path traces;
   std::string control = "both";
+  bool has_two_links = false;
 };
 
 void play(Stage& stage, const std::vector<Step>& plan, std::ostream& log) {
@@ -75,7 +76,7 @@ int run(Options options) {
   std::printf("\n");
   std::fflush(stdout);
 
-  Stage stage(options.programs, options.work, controls);
+  Stage stage(options.programs, options.work, controls, options.has_two_links ? 2 : 1);
   std::ofstream log(options.work / "events.txt");
   stage.begin();
   play(stage, plan, log);
@@ -99,6 +100,8 @@ int main(int argc, char** argv) {
   app.add_option("--longest-outage", options.plan.longest_outage_s, "in seconds");
   app.add_flag("--long", options.plan.has_minute_outages, "outages of 60 s among them");
   app.add_option("--control", options.control)->check(CLI::IsMember({"both", "cubic", "bbr"}));
+  app.add_flag("--two-links", options.has_two_links,
+               "link.interfaces; cuts take one, the other, both");
   CLI11_PARSE(app, argc, argv);
   return orbbuf::bench::run_program("chaos", [&] { return run(options); });
 }

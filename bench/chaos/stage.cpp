@@ -40,13 +40,18 @@ std::string after(const std::string& line, const std::string& words) {
   return line.substr(line.find(words) + words.size());
 }
 
-Words shape(const std::string& rate) {
-  return {"tc",   "qdisc", "replace", "dev",  "wire",    "root", "tbf",
+Words shape(const std::string& rate, const char* link = test::Namespaces::kLink) {
+  return {"tc",   "qdisc", "replace", "dev",  link,      "root", "tbf",
           "rate", rate,    "burst",   "32kb", "latency", "100ms"};
 }
 
 Words congestion_route(const std::string& address, const std::string& control) {
   return {"ip", "route", "replace", address + "/32", "dev", "wire", "congctl", control};
+}
+
+Words second_route(const std::string& address, const std::string& control) {
+  return {"ip",    "route",  "add", address + "/32", "via",  "10.78.0.2", "dev",
+          "wire2", "metric", "9",   "congctl",       control};
 }
 
 }  // namespace
@@ -67,8 +72,8 @@ std::vector<std::string> Stage::available(const Words& wanted, std::string& why)
   return found;
 }
 
-Stage::Stage(Programs programs, fs::path work, const Words& controls)
-    : programs_(std::move(programs)), work_(std::move(work)) {
+Stage::Stage(Programs programs, fs::path work, const Words& controls, int links)
+    : programs_(std::move(programs)), work_(std::move(work)), links_(links), hosts_(links) {
   if (!hosts_.exist()) throw std::runtime_error(hosts_.why());
   fs::create_directories(work_);
   make_source();
@@ -76,9 +81,11 @@ Stage::Stage(Programs programs, fs::path work, const Words& controls)
     const std::string address = kNetwork + std::to_string(i + 2);
     if (i > 0) on_server({"ip", "addr", "add", address + "/24", "dev", "wire"});
     on_robot(congestion_route(address, controls[i]));
+    if (links_ == 2) on_robot(second_route(address, controls[i]));
     robots_.push_back({"robot-" + controls[i], address, nullptr, 0});
   }
   on_robot(shape(kCalmMbit));
+  if (links_ == 2) on_robot(shape(kCalmMbit, test::Namespaces::kSecondLink));
 }
 
 /// Captures once what all robots will replay: JPEGs, so that they arrive byte for byte.
@@ -130,6 +137,10 @@ void Stage::start_robot(Robot& robot) {
         "buffer.drop_log=" + session.drop_log.string()}) {
     command.insert(command.end(), {"--set", setting});
   }
+  if (links_ == 2) {
+    command.insert(command.end(), {"--set", R"(link.interfaces=["wire", "wire2"])", "--set",
+                                   "link.return_after=1 s"});
+  }
   robot.process = std::make_unique<Process>(command);
   const auto line = robot.process->wait_for_line(", session ");
   if (!line) throw std::runtime_error("no robot: " + robot.process->output());
@@ -156,14 +167,25 @@ void Stage::stop_server(int signal) {
   throw std::runtime_error(fmt::format("the server ended with status {}", status));
 }
 
+void Stage::cut() {
+  const int turn = cuts_++ % 3;
+  if (links_ == 1 || turn != 1) cut_links_.emplace_back(test::Namespaces::kLink);
+  if (links_ == 2 && turn != 0) cut_links_.emplace_back(test::Namespaces::kSecondLink);
+  for (const std::string& link : cut_links_) hosts_.cut_link(link);
+}
+
+void Stage::mend() {
+  for (const std::string& link : std::exchange(cut_links_, {})) hosts_.mend_link(link);
+}
+
 void Stage::apply(const Step& step) {
   switch (step.action) {
     case Action::kRate:
       return on_robot(shape(fmt::format("{:.0f}kbit", step.value * 1000)));
     case Action::kCut:
-      return hosts_.cut_link();
+      return cut();
     case Action::kMend:
-      return hosts_.mend_link();
+      return mend();
     case Action::kReset:
       return on_server({"nft",
                         "add table inet resets; add chain inet resets in { type filter hook input "

@@ -23,8 +23,10 @@ struct Programs {
 /// happen to them. What they leave behind lies in `work`.
 class Stage {
  public:
-  /// Throws std::runtime_error if it cannot be set.
-  Stage(Programs programs, std::filesystem::path work, const std::vector<std::string>& controls);
+  /// links: 1, or 2, of which each robot has both: then cuts take the first, the second and both in
+  /// turn, and the rate is the first one's. Throws std::runtime_error if it cannot be set.
+  Stage(Programs programs, std::filesystem::path work, const std::vector<std::string>& controls,
+        int links);
 
   /// The congestion controls of `wanted` that this kernel has for connections of network
   /// namespaces; empty without namespaces, `why` then says what failed.
@@ -49,6 +51,8 @@ class Stage {
   };
 
   void make_source();
+  void cut();
+  void mend();
   void on_robot(const std::vector<std::string>& command) const;
   void on_server(const std::vector<std::string>& command) const;
   void start_server();
@@ -59,7 +63,10 @@ class Stage {
 
   const Programs programs_;
   const std::filesystem::path work_;
+  const int links_;
   test::Namespaces hosts_;
+  int cuts_ = 0;
+  std::vector<std::string> cut_links_;
   std::string port_ = "0";
   std::unique_ptr<test::Process> server_;
   std::vector<Robot> robots_;

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
 # To be sourced after return.sh: how soon frames come after an outage of a link with a long round trip,
-# how long a robot needs to connect over it, what a name server behind the outage changes, for the end of the program too, and what
-# the attempts to connect cost.
+# how long a robot needs to connect over it, what a name server behind the outage changes, for the end
+# of the program too, and what the attempts to connect cost.
 ADDRESS_far=10.78.0.2
 PATH_MS=(50 300 600 2000)
 COST_SECONDS=20

@@ -8,13 +8,27 @@
 namespace orbbuf::test {
 namespace {
 
-TEST(Chaos, FortyEventsLoseNothingAndRepeatNothing) {
+class ChaosTest : public ::testing::TestWithParam<int> {};
+
+TEST_P(ChaosTest, FortyEventsLoseNothingAndRepeatNothing) {
   const TemporaryFolder folder;
-  const Finished chaos =
-      run({ORBBUF_CHAOS, "--robot", ORBBUFD, "--server", ORBBUF_SERVER, "--work",
-           (folder / "work").string(), "--traces", ORBBUF_SOURCE_DIR "/../shared/data/traces",
-           "--events", "40", "--longest-outage", "3", "--seed", "4"},
-          std::chrono::seconds(280));  // ctest's limit is 300
+  std::vector<std::string> command = {ORBBUF_CHAOS,
+                                      "--robot",
+                                      ORBBUFD,
+                                      "--server",
+                                      ORBBUF_SERVER,
+                                      "--work",
+                                      (folder / "work").string(),
+                                      "--traces",
+                                      ORBBUF_SOURCE_DIR "/../shared/data/traces",
+                                      "--events",
+                                      "40",
+                                      "--longest-outage",
+                                      "3",
+                                      "--seed",
+                                      "4"};
+  if (GetParam() == 2) command.emplace_back("--two-links");
+  const Finished chaos = run(command, std::chrono::seconds(280));  // ctest's limit is 300
   if (chaos.status == 77) GTEST_SKIP() << chaos.output;
   EXPECT_EQ(chaos.status, 0) << chaos.output;
   for (const char* line : {"RESULT chaos.events 40\n", "RESULT chaos.lost 0\n",
@@ -22,6 +36,9 @@ TEST(Chaos, FortyEventsLoseNothingAndRepeatNothing) {
     EXPECT_NE(chaos.output.find(line), std::string::npos) << line << chaos.output;
   }
 }
+
+INSTANTIATE_TEST_SUITE_P(Links, ChaosTest, ::testing::Values(1, 2),
+                         [](const auto& links) { return links.param == 2 ? "Two" : "One"; });
 
 }  // namespace
 }  // namespace orbbuf::test
