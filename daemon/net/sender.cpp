@@ -3,6 +3,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <utility>
 
 #include "common/seconds.hpp"
@@ -39,6 +40,10 @@ void Sender::on_connected(const wire::Position& position) {
   drops_.rewind(position.next_drop);
 }
 
+bool Sender::can_be_at(const wire::Position& position) const {
+  return position.next_sequence <= written_end_ && position.next_drop <= drops_.next_drop();
+}
+
 void Sender::on_disconnected() {
   is_bye_sent_ = false;
   rate_.on_lost();
@@ -70,6 +75,7 @@ void Sender::write_next() {
   const bool is_drops_turn = std::exchange(is_drops_turn_, false) && drops_.has_unsent();
   if (FramePtr frame = is_drops_turn ? nullptr : take_frame()) {
     is_drops_turn_ = true;
+    written_end_ = std::max(written_end_, frame->sequence + 1);
     link_.write(std::move(frame));
   } else if (drops_.has_unsent()) {
     link_.write(wire::encode(drops_.take_unsent()));

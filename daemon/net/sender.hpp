@@ -47,6 +47,7 @@ class Sender final : private ServerLink::Owner {
 
  private:
   void on_connected(const wire::Position& position) override;
+  bool can_be_at(const wire::Position& position) const override;
   void on_disconnected() override;
   void on_ack(const wire::Ack& ack) override;
   void on_bye(const wire::Position& position) override;
@@ -73,6 +74,7 @@ class Sender final : private ServerLink::Owner {
   boost::asio::steady_timer drain_timer_;
   boost::asio::steady_timer report_timer_;
   bool is_drops_turn_ = false;
+  Sequence written_end_ = 0;  // beyond the newest frame that was ever written
   bool is_bye_sent_ = false;
   std::function<void(bool)> done_;  // set: finishing
 };

@@ -163,6 +163,7 @@ void ServerConnection::dispatch(const wire::Header& header) {
     if (version < wire::kOldestProtocolVersion || version > wire::kProtocolVersion) {
       return refuse({"the server wants protocol version " + std::to_string(version)});
     }
+    if (const auto why = owner_->refusal_of(welcome.value().position)) return refuse(*why);
     is_welcome_ = true;
     owner_->on_welcome(welcome.value().position);
     if (owner_) wait_writable();

@@ -32,6 +32,9 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
     /// may close the connection from within this call, before it says hello.
     virtual void on_step(const ServerConnection& from) = 0;
     /// The server's position; writing may begin.
+    /// Why the position of a welcome is not accepted: it is a refusal then, and on_failed()
+    /// follows.
+    virtual std::optional<Error> refusal_of(const wire::Position& position) = 0;
     virtual void on_welcome(const wire::Position& position) = 0;
     virtual void on_ack(const wire::Ack& ack) = 0;
     /// The server's last message: all is recorded up to `position`, or it is going down.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/net/server_link.hpp"
 
+#include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -249,6 +250,15 @@ void ServerLink::promote(const ServerConnection& from) {
   attempts_.erase(found);
   close_attempts();
   candidate_watch_.restart(Clock::now());
+}
+
+std::optional<Error> ServerLink::refusal_of(const wire::Position& position) {
+  if (owner_.can_be_at(position)) return std::nullopt;
+  return Error{
+      fmt::format("the server's record of this session reaches frame {} and drop record {}, which "
+                  "this robot has "
+                  "not sent: does another robot use its id?",
+                  position.next_sequence, position.next_drop)};
 }
 
 void ServerLink::on_welcome(const wire::Position& position) {

@@ -95,6 +95,8 @@ class ServerLink final : private ServerConnection::Owner {
     /// A new connection, in the place of the one before if there was one: what was written to that
     /// and is not in the server's record, which reaches `position`, is lost. on_writable() follows.
     virtual void on_connected(const wire::Position& position) = 0;
+    /// False if a server's record cannot reach `position`, since not so much was ever written.
+    virtual bool can_be_at(const wire::Position& position) const = 0;
     /// The connection broke.
     virtual void on_disconnected() = 0;
     virtual void on_ack(const wire::Ack& ack) = 0;
@@ -138,6 +140,7 @@ class ServerLink final : private ServerConnection::Owner {
 
  private:
   void on_step(const ServerConnection& from) override;
+  std::optional<Error> refusal_of(const wire::Position& position) override;
   void on_welcome(const wire::Position& position) override;
   void on_ack(const wire::Ack& ack) override;
   void on_bye(const wire::Position& position) override;

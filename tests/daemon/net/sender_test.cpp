@@ -228,6 +228,18 @@ TEST_F(SenderTest, RefusalIsSurvived) {
   EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 0U);
 }
 
+TEST_F(SenderTest, WhatWasNeverSentIsNotTakenForDelivered) {
+  push(0, 2);
+  start();
+  server_.welcome({1, 0});  // another session's record
+  server_.welcome({0, 1});
+  server_.welcome({});
+  EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 0U);
+  server_.close();
+  server_.welcome({1, 0});
+  EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 1U);
+}
+
 TEST_F(SenderTest, TheLastStatsComeJustBeforeTheBye) {
   push(0, 1);
   start();

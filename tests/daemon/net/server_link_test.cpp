@@ -26,7 +26,12 @@ using wire::Type;
 /// What a link calls, in order: each may be awaited by the test's thread.
 class RecordingOwner final : public ServerLink::Owner {
  public:
+  static constexpr Sequence kNeverWritten = 1000;
+
   void on_connected(const wire::Position& position) override { add("connected", position); }
+  bool can_be_at(const wire::Position& position) const override {
+    return position.next_sequence < kNeverWritten;
+  }
   void on_disconnected() override { add("disconnected", {}); }
   void on_ack(const wire::Ack& ack) override { add("ack", ack.position); }
   void on_bye(const wire::Position& position) override { add("bye", position); }
@@ -170,6 +175,18 @@ TEST_F(ServerLinkTest, ARefusalIsTheLastErrorUntilTheServerWelcomes) {
   EXPECT_EQ(state(), ServerLink::State::kConnecting);
   server_.send(wire::encode(wire::Welcome{wire::kProtocolVersion, {}}));
   expect_connected();
+}
+
+TEST_F(ServerLinkTest, APositionThatWasNeverWrittenIsARefusal) {
+  start();
+  server_.welcome({RecordingOwner::kNeverWritten, 0});
+  server_.accept();  // the next attempt
+  EXPECT_NE(
+      last_error().find("reaches frame 1000 and drop record 0, which this robot has not sent"),
+      std::string::npos)
+      << last_error();
+  server_.send(wire::encode(wire::Welcome{wire::kProtocolVersion, {7, 3}}));
+  EXPECT_EQ(owner_.next(), "connected 7 3");
 }
 
 TEST_F(ServerLinkTest, CloseEndsTheConnection) {
