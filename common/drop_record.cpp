@@ -9,8 +9,8 @@ namespace orbbuf {
 namespace {
 
 std::optional<DropReason> parse_reason(std::string_view text) {
-  for (const auto reason :
-       {DropReason::kPolicy, DropReason::kBusy, DropReason::kFailed, DropReason::kShutdown}) {
+  for (const auto reason : {DropReason::kPolicy, DropReason::kBusy, DropReason::kFailed,
+                            DropReason::kShutdown, DropReason::kRefused, DropReason::kUnknown}) {
     if (to_string(reason) == text) return reason;
   }
   return std::nullopt;
@@ -28,8 +28,12 @@ std::string_view to_string(DropReason reason) {
       return "failed";
     case DropReason::kShutdown:
       return "shutdown";
+    case DropReason::kRefused:
+      return "refused";
+    case DropReason::kUnknown:
+      return "unknown";
   }
-  return "unknown";
+  return "";
 }
 
 std::string to_csv(const DropRecord& record) {

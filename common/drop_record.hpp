@@ -16,6 +16,8 @@ enum class DropReason : std::uint8_t {
   kBusy = 2,      ///< a newer frame came before this one could be encoded
   kFailed = 3,    ///< the image could not be read or encoded
   kShutdown = 4,  ///< still undelivered when the daemon had to stop
+  kRefused = 5,   ///< larger than the server accepts: wire::Welcome::max_frame_bytes
+  kUnknown = 6,   ///< sent and not acknowledged when the daemon had to stop: the server may have it
 };
 
 /// DropRecord::similarity if the neighbours were not compared.
@@ -35,7 +37,7 @@ struct DropRecord {
 /// The first line of a drop record file, without the line end: `sequence,reason,capture_time_s`.
 inline constexpr std::string_view kDropCsvHeader = "sequence,reason,capture_time_s";
 
-/// One word: `policy`, `busy`, `failed` or `shutdown`.
+/// One word: `policy`, `busy`, `failed`, `shutdown`, `refused` or `unknown`.
 std::string_view to_string(DropReason reason);
 
 /// One line of a drop record file, without the line end: `17,policy,1.633012000`.

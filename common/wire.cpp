@@ -107,7 +107,8 @@ std::vector<std::uint8_t> encode(const Hello& hello) {
 std::vector<std::uint8_t> encode(const Welcome& welcome) {
   Message message(Type::kWelcome);
   message.put(welcome.version);
-  message.put_zeros(7);
+  message.put_zeros(3);
+  message.put(welcome.max_frame_bytes);
   message.put_position(welcome.position);
   return std::move(message).take();
 }

@@ -76,6 +76,9 @@ struct Position {
 struct Welcome {
   std::uint8_t version = kProtocolVersion;
   Position position;
+  /// The largest frame (EncodedFrame::jpeg) that the server takes; 0: it does not say. 0 in
+  /// version 1.
+  std::uint32_t max_frame_bytes = 0;
 
   friend bool operator==(const Welcome&, const Welcome&) = default;
 };
@@ -105,7 +108,7 @@ struct Stats {
   std::uint64_t captured = 0;
   std::uint64_t skipped = 0;       ///< DropReason::kBusy
   std::uint64_t failed = 0;        ///< DropReason::kFailed
-  std::uint64_t dropped = 0;       ///< DropReason::kPolicy and kShutdown
+  std::uint64_t dropped = 0;       ///< DropReason::kPolicy and those at the end or refused
   std::uint64_t acknowledged = 0;  ///< the server's sinks have them
   std::uint64_t waiting = 0;       ///< in the buffer, or on their way into it
   std::uint64_t in_flight = 0;     ///< handed to the network, not yet acknowledged

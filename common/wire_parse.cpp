@@ -155,7 +155,7 @@ DropRecord take_drop_record(Body& in) {
   const auto reason = in.take<std::uint8_t>();
   in.require(record.sequence < kEndOfNumbers, "sequence number out of range");
   if (reason < static_cast<std::uint8_t>(DropReason::kPolicy) ||
-      reason > static_cast<std::uint8_t>(DropReason::kShutdown)) {
+      reason > static_cast<std::uint8_t>(DropReason::kUnknown)) {
     in.require(false, fmt::format("unknown drop reason {}", reason));
   } else {
     record.reason = static_cast<DropReason>(reason);
@@ -210,7 +210,8 @@ Parsed<Welcome> parse_welcome(const Header& header, std::span<const std::uint8_t
   Body in(header, body);
   Welcome welcome;
   welcome.version = in.take<std::uint8_t>();
-  in.take_zeros(7);
+  in.take_zeros(3);
+  welcome.max_frame_bytes = in.take<std::uint32_t>();
   welcome.position = in.take_position();
   return in.finish(welcome);
 }

@@ -60,6 +60,8 @@ void FrameBuffer::on_lost(const DropRecord& record) {
       break;
     case DropReason::kPolicy:
     case DropReason::kShutdown:
+    case DropReason::kRefused:
+    case DropReason::kUnknown:
       ++counts_.dropped;
       break;
   }
@@ -120,6 +122,17 @@ FramePtr FrameBuffer::take(const SendMoment& moment) {
   waiting_.erase(waiting_.begin(), chosen + 1);
   room_.notify_all();
   return in_flight_.back().frame;
+}
+
+void FrameBuffer::refuse_newest() {
+  const std::lock_guard lock(mutex_);
+  assert(!in_flight_.empty());
+  const EncodedFrame& frame = *in_flight_.back().frame;
+  final_drops_.push_back(record_of(frame, DropReason::kRefused));
+  in_flight_bytes_ -= frame.jpeg.size();
+  in_flight_.pop_back();
+  ++counts_.dropped;
+  room_.notify_all();
 }
 
 void FrameBuffer::acknowledge(Sequence next) {
@@ -193,10 +206,12 @@ void FrameBuffer::give_up() {
   for (const auto& [entry, similarity] : unconfirmed_drops_) {
     final_drops_.push_back(record_of(*entry.frame, DropReason::kPolicy, similarity));
   }
-  for (const auto* undelivered : {&in_flight_, &waiting_}) {
-    for (const Entry& entry : *undelivered) {
-      final_drops_.push_back(record_of(*entry.frame, DropReason::kShutdown));
-    }
+  for (const Entry& entry : in_flight_) {
+    final_drops_.push_back(record_of(*entry.frame, DropReason::kUnknown));
+  }
+  for (const Entry& entry : waiting_) {
+    const auto reason = entry.was_taken ? DropReason::kUnknown : DropReason::kShutdown;
+    final_drops_.push_back(record_of(*entry.frame, reason));
   }
   counts_.dropped += in_flight_.size() + waiting_.size();
   unconfirmed_drops_.clear();

@@ -81,6 +81,8 @@ class FrameBuffer {
   /// (giving up those before it). Null if none waits, or if so much is in flight as may be: then
   /// the server receives frames faster than it brings them onto its device, or not at all.
   FramePtr take(const SendMoment& moment = {});
+  /// `main`: the frame taken last is too large for the server (kRefused).
+  void refuse_newest();
   /// `main`: the server has acknowledged every frame in flight below `next`.
   void acknowledge(Sequence next);
   /// `main`: the connection broke; the frames in flight return to the head, in order.
@@ -95,7 +97,8 @@ class FrameBuffer {
   /// `main`: gives up the waiting frames (kShutdown) except those that the server may have: frames
   /// in flight, and returned ones.
   void give_up_waiting();
-  /// `main`, at the end: gives up all undelivered frames (kShutdown) and makes all drops final.
+  /// `main`, at the end: gives up all undelivered frames (kUnknown if the server may have them,
+  /// else kShutdown) and makes all drops final.
   void give_up();
 
   /// Any thread. A consistent snapshot: captured = the sum of the rest.

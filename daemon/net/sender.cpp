@@ -90,11 +90,27 @@ FramePtr Sender::take_frame() {
   SendMoment moment{now.time_since_epoch(), rate_.bytes_per_s()};
   if (done_) moment.end = drain_timer_.expiry().time_since_epoch();
   FramePtr frame = buffer_.take(moment);
+  while (frame && is_too_large(*frame)) {
+    buffer_.refuse_newest();
+    frame = buffer_.take(moment);
+  }
   if (!frame) return nullptr;
   rate_.on_written(now, frame->sequence, frame->jpeg.size());
   spdlog::debug("link: frame {} is the kernel's from here on", frame->sequence);
   collect_drops();  // those that were passed over for it
   return frame;
+}
+
+bool Sender::is_too_large(const EncodedFrame& frame) {
+  const auto limit = link_.max_frame_bytes();
+  if (limit == 0 || frame.jpeg.size() <= limit) return false;
+  if (!std::exchange(is_refusal_logged_, true)) {
+    spdlog::error(
+        "link: frame {} has {} bytes, more than the server's listen.max_frame of {}: dropped as "
+        "refused, and so are all that are larger",
+        frame.sequence, frame.jpeg.size(), limit);
+  }
+  return true;
 }
 
 void Sender::collect_drops() {

@@ -56,6 +56,7 @@ class Sender final : private ServerLink::Owner {
   void report_each_second();
   void write_next();
   FramePtr take_frame();
+  bool is_too_large(const EncodedFrame& frame);
   void collect_drops();
   bool is_settled() const;
   std::chrono::nanoseconds round_trip() const;
@@ -75,6 +76,7 @@ class Sender final : private ServerLink::Owner {
   boost::asio::steady_timer report_timer_;
   bool is_drops_turn_ = false;
   Sequence written_end_ = 0;  // beyond the newest frame that was ever written
+  bool is_refusal_logged_ = false;
   bool is_bye_sent_ = false;
   std::function<void(bool)> done_;  // set: finishing
 };

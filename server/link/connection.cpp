@@ -84,7 +84,7 @@ void Connection::on_attached(wire::Position position) {
   state_ = State::kServing;
   spdlog::info("{}: session {} at frame {}, {}", name(), session_->info().session_id,
                position.next_sequence, software_);
-  send(encode(wire::Welcome{version_, position}));
+  send(encode(wire::Welcome{version_, position, version_ >= 2 ? settings_.max_frame_bytes : 0}));
   read();
 }
 

@@ -202,6 +202,17 @@ TEST_F(FrameBufferTest, ReportsItsCapacityAndWhatWaits) {
   EXPECT_GT(report.waiting_bytes, 0U);
 }
 
+TEST_F(FrameBufferTest, ARefusedFrameIsADropOfItsOwnKind) {
+  push(0, 2);
+  take(2);
+  buffer_.refuse_newest();
+  EXPECT_EQ(collect_drops(buffer_),
+            (std::vector{DropRecord{1, make_frame_ptr(1)->capture_time_ns, DropReason::kRefused}}));
+  buffer_.acknowledge(1);
+  EXPECT_EQ(buffer_.stats(),
+            (wire::Stats{.captured = 3, .dropped = 1, .acknowledged = 1, .waiting = 1}));
+}
+
 TEST_F(FrameBufferTest, GivingUpNamesEveryUndeliveredFrame) {
   push(0, 3);
   take(2);
@@ -211,8 +222,10 @@ TEST_F(FrameBufferTest, GivingUpNamesEveryUndeliveredFrame) {
   buffer_.give_up();
   const std::vector<DropRecord> records = collect_drops(buffer_);
   EXPECT_THAT(sequences_of(records), ElementsAre(0, 1, 2, 3, 4));
-  for (const DropRecord& record : records) {
-    EXPECT_EQ(record.reason, record.sequence == 0 ? DropReason::kPolicy : DropReason::kShutdown);
+  EXPECT_EQ(records[0].reason, DropReason::kPolicy);
+  EXPECT_EQ(records[1].reason, DropReason::kUnknown);  // the server may have it
+  for (std::size_t i = 2; i < records.size(); ++i) {
+    EXPECT_EQ(records[i].reason, DropReason::kShutdown);
   }
   EXPECT_EQ(buffer_.stats(), (wire::Stats{.captured = 5, .dropped = 5}));
 }

@@ -34,12 +34,12 @@ class SenderTest : public ::testing::Test {
       has_ended_.set_value();
     });
   }
-  void push(Sequence first, Sequence last) {
+  void push(Sequence first, Sequence last, std::size_t bytes = 100) {
     for (Sequence sequence = first; sequence <= last; ++sequence) {
       auto frame = std::make_shared<EncodedFrame>();
       frame->sequence = sequence;
       frame->capture_time_ns = static_cast<std::int64_t>(sequence) * 1000;
-      frame->jpeg.assign(100, static_cast<std::uint8_t>(sequence));
+      frame->jpeg.assign(bytes, static_cast<std::uint8_t>(sequence));
       frame->jpeg_crc = wire::crc32(frame->jpeg);
       buffer_.on_captured();
       buffer_.push(std::move(frame));
@@ -226,6 +226,23 @@ TEST_F(SenderTest, RefusalIsSurvived) {
   server_.send(wire::encode(wire::ErrorMessage{wire::ErrorCode::kRefused, "full"}));
   server_.welcome({});
   EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 0U);
+}
+
+TEST_F(SenderTest, AFrameThatIsTooLargeForTheServerIsNamedAndTheOthersGoOn) {
+  constexpr std::uint32_t kLargest = 100;
+  push(0, 2);
+  push(3, 3, kLargest + 1);
+  push(4, 4);
+  start();
+  server_.accept();
+  server_.read(Type::kHello);
+  server_.send(wire::encode(wire::Welcome{wire::kProtocolVersion, {}, kLargest}));
+  for (const Sequence sequence : {0U, 1U, 2U, 4U}) {
+    auto message = server_.read_any();
+    while (message && message->type() != Type::kFrame) message = server_.read_any();
+    ASSERT_TRUE(message);
+    EXPECT_EQ(message->frame().sequence, sequence);
+  }
 }
 
 TEST_F(SenderTest, WhatWasNeverSentIsNotTakenForDelivered) {
