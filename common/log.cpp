@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "common/log.hpp"
 
+#include <fcntl.h>
 #include <pthread.h>
 #include <spdlog/pattern_formatter.h>
-#include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -14,6 +14,9 @@
 #include <memory>
 #include <stdexcept>
 #include <string>
+
+#include "common/non_blocking_sink.hpp"
+#include "common/unique_fd.hpp"
 
 namespace orbbuf {
 namespace {
@@ -90,6 +93,17 @@ bool is_stderr_the_journal() {
   return stream == std::to_string(status.st_dev) + ":" + std::to_string(status.st_ino);
 }
 
+/// Opens a pipe or terminal again, as stderr, so that O_NONBLOCK is ours alone and not also that of
+/// the processes that we have stderr from. Libraries that write to stderr do not wait then either.
+/// The rest is left as it is, or what we may not open.
+void unblock_stderr() {
+  struct stat status {};
+  if (fstat(STDERR_FILENO, &status) != 0) return;
+  if (!S_ISFIFO(status.st_mode) && isatty(STDERR_FILENO) == 0) return;
+  const UniqueFd own(open("/proc/self/fd/2", O_WRONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC));
+  if (own) dup2(own.get(), STDERR_FILENO);
+}
+
 spdlog::level::level_enum level_from(std::string_view word) {
   for (const LevelName& name : kLevels) {
     if (name.word == word) return name.level;
@@ -106,8 +120,9 @@ void set_up_log(std::string_view level) {
       'J');
   formatter->set_pattern(is_stderr_the_journal() ? "%J[%N] %v"
                                                  : "%Y-%m-%dT%H:%M:%S.%eZ %L [%N] %v");
+  unblock_stderr();
   auto logger =
-      std::make_shared<spdlog::logger>("", std::make_shared<spdlog::sinks::stderr_sink_mt>());
+      std::make_shared<spdlog::logger>("", std::make_shared<NonBlockingSink>(STDERR_FILENO));
   logger->set_formatter(std::move(formatter));
   logger->set_level(threshold);
   spdlog::set_default_logger(std::move(logger));

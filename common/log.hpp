@@ -10,8 +10,9 @@ namespace orbbuf {
 inline constexpr std::array<std::string_view, 5> kLogLevels = {"trace", "debug", "info", "warn",
                                                                "error"};
 
-/// Sends spdlog's default logger to stderr, synchronously. `level`: one of kLogLevels. Lines carry
-/// time, level and thread name; under systemd (stderr is the journal, per $JOURNAL_STREAM) an
+/// Sends spdlog's default logger to stderr, synchronously, but without waiting if nothing reads
+/// stderr (NonBlockingSink); a pipe or terminal gets O_NONBLOCK. `level`: one of kLogLevels. Lines
+/// carry time, level and thread name; under systemd (stderr is the journal, per $JOURNAL_STREAM) an
 /// sd-daemon(3) `<N>` prefix instead of time and level. Throws std::invalid_argument for another
 /// level. Call once, from main().
 void set_up_log(std::string_view level);

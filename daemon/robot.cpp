@@ -8,6 +8,8 @@
 #include <boost/asio/signal_set.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <csignal>
+#include <cstdint>
+#include <limits>
 #include <utility>
 
 #include "common/service_status.hpp"
@@ -28,6 +30,7 @@ class Robot {
 
  private:
   void await_signal();
+  void await_reload();
   void on_source_ended(bool failed);
   void report();
   void log_stats() const;
@@ -35,7 +38,8 @@ class Robot {
   ServiceStatus service_;
   asio::io_context io_{1};
   asio::signal_set signals_{io_, SIGINT, SIGTERM};
-  std::unique_ptr<FrameSource> source_;  // until pipeline_ has it
+  asio::signal_set reload_{io_, SIGHUP};  // which never ends the robot
+  std::unique_ptr<FrameSource> source_;   // until pipeline_ has it
   OrbExtractor extractor_;
   FrameBuffer buffer_;
   DropLog drops_;
@@ -66,10 +70,14 @@ std::unique_ptr<FrameSource> open_source(const SourceSettings& settings) {
   return source;
 }
 
-/// A source that waits for room is not chosen from: it loses no frame, however late it becomes.
+/// A source that waits for room is not chosen from: it loses no frame, however late it becomes. It
+/// waits for `capacity`, since the bytes of its next frame are not known.
 BufferSettings buffer_settings(const Settings& settings, const FrameSource& source) {
   BufferSettings buffer = settings.buffer;
-  if (!source.is_live()) buffer.policy = "drop-oldest";
+  if (!source.is_live()) {
+    buffer.policy = "drop-oldest";
+    buffer.memory_bytes = std::numeric_limits<std::uint64_t>::max();
+  }
   return buffer;
 }
 
@@ -90,6 +98,7 @@ Robot::Robot(const Settings& settings)
 
 bool Robot::run() {
   await_signal();
+  await_reload();
   sender_.start();
   pipeline_.start();
   report();
@@ -109,6 +118,14 @@ void Robot::await_signal() {
   });
 }
 
+void Robot::await_reload() {
+  reload_.async_wait([this](const boost::system::error_code& error, int /*signal*/) {
+    if (error) return;
+    sender_.reload_tls();
+    await_reload();
+  });
+}
+
 void Robot::on_source_ended(bool failed) {
   source_failed_ = failed;
   service_.stopping();
@@ -116,6 +133,7 @@ void Robot::on_source_ended(bool failed) {
     is_complete_ = complete;
     is_over_ = true;
     signals_.cancel();
+    reload_.cancel();
     report_timer_.cancel();
   });
 }

@@ -19,7 +19,7 @@ class Stream {
   using Tcp = boost::asio::ip::tcp;
   using executor_type = Tcp::socket::executor_type;  // as Asio wants it named
 
-  /// `socket` may be connected later. `tls`, null for plain, must outlive the stream.
+  /// `socket` may be connected later. `tls`: null for plain; only read here.
   Stream(Tcp::socket socket, TlsContext* tls);
   Stream(const Stream&) = delete;
   Stream& operator=(const Stream&) = delete;

@@ -4,6 +4,7 @@
 #include <openssl/ssl.h>
 #include <openssl/x509.h>
 #include <spdlog/fmt/fmt.h>
+#include <spdlog/spdlog.h>
 
 #include <cstdlib>
 #include <fstream>
@@ -102,6 +103,21 @@ std::unique_ptr<TlsContext> make_tls_context(const TlsSettings& tls) {
   context->load_verify_file(tls.ca.string(), failed);
   if (failed) refuse_file("CA certificate", tls.ca, failed.message());
   return context;
+}
+
+std::unique_ptr<TlsContext> reload_tls_context(const TlsSettings& tls) {
+  if (!tls.is_on()) {
+    spdlog::info("SIGHUP: no [tls], so there are no certificates to read again");
+    return nullptr;
+  }
+  try {
+    auto context = make_tls_context(tls);
+    spdlog::info("SIGHUP: read the certificates again; new connections use them");
+    return context;
+  } catch (const std::runtime_error& error) {
+    spdlog::error("SIGHUP: {}; the certificates read before stay in use", error.what());
+    return nullptr;
+  }
 }
 
 }  // namespace orbbuf

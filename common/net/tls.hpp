@@ -32,4 +32,8 @@ void load_tls(ConfigReader& config, TlsSettings& tls);
 /// certificate has expired or is not valid yet.
 std::unique_ptr<TlsContext> make_tls_context(const TlsSettings& tls);
 
+/// For SIGHUP: a context of the files as they are now, for new connections; null if `tls` is off or
+/// the files cannot be used. Logs which of them.
+std::unique_ptr<TlsContext> reload_tls_context(const TlsSettings& tls);
+
 }  // namespace orbbuf

@@ -23,12 +23,11 @@ std::unique_ptr<DropPolicy> make_policy(const BufferSettings& settings, FillFeat
 
 FrameBuffer make_buffer(const BufferSettings& settings, FillFeatures extract) {
   auto policy = make_policy(settings, std::move(extract));
-  if (settings.policy != "catch-up") return {{.frames = settings.capacity}, std::move(policy)};
   // Where a size has 32 bits, more than it holds is no limit.
-  const auto bytes = std::min<std::uint64_t>(settings.memory_bytes, SIZE_MAX);
-  return {{.bytes = static_cast<std::size_t>(bytes)},
-          std::move(policy),
-          std::make_unique<SendPlanner>(settings.plan)};
+  const auto bytes =
+      static_cast<std::size_t>(std::min<std::uint64_t>(settings.memory_bytes, SIZE_MAX));
+  if (settings.policy != "catch-up") return {{settings.capacity, bytes}, std::move(policy)};
+  return {{.bytes = bytes}, std::move(policy), std::make_unique<SendPlanner>(settings.plan)};
 }
 
 }  // namespace orbbuf

@@ -20,7 +20,7 @@ namespace orbbuf {
 struct BufferSettings {
   std::string policy = "catch-up";         ///< one of kPolicies
   std::size_t capacity = 25;               ///< frames, >= 3; of all policies but catch-up
-  std::uint64_t memory_bytes = 64U << 20;  ///< what may wait under catch-up
+  std::uint64_t memory_bytes = 64U << 20;  ///< of JPEG, that may wait
   PlanSettings plan;                       ///< of catch-up; `[link]` of orbbufd.toml
   std::uint64_t seed = 1;                  ///< of the random policy
   std::filesystem::path drop_log;          ///< the robot's own drop record; empty: none
@@ -36,7 +36,7 @@ inline constexpr std::array<std::string_view, 6> kPolicies = {
 std::unique_ptr<DropPolicy> make_policy(const BufferSettings& settings, FillFeatures extract);
 
 /// The buffer with that policy: under `catch-up` bounded by bytes, and with a planner; else bounded
-/// by frames. Throws as make_policy() and FrameBuffer do.
+/// by frames and bytes. Throws as make_policy() and FrameBuffer do.
 FrameBuffer make_buffer(const BufferSettings& settings, FillFeatures extract);
 
 }  // namespace orbbuf

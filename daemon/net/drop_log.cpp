@@ -21,7 +21,7 @@ DropLog::DropLog(std::filesystem::path file) : path_(std::move(file)) {
 }
 
 void DropLog::add(std::span<const DropRecord> records) {
-  records_.insert(records_.end(), records.begin(), records.end());
+  records_.push(records);
   if (records.empty() || !file_.is_open()) return;
   for (const DropRecord& record : records) file_ << to_csv(record) << '\n';
   if (!file_.flush()) {
@@ -38,16 +38,16 @@ void DropLog::rewind(std::uint64_t next_drop) {
 
 void DropLog::acknowledge(std::uint64_t next_drop) {
   if (next_drop <= first_) return;
-  const auto count =
-      static_cast<std::size_t>(std::min<std::uint64_t>(next_drop - first_, records_.size()));
-  records_.erase(records_.begin(), std::next(records_.begin(), static_cast<std::ptrdiff_t>(count)));
+  const auto count = std::min(next_drop - first_, records_.size());
+  records_.pop(count);
   first_ += count;
-  sent_ -= std::min(sent_, count);
+  sent_ -= static_cast<std::size_t>(std::min<std::uint64_t>(sent_, count));
 }
 
 wire::Dropped DropLog::take_unsent() {
-  const std::size_t count = std::min(records_.size() - sent_, wire::kMaxDropsPerMessage);
-  const auto begin = std::next(records_.begin(), static_cast<std::ptrdiff_t>(sent_));
+  const auto& records = records_.oldest();
+  const std::size_t count = std::min(records.size() - sent_, wire::kMaxDropsPerMessage);
+  const auto begin = std::next(records.begin(), static_cast<std::ptrdiff_t>(sent_));
   wire::Dropped message{first_ + sent_,
                         {begin, std::next(begin, static_cast<std::ptrdiff_t>(count))}};
   sent_ += count;

@@ -3,21 +3,20 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <deque>
 #include <filesystem>
 #include <fstream>
 #include <span>
 
 #include "common/drop_record.hpp"
 #include "common/wire.hpp"
+#include "daemon/net/drop_queue.hpp"
 
 namespace orbbuf {
 
 /// The session's drop records on their way into the server's record: numbered as they come, kept
 /// until acknowledged, sent again on a new connection. Also the robot's own copy, a CSV file that
 /// ends up equal to the server's drops.csv. Thread-bound to `main`.
-/// Memory: 24 bytes for each record that waits, so about 50 MB for a day without a server at 25
-/// fps.
+/// Memory: 1.5 MB; what waits beyond that is in a file (DropQueue).
 class DropLog {
  public:
   /// `file`: written anew; empty for none. Throws std::runtime_error if it cannot be created.
@@ -30,20 +29,20 @@ class DropLog {
   /// The server has the records below `next_drop`.
   void acknowledge(std::uint64_t next_drop);
 
-  bool has_unsent() const { return sent_ < records_.size(); }
+  bool has_unsent() const { return sent_ < records_.oldest().size(); }
   /// The next records to send, at most wire::kMaxDropsPerMessage. Requires has_unsent().
   wire::Dropped take_unsent();
 
   /// Number of the record after the last one.
   std::uint64_t next_drop() const { return first_ + records_.size(); }
-  bool is_settled() const { return records_.empty(); }
+  bool is_settled() const { return records_.size() == 0; }
 
  private:
   std::filesystem::path path_;
   std::ofstream file_;
-  std::deque<DropRecord> records_;  // not yet acknowledged
-  std::uint64_t first_ = 0;         // number of records_.front()
-  std::size_t sent_ = 0;            // how many of records_ this connection has sent
+  DropQueue records_;        // not yet acknowledged
+  std::uint64_t first_ = 0;  // number of the oldest of records_
+  std::size_t sent_ = 0;     // how many of records_ this connection has sent
 };
 
 }  // namespace orbbuf

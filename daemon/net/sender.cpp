@@ -59,7 +59,8 @@ void Sender::on_bye(const wire::Position& /*position*/) {
 }
 
 void Sender::wake() {
-  if (link_.is_writable()) write_next();
+  if (link_.is_writable()) return write_next();
+  collect_drops();  // so that the buffer does not keep those of a long outage
 }
 
 void Sender::write_next() {

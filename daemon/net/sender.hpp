@@ -39,6 +39,7 @@ class Sender final : private ServerLink::Owner {
   void wake();
 
   const ServerLink& link() const { return link_; }
+  void reload_tls() { link_.reload_tls(); }
 
   /// No more frames will come: delivers what waits, for at most drain_timeout, gives up the rest by
   /// name, and says bye. Then `done` is called, with true if the server has the whole record.

@@ -79,6 +79,10 @@ void ServerLink::start() {
   watch();
 }
 
+void ServerLink::reload_tls() {
+  if (auto context = reload_tls_context(settings_.tls)) tls_ = std::move(context);
+}
+
 void ServerLink::close() {
   state_ = State::kClosed;
   close_attempts();

@@ -116,6 +116,9 @@ class ServerLink final : private ServerConnection::Owner {
   /// Ends connection and attempts at once. No more calls to the owner.
   void close();
 
+  /// For SIGHUP: reads the files of settings.tls again, for new connections.
+  void reload_tls();
+
   State state() const { return state_; }
   bool is_connected() const { return connection_ != nullptr; }
   bool is_stalled() const { return state_ == State::kStalled; }
@@ -174,7 +177,7 @@ class ServerLink final : private ServerConnection::Owner {
 
   boost::asio::io_context& io_;
   const LinkSettings settings_;
-  const std::unique_ptr<TlsContext> tls_;  // null: plain TCP
+  std::unique_ptr<TlsContext> tls_;  // null: plain TCP
   const wire::Hello hello_;
   Owner& owner_;
 

@@ -54,13 +54,7 @@ void Listener::start() {
 }
 
 void Listener::reload_tls() {
-  if (!tls_) return spdlog::info("SIGHUP: no [tls], so there are no certificates to read again");
-  try {
-    tls_ = make_tls_context(settings_.listen.tls);
-    spdlog::info("SIGHUP: read the certificates again; new connections use them");
-  } catch (const std::runtime_error& error) {
-    spdlog::error("SIGHUP: {}; the server keeps the certificates that it has", error.what());
-  }
+  if (auto context = reload_tls_context(settings_.listen.tls)) tls_ = std::move(context);
 }
 
 std::size_t Listener::robots() const {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
+#include <csignal>
+
 #include "testing/certificates.hpp"
 #include "tests/e2e/rig.hpp"
 
@@ -89,6 +91,35 @@ TEST_F(Tls, AScopeDoesNotKeepARobotFromCheckingTheServersAddress) {
   const auto deceived =
       robot(keys_.robot(), "[::1%lo]" + other->address().substr(other->address().rfind(':')));
   EXPECT_TRUE(deceived->wait_for_line("was rejected: IP address mismatch")) << deceived->output();
+}
+
+TEST_F(Tls, ReloadedCertificatesAreForNewConnections) {
+  auto first = server();
+  const std::string address = first->address();
+  Overrides overrides = Certificates::overrides(keys_.robot());
+  overrides.insert(overrides.end(), {"source.width=160", "source.height=120"});
+  Process sender(robot_command("turtlebot1", address, overrides));
+  ASSERT_TRUE(sender.wait_for_line("connected to")) << sender.output();
+  const std::string certificate = read_file(keys_.robot().certificate);
+  write_file(keys_.robot().certificate, "not PEM");
+  sender.signal(SIGHUP);
+  ASSERT_TRUE(sender.wait_for_line("the certificates read before stay in use")) << sender.output();
+  write_file(keys_.robot().certificate, certificate);
+  sender.signal(SIGHUP);
+  ASSERT_TRUE(sender.wait_for_line("SIGHUP: read the certificates again")) << sender.output();
+  keys_.make("robot", "robot=turtlebot1", "robot=turtlebot2");
+  for (const auto file : {&TlsSettings::certificate, &TlsSettings::key}) {
+    std::filesystem::rename(keys_.of("turtlebot2").*file, keys_.robot().*file);
+  }
+  sender.signal(SIGHUP);
+  ASSERT_TRUE(sender.wait_for_lines("SIGHUP: read the certificates again", 2)) << sender.output();
+  EXPECT_EQ(sender.count_lines("connected to"), 1) << "a connection was lost: " << sender.output();
+
+  first->process().signal(SIGTERM);
+  EXPECT_EQ(first->process().wait(), 0);
+  EXPECT_EQ(sender.count_lines("the certificate is for \"turtlebot2\""), 0);
+  const auto second = server({}, address);
+  EXPECT_TRUE(sender.wait_for_line("the certificate is for \"turtlebot2\", not for this robot"));
 }
 
 TEST_F(Tls, APlainServerIsNotTrusted) {

@@ -79,5 +79,16 @@ TEST_P(EveryPolicyTest, ChoosesTheSameInTheSameRun) {
   EXPECT_EQ(drops(), sequences_of(collect_drops(other)));
 }
 
+TEST_P(EveryPolicyTest, TheBytesThatWaitAreBounded) {
+  BufferSettings settings;
+  settings.policy = std::string(GetParam());
+  settings.capacity = 100;
+  settings.memory_bytes = 10 * make_frame_ptr(0)->jpeg.size();
+  FrameBuffer buffer = make_buffer(settings, random_features);
+  for (Sequence sequence = 0; sequence < 50; ++sequence) capture_and_push(buffer, sequence);
+  EXPECT_EQ(buffer.stats().waiting, 10U);
+  EXPECT_EQ(buffer.report().waiting_bytes, settings.memory_bytes);
+}
+
 }  // namespace
 }  // namespace orbbuf

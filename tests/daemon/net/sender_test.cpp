@@ -115,6 +115,14 @@ TEST_F(SenderTest, DropsAreReportedNumberedAndAgainUntilAcknowledged) {
   EXPECT_EQ(again.records.front(), all.records[1]);
 }
 
+TEST_F(SenderTest, TheBufferKeepsNoDropRecordsWithoutAConnection) {
+  start();
+  push(0, 7);
+  std::promise<std::uint64_t> collected;
+  asio::post(io_, [&] { collected.set_value(drops_.next_drop()); });
+  EXPECT_EQ(collected.get_future().get(), 3U);
+}
+
 TEST_F(SenderTest, BeyondWhatIsAcknowledgedAtMostTwoFramesAreWrittenAtFirst) {
   push(0, 4);
   start();
