@@ -25,6 +25,11 @@ std::uint16_t ScriptedServer::port() const { return acceptor_.local_endpoint().p
 
 void ScriptedServer::accept() { socket_ = acceptor_.accept(); }
 
+void ScriptedServer::accept_beside() {
+  silent_.push_back(std::move(socket_));
+  accept();
+}
+
 wire::Hello ScriptedServer::welcome(const wire::Position& position) {
   accept();
   const Message message = read(wire::Type::kHello);

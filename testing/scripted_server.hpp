@@ -30,6 +30,8 @@ class ScriptedServer {
 
   /// Takes the next connection in place of the one before.
   void accept();
+  /// Takes the next connection; the one before stays open, and silent.
+  void accept_beside();
   /// accept(), hello, welcome.
   wire::Hello welcome(const wire::Position& position);
 
@@ -48,6 +50,7 @@ class ScriptedServer {
   boost::asio::io_context io_;
   boost::asio::ip::tcp::acceptor acceptor_;
   boost::asio::ip::tcp::socket socket_;
+  std::vector<boost::asio::ip::tcp::socket> silent_;
 };
 
 }  // namespace orbbuf::test

@@ -205,12 +205,20 @@ void ServerLink::on_failed(const ServerConnection& from, const Error& error) {
 }
 
 void ServerLink::on_candidate_failed(const Error& why) {
-  if (candidate_->was_refused()) pace_.on_refused(Clock::now());
+  const bool was_refused = candidate_->was_refused();
   candidate_->close();
   candidate_.reset();
-  if (state_ == State::kConnected) interfaces_.on_return_failed();
+  if (state_ == State::kConnected) return on_return_failed(why);
+  if (was_refused) pace_.on_refused(Clock::now());
   note_failure(why);
   attempt_at(pace_.next(Clock::now()));
+}
+
+/// The stream is where it was. It says nothing about attempts to come: something else may have
+/// answered on that interface, such as the page of a network that wants a login.
+void ServerLink::on_return_failed(const Error& why) {
+  interfaces_.on_return_failed();
+  spdlog::info("link: no return to {}: {}", interfaces_.preferred(), why.text);
 }
 
 void ServerLink::on_connection_lost(const ServerConnection& from, const Error& why) {
@@ -310,7 +318,9 @@ void ServerLink::check_candidate() {
   const bool was_stalled = candidate_watch_.is_stalled();
   candidate_watch_.look(candidate_->progress(), now);
   if (now - step_time_ > patience()) {
-    if (!candidate_->has_said_hello()) segment_size_.on_nothing_large();
+    if (!candidate_->has_said_hello() && state_ != State::kConnected) {
+      segment_size_.on_nothing_large();
+    }
     return on_candidate_failed(no_answer(*candidate_));
   }
   if (candidate_watch_.is_stalled() == was_stalled) return;

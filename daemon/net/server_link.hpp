@@ -171,6 +171,7 @@ class ServerLink final : private ServerConnection::Owner {
   void note_failure(const Error& why);
   void promote(const ServerConnection& from);
   void on_candidate_failed(const Error& why);
+  void on_return_failed(const Error& why);
   void on_connection_lost(const ServerConnection& from, const Error& why);
   std::chrono::nanoseconds patience() const;
   void watch();

@@ -83,5 +83,20 @@ TEST_F(NameTest, AServerThatHasMovedIsFoundWhereTheNameSays) {
   EXPECT_TRUE(robot->wait_for_line("connected to")) << robot->output();
 }
 
+TEST_F(NameTest, AServerOfBothFamiliesIsReachedOverTheOneThatWorks) {
+  Server server(folder_ / "out", {"listen.insecure=true"}, Namespaces::kServerListen,
+                hosts_.on_server());
+  auto add_address = hosts_.on_robot();
+  for (const char* word : {"ip", "addr", "add", "fd77::1/64", "dev", Namespaces::kLink, "nodad"}) {
+    add_address.emplace_back(word);
+  }
+  const Finished done = run(add_address);
+  if (done.status != 0) GTEST_SKIP() << "no IPv6 here: " << done.output;
+  set_addresses({"fd77::9", "10.77.0.2"});  // no host has the first
+  const std::string port = server.address().substr(server.address().rfind(':') + 1);
+  const auto robot = this->robot(port, {"link.drain_timeout=0 s"});
+  EXPECT_TRUE(robot->wait_for_line("connected to")) << robot->output();
+}
+
 }  // namespace
 }  // namespace orbbuf::test

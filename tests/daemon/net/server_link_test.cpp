@@ -234,8 +234,16 @@ TEST(ServerLinkInNetwork, TheStreamGoesBackToThePreferredInterface) {
     rig.expect_connected();
     EXPECT_EQ(log.lines("over 127.0.0.9; its record").size(), 1U);
     ASSERT_EQ(test::run({"ip", "addr", "add", "10.9.8.7/32", "dev", "lo"}).status, 0);
-    rig.server_.welcome({});
-    log.wait_for("over 10.9.8.7; its record");
+    rig.server_.accept_beside();
+    rig.server_.send(wire::encode(wire::ErrorMessage{wire::ErrorCode::kRefused, "log in first"}));
+    log.wait_for("no return to 10.9.8.7: the server says: log in first");
+    EXPECT_EQ(rig.state(), ServerLink::State::kConnected);
+    EXPECT_EQ(rig.last_error(), "");
+    rig.server_.accept_beside();
+    rig.server_.send(wire::encode(wire::Welcome{wire::kProtocolVersion, {}}));
+    rig.expect_connected();
+    EXPECT_EQ(log.lines("over 10.9.8.7; its record").size(), 1U);
+    EXPECT_EQ(log.lines(" lost: ").size(), 0U);
   });
 }
 
