@@ -57,11 +57,12 @@ void name_threads(asio::thread_pool& files) {
 }
 
 /// SIGHUP never ends the server.
-void await_reload(asio::signal_set& reload, Listener& listener) {
+void await_reload(asio::signal_set& reload, Listener& listener, std::optional<HttpServer>& http) {
   reload.async_wait([&](const error_code& failed, int /*signal*/) {
     if (failed) return;
     listener.reload_tls();
-    await_reload(reload, listener);
+    if (http) http->use_tls(listener.tls());
+    await_reload(reload, listener, http);
   });
 }
 
@@ -102,7 +103,7 @@ void serve(const Settings& settings) {
   listener.on_sink_failed([&] { retention->wake(); });
 
   asio::signal_set reload(main, SIGHUP);
-  await_reload(reload, listener);
+  await_reload(reload, listener, http);
   asio::signal_set signals(main, SIGINT, SIGTERM);
   signals.async_wait([&](const error_code& failed, int signal) {
     if (failed) return;
