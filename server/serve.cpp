@@ -54,6 +54,7 @@ void name_threads(asio::thread_pool& files) {
       all_there->arrive_and_wait();  // so each thread runs this once
     });
   }
+  all_there->wait();  // a pool that is stopped before would leave some waiting for the others
 }
 
 /// SIGHUP never ends the server.
