@@ -22,10 +22,12 @@ std::list<WatchedThread::Entry>& WatchedThread::threads() {
 }
 
 WatchedThread::WatchedThread(const char* name) {
-  name_this_thread(name);
-  const std::lock_guard lock(mutex);
-  entry_ = threads().insert(threads().end(), {name, Clock::now()});
-  this_thread = this;
+  {
+    const std::lock_guard lock(mutex);
+    entry_ = threads().insert(threads().end(), {name, Clock::now()});
+    this_thread = this;
+  }
+  name_this_thread(name);  // last: a thread that has its name is watched
 }
 
 WatchedThread::~WatchedThread() {

@@ -54,14 +54,16 @@ void name_threads(asio::thread_pool& files) {
       all_there->arrive_and_wait();  // so each thread runs this once
     });
   }
+  all_there->wait();  // a pool that is stopped before would leave some waiting for the others
 }
 
 /// SIGHUP never ends the server.
-void await_reload(asio::signal_set& reload, Listener& listener) {
+void await_reload(asio::signal_set& reload, Listener& listener, std::optional<HttpServer>& http) {
   reload.async_wait([&](const error_code& failed, int /*signal*/) {
     if (failed) return;
     listener.reload_tls();
-    await_reload(reload, listener);
+    if (http) http->use_tls(listener.tls());
+    await_reload(reload, listener, http);
   });
 }
 
@@ -102,7 +104,7 @@ void serve(const Settings& settings) {
   listener.on_sink_failed([&] { retention->wake(); });
 
   asio::signal_set reload(main, SIGHUP);
-  await_reload(reload, listener);
+  await_reload(reload, listener, http);
   asio::signal_set signals(main, SIGINT, SIGTERM);
   signals.async_wait([&](const error_code& failed, int signal) {
     if (failed) return;

@@ -44,7 +44,7 @@ class HttpConnection final : public std::enable_shared_from_this<HttpConnection>
   static constexpr std::chrono::seconds kPieceTime{5};    ///< to take a piece of an answer
   static constexpr std::chrono::seconds kPartingTime{1};
 
-  /// `tls`, null for plain TCP, `files` and `owner` must outlive every run of the io_context.
+  /// `tls`: null for plain TCP. `files` and `owner` must outlive every run of the io_context.
   HttpConnection(boost::asio::ip::tcp::socket socket, TlsContext* tls,
                  boost::asio::thread_pool& files, HttpOwner& owner);
 

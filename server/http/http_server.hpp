@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <memory>
 #include <set>
+#include <utility>
 
 #include "server/http/http_connection.hpp"
 #include "server/http/router.hpp"
@@ -31,6 +32,8 @@ class HttpServer final : private HttpOwner {
   boost::asio::ip::tcp::endpoint endpoint() const { return acceptor_.local_endpoint(); }
 
   void start();
+  /// The context of the connections that follow, after Listener::reload_tls().
+  void use_tls(std::shared_ptr<TlsContext> tls) { tls_ = std::move(tls); }
   /// Closes everything at once.
   void stop();
 
@@ -44,7 +47,7 @@ class HttpServer final : private HttpOwner {
   void accept_later();
 
   boost::asio::thread_pool& files_;
-  const std::unique_ptr<TlsContext> tls_;  // null: plain TCP
+  std::shared_ptr<TlsContext> tls_;  // null: plain TCP
   Router router_;
   boost::asio::ip::tcp::acceptor acceptor_;
   boost::asio::steady_timer retry_;

@@ -54,6 +54,8 @@ class Listener final : public ConnectionOwner {
   /// Reads the certificates again, for the connections that follow. If they cannot be used, it logs
   /// why and keeps those that it has. Connections that are open stay open.
   void reload_tls();
+  /// Null: plain TCP.
+  const std::shared_ptr<TlsContext>& tls() const { return tls_; }
   /// Accepts no more, lets the sinks finish what they have begun (drain_timeout), says bye to the
   /// robots, and then runs `stopped`. Once.
   void stop(std::function<void()> stopped);

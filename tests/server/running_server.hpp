@@ -51,6 +51,7 @@ class RunningServer {
     std::promise<void> done;
     boost::asio::post(main_, [&] {
       listener_->reload_tls();
+      if (http_) http_->use_tls(listener_->tls());
       done.set_value();
     });
     done.get_future().get();

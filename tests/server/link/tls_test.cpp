@@ -120,6 +120,16 @@ TEST_F(TlsServer, ReadsTheCertificatesAgain) {
   EXPECT_THAT(said[0], HasSubstr("unable to get local issuer certificate"));
 }
 
+TEST_F(TlsServer, ThePageReadsTheCertificatesAgain) {
+  const auto replace = std::filesystem::copy_options::overwrite_existing;
+  const Certificates others;
+  for (const auto file : {&TlsSettings::certificate, &TlsSettings::key, &TlsSettings::ca}) {
+    std::filesystem::copy_file(others.server().*file, keys_.server().*file, replace);
+  }
+  server_->reload_tls();
+  EXPECT_THAT(look(others.robot()), HasSubstr("\r\n\r\nok\n"));
+}
+
 TEST_F(TlsServer, KeepsItsCertificatesIfTheNewOnesCannotBeUsed) {
   test::write_file(keys_.server().ca, "not PEM");
   server_->reload_tls();
