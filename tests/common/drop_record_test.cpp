@@ -16,9 +16,8 @@ TEST(DropRecord, CsvLineNamesFrameReasonAndTime) {
 }
 
 TEST(DropRecord, CsvLinesAreReadBack) {
-  for (const auto reason :
-       {DropReason::kPolicy, DropReason::kBusy, DropReason::kFailed, DropReason::kShutdown,
-        DropReason::kRefused, DropReason::kUnknown}) {
+  for (const auto reason : {DropReason::kPolicy, DropReason::kBusy, DropReason::kFailed,
+                            DropReason::kShutdown, DropReason::kRefused, DropReason::kUnknown}) {
     const DropRecord drop{std::numeric_limits<Sequence>::max(), -5, reason};
     EXPECT_EQ(drop_from_csv(to_csv(drop)), drop);
   }

@@ -242,6 +242,7 @@ TEST_F(SenderTest, AFrameThatIsTooLargeForTheServerIsNamedAndTheOthersGoOn) {
     while (message && message->type() != Type::kFrame) message = server_.read_any();
     ASSERT_TRUE(message);
     EXPECT_EQ(message->frame().sequence, sequence);
+    server_.ack({sequence + 1, 0});
   }
 }
 
