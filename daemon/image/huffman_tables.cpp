@@ -48,8 +48,8 @@ std::vector<std::uint8_t> with_huffman_tables(Bytes jpeg) {
     if (segment[1] == kScan) break;
   }
   if (!is_baseline || segment_at(jpeg, at).empty()) return copy;
-  static const std::vector<std::uint8_t> kTables = standard_tables();
-  copy.insert(copy.begin() + static_cast<std::ptrdiff_t>(at), kTables.begin(), kTables.end());
+  static const std::vector<std::uint8_t> tables = standard_tables();
+  copy.insert(copy.begin() + static_cast<std::ptrdiff_t>(at), tables.begin(), tables.end());
   return copy;
 }
 

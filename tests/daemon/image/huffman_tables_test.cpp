@@ -65,7 +65,8 @@ TEST(HuffmanTables, AnImageThatHasThemStaysAsItIs) {
 TEST(HuffmanTables, ABrokenImageStaysAsItIs) {
   const Bytes bare = without_tables(noise_jpeg(false));
   constexpr std::array<std::uint8_t, 2> kScan = {0xFF, 0xDA};
-  const auto scan = std::ranges::search(bare, kScan).begin() - bare.begin();
+  const auto scan =
+      std::search(bare.begin(), bare.end(), kScan.begin(), kScan.end()) - bare.begin();
   ASSERT_LT(scan + 10, std::ssize(bare));
   for (std::ptrdiff_t size = 0; size < scan + 10; ++size) {  // up to the scan's head, of 10 bytes
     const Bytes cut(bare.begin(), bare.begin() + size);
