@@ -154,7 +154,7 @@ class ServerLink final : private ServerConnection::Owner {
     Clock::time_point since;
   };
 
-  static constexpr unsigned kMostAttempts = 8;
+  static constexpr std::size_t kMostAttempts = 8;
 
   bool is_attempt_due() const;
   void begin_outage();

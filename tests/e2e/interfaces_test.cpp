@@ -10,7 +10,6 @@
 namespace orbbuf::test {
 namespace {
 
-constexpr const char* kRobot = "turtlebot1";
 constexpr const char* kFirst = Namespaces::kLink;
 constexpr const char* kSecond = Namespaces::kSecondLink;
 

@@ -11,7 +11,6 @@
 namespace orbbuf::test {
 namespace {
 
-constexpr const char* kRobot = "turtlebot1";
 constexpr const char* kNowhere = "10.77.0.9";  // on the network, but no host has it
 
 class NameTest : public ::testing::Test {

@@ -11,7 +11,6 @@
 namespace orbbuf::test {
 namespace {
 
-constexpr const char* kRobot = "turtlebot1";
 constexpr const char* kServer = "10.78.0.2";
 
 class PathTest : public ::testing::TestWithParam<bool> {

@@ -33,6 +33,9 @@ class Server {
   std::string address_;
 };
 
+/// The id of the one robot of most tests.
+inline constexpr const char* kRobot = "turtlebot1";
+
 /// The command of the real orbbufd, which has a minute for its last frames: a machine may be slow.
 std::vector<std::string> robot_command(const std::string& id, const std::string& server,
                                        const Overrides& overrides,

@@ -13,8 +13,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kRobot = "turtlebot1";
-
 enum class Link { kPlain, kTls };
 
 class StallTest : public ::testing::TestWithParam<Link> {

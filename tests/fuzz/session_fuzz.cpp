@@ -96,7 +96,8 @@ class World final : public ConnectionOwner {
       session = std::make_shared<Session>(
           main_, SessionInfo{hello.robot_id, hello.session_id, hello.calibration},
           std::vector<std::shared_ptr<FrameSink>>{sink},
-          Session::Timeouts{std::chrono::hours(1), std::chrono::hours(1)}, [] {});
+          Session::Timeouts{std::chrono::hours(1), std::chrono::hours(1)},
+          Session::Events{[] {}, {}});
     }
     if (session->is_closing()) return connection->refuse("closing");
     connection->join(session);
