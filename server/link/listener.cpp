@@ -175,7 +175,7 @@ void Listener::close_other_sessions(const SessionKey& key) {
 }
 
 /// The disk may be slow, and a session long: other robots do not wait for it.
-void Listener::open(const SessionKey& key, SessionInfo info) {
+void Listener::open(const SessionKey& key, const SessionInfo& info) {
   run_in_pool(
       main_, pool_, [sinks = settings_.sinks, info] { return open_session(sinks, info); },
       [this, key, info](Result<OpenedSession> opened) { on_opened(key, info, std::move(opened)); });

@@ -74,7 +74,7 @@ class Listener final : public ConnectionOwner {
   void on_accept_failed(const boost::system::error_code& failed);
   std::string reason_to_refuse(const SessionKey& key) const;
   void close_other_sessions(const SessionKey& key);
-  void open(const SessionKey& key, SessionInfo info);
+  void open(const SessionKey& key, const SessionInfo& info);
   void on_opened(const SessionKey& key, SessionInfo info, Result<OpenedSession> opened);
   std::shared_ptr<Session> begin(const SessionKey& key, SessionInfo info, OpenedSession opened);
   void check_stopped();
