@@ -19,8 +19,9 @@ Pipeline::Pipeline(std::unique_ptr<FrameSource> source, const JpegSettings& jpeg
 Pipeline::~Pipeline() { stop(); }
 
 void Pipeline::start() {
-  worker_ = std::jthread([this](const std::stop_token& stop) { work(stop); });
+  // First, since the worker stops it when the stream fails.
   capture_ = std::jthread([this](const std::stop_token& stop) { capture(stop); });
+  worker_ = std::jthread([this](const std::stop_token& stop) { work(stop); });
 }
 
 void Pipeline::stop() {
