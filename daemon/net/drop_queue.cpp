@@ -75,7 +75,8 @@ void DropQueue::write_newest() {
 void DropQueue::fill_oldest() {
   if (oldest_.size() > most_in_memory_ / 2) return;
   const auto room = most_in_memory_ - oldest_.size();
-  std::vector<DropRecord> records(std::min<std::uint64_t>(room, in_file()));
+  std::vector<DropRecord> records(
+      static_cast<std::size_t>(std::min<std::uint64_t>(room, in_file())));
   if (!records.empty()) {
     const ssize_t done = ::pread(file_.get(), records.data(), records.size() * kRecordBytes,
                                  static_cast<off_t>(read_ * kRecordBytes));
