@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <boost/endian/conversion.hpp>
 #include <concepts>
 #include <cstddef>
@@ -34,8 +35,9 @@ class Writer {
 
   template <std::integral T>
   void put(T value) {
-    bytes_.resize(bytes_.size() + sizeof(T));
-    store(bytes_.data() + bytes_.size() - sizeof(T), value);
+    std::array<std::uint8_t, sizeof(T)> stored{};
+    store(stored.data(), value);
+    bytes_.insert(bytes_.end(), stored.begin(), stored.end());
   }
   void put_zeros(std::size_t count) { bytes_.insert(bytes_.end(), count, 0); }
   /// u16 length, then the bytes. Requires text.size() < 64 Ki.
