@@ -208,7 +208,8 @@ TEST_F(ChildProcessTest, OneThatIgnoresTheEndOfItsInputIsEnded) {
       ChildProcess child(main_, "r s", (ignores_term ? "trap '' TERM; " : "") + command, {},
                          Restart::kAlways, {milliseconds(1), patience});
       ASSERT_TRUE(start(child));
-      ASSERT_TRUE(run_until([&] { return !log.lines("slam: ready").empty(); }));
+      ASSERT_TRUE(
+          run_until([&] { return log.lines("slam: ready").size() == (ignores_term ? 2U : 1U); }));
       input_ = UniqueFd();
     }
     ASSERT_TRUE(run_until_reaped());
