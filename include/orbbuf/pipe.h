@@ -48,6 +48,8 @@ struct orbbuf_image {
   uint32_t width, height; /* pixels; of a JPEG 0: its decoder tells */
   const uint8_t* data;    /* PGM: grayscale, row after row without gaps; JPEG: a whole JPEG file */
   size_t size;            /* of data, in bytes */
+  uint64_t missed;        /* frames of the session that the stream has not, since the one before */
+  double age; /* seconds from capture to the server's write, by the clocks of both machines */
 };
 
 struct orbbuf_reader {
@@ -141,6 +143,10 @@ static inline int orbbuf_parse_line_(struct orbbuf_reader* reader, struct orbbuf
   } else if (strncmp(line, "session=", 8) == 0 && strlen(line + 8) < sizeof image->session) {
     strcpy(image->session, line + 8);
     *told |= 4;
+  } else if (strncmp(line, "missed=", 7) == 0) {
+    image->missed = strtoull(line + 7, NULL, 10);
+  } else if (strncmp(line, "age=", 4) == 0) {
+    image->age = strtod(line + 4, NULL);
   } else if (strcmp(line, "camera=left") == 0) {
     image->camera = ORBBUF_LEFT;
   } else if (strcmp(line, "camera=right") == 0) {

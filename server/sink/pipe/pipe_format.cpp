@@ -8,8 +8,10 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 
 #include "common/decimal.hpp"
+#include "common/seconds.hpp"
 
 namespace orbbuf {
 namespace {
@@ -25,14 +27,16 @@ constexpr std::uint8_t kEnd = 0xD9;
 constexpr std::uint8_t kComment = 0xFE;
 
 /// Each line after `prefix`.
-std::string head_lines(const EncodedFrame& frame, Camera camera, std::string_view session,
+std::string head_lines(const EncodedFrame& frame, Camera camera, const PipeNote& note,
                        std::string_view prefix) {
   std::string lines = fmt::format("{0}seq={1}\n{0}t={2}\n", prefix, frame.sequence,
                                   format_seconds(frame.capture_time_ns));
   if (camera != Camera::kOnly) {
     lines += fmt::format("{}camera={}\n", prefix, camera == Camera::kLeft ? "left" : "right");
   }
-  return lines + fmt::format("{}session={}\n", prefix, session);
+  if (note.missed > 0) lines += fmt::format("{}missed={}\n", prefix, note.missed);
+  return lines + fmt::format("{0}age={1:.3f}\n{0}session={2}\n", prefix, to_seconds(note.age),
+                             note.session);
 }
 
 /// All images of `frame`, each by `add(out, image, camera)`, which returns why it cannot.
@@ -47,13 +51,13 @@ Result<Bytes> each_image(const EncodedFrame& frame, Add add) {
 
 }  // namespace
 
-Result<Bytes> to_pgm(const EncodedFrame& frame, std::string_view session, JpegCodec& codec) {
+Result<Bytes> to_pgm(const EncodedFrame& frame, const PipeNote& note, JpegCodec& codec) {
   return each_image(frame, [&](Bytes& out, Image jpeg, Camera camera) -> std::optional<Error> {
     auto image = codec.decode_gray(jpeg, 1);
     if (!image) return std::move(image).error();
     const auto& [width_px, height_px, pixels] = image.value();
     const std::string head = fmt::format(
-        "P5\n{}{} {}\n255\n", head_lines(frame, camera, session, "# "), width_px, height_px);
+        "P5\n{}{} {}\n255\n", head_lines(frame, camera, note, "# "), width_px, height_px);
     out.reserve(out.size() + head.size() + pixels.size());
     out.insert(out.end(), head.begin(), head.end());
     out.insert(out.end(), pixels.begin(), pixels.end());
@@ -61,7 +65,7 @@ Result<Bytes> to_pgm(const EncodedFrame& frame, std::string_view session, JpegCo
   });
 }
 
-Result<Bytes> to_mjpeg(const EncodedFrame& frame, std::string_view session) {
+Result<Bytes> to_mjpeg(const EncodedFrame& frame, const PipeNote& note) {
   return each_image(frame, [&](Bytes& out, Image jpeg, Camera camera) -> std::optional<Error> {
     while (!jpeg.empty() && jpeg.back() == 0) jpeg = jpeg.first(jpeg.size() - 1);
     constexpr std::size_t kLeast = 4;
@@ -69,7 +73,7 @@ Result<Bytes> to_mjpeg(const EncodedFrame& frame, std::string_view session) {
         jpeg[jpeg.size() - 2] != kMarker || jpeg.back() != kEnd) {
       return Error{"it does not begin and end as a JPEG does"};
     }
-    const std::string lines = head_lines(frame, camera, session, "");
+    const std::string lines = head_lines(frame, camera, note, "");
     const std::size_t length = lines.size() + 2;  // of the segment, which includes these two bytes
     out.reserve(out.size() + jpeg.size() + length + 2);
     std::copy_n(jpeg.begin(), 2, std::back_inserter(out));

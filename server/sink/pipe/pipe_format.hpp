@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <chrono>
 #include <cstdint>
-#include <string_view>
+#include <string>
 #include <vector>
 
 #include "common/error.hpp"
@@ -16,18 +17,27 @@ namespace orbbuf {
 ///   seq=41
 ///   t=1.640000000      seconds, nine decimals
 ///   camera=left        or right; of stereo frames only, left image first
+///   missed=12          frames of the session, since the last one in this pipe; absent: none
+///   age=0.061          seconds from capture to here, by the clocks of robot and server
 ///   session=ID
 enum class PipeFormat : std::uint8_t {
   kPgm,    ///< binary P5 after binary P5, each line a comment of its own, after "# "
   kMjpeg,  ///< JPEG after JPEG, the lines in a comment segment (COM) right after the first marker
 };
 
+/// What an image in a pipe tells beside its frame.
+struct PipeNote {
+  std::string session;
+  std::uint64_t missed = 0;
+  std::chrono::nanoseconds age{};
+};
+
 /// Decodes: 2 to 3 ms for 1241x376, twice that for a pair. An error if an image does not.
-Result<std::vector<std::uint8_t>> to_pgm(const EncodedFrame& frame, std::string_view session,
+Result<std::vector<std::uint8_t>> to_pgm(const EncodedFrame& frame, const PipeNote& note,
                                          JpegCodec& codec);
 
 /// Copies; zeros that a camera left behind an image are dropped. An error if an image does not
 /// begin and end as a JPEG does, since a reader could not tell where the next one begins.
-Result<std::vector<std::uint8_t>> to_mjpeg(const EncodedFrame& frame, std::string_view session);
+Result<std::vector<std::uint8_t>> to_mjpeg(const EncodedFrame& frame, const PipeNote& note);
 
 }  // namespace orbbuf

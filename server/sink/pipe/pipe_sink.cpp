@@ -24,7 +24,7 @@ using boost::system::error_code;
 
 PipeSink::PipeSink(asio::io_context& main, asio::thread_pool& pool, const SessionInfo& info,
                    std::unique_ptr<PipeReader> reader, PipeFormat format,
-                   WithoutReader without_reader, const KeptFrames& kept)
+                   WithoutReader without_reader, const KeptFrames& kept, WallClock now)
     : main_(main),
       pool_(pool),
       label_(info.robot_id + " " + info.session_id),
@@ -32,6 +32,7 @@ PipeSink::PipeSink(asio::io_context& main, asio::thread_pool& pool, const Sessio
       reader_(std::move(reader)),
       format_(format),
       without_reader_(without_reader),
+      now_(std::move(now)),
       backlog_(kept.folder),
       pipe_(main),
       retry_(main),
@@ -192,15 +193,23 @@ void PipeSink::on_backlog(Result<FramePtr> frame) {
 }
 
 void PipeSink::send(const FramePtr& frame) {
-  if (format_ == PipeFormat::kMjpeg) return on_encoded(frame, to_mjpeg(*frame, session_id_));
+  if (format_ == PipeFormat::kMjpeg) return on_encoded(frame, to_mjpeg(*frame, note_of(*frame)));
   run_in_pool(
       main_, pool_,
-      [self = shared_from_this(), frame] {
-        return to_pgm(*frame, self->session_id_, self->codec_);
+      [self = shared_from_this(), frame, note = note_of(*frame)] {
+        return to_pgm(*frame, note, self->codec_);
       },
       [self = shared_from_this(), frame](Result<Block> block) {
         self->on_encoded(frame, std::move(block));
       });
+}
+
+PipeNote PipeSink::note_of(const EncodedFrame& frame) const {
+  std::uint64_t missed = 0;
+  if (last_written_ && frame.sequence > *last_written_) {
+    missed = frame.sequence - *last_written_ - 1;
+  }
+  return {session_id_, missed, now_() - std::chrono::nanoseconds(frame.capture_time_ns)};
 }
 
 void PipeSink::on_encoded(const FramePtr& frame, Result<Block> block) {
@@ -236,6 +245,7 @@ void PipeSink::write_block(const FramePtr& frame) {
 void PipeSink::note_sent(Sequence sequence) {
   constexpr std::uint64_t kMostInPipe = 1 << 20;  // as far as a reader without privileges may go
   ++frames_read_;
+  last_written_ = sequence;
   sent_.push_back({sequence, written_bytes_});
   while (sent_.front().end + kMostInPipe < written_bytes_) sent_.pop_front();
 }

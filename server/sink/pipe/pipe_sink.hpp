@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <deque>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -39,6 +40,9 @@ struct KeptFrames {
   Sequence next_sequence = 0;    ///< of the session, when the sink is made
 };
 
+/// The time since the epoch.
+using WallClock = std::function<std::chrono::nanoseconds()>;
+
 /// Feeds the frames of one session to a program that reads them live.
 ///
 /// Every reader begins at the beginning of a frame: if one leaves in the middle of a frame, the
@@ -61,9 +65,11 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   /// was there before this server was started, a FIFO's reader may have all or have lost the end of
   /// the last frame to the server's death: it is given that one again. `main` and `pool` outlive
   /// the sink; the pool is stopped before `main` is destroyed.
-  PipeSink(boost::asio::io_context& main, boost::asio::thread_pool& pool, const SessionInfo& info,
-           std::unique_ptr<PipeReader> reader, PipeFormat format, WithoutReader without_reader,
-           const KeptFrames& kept);
+  PipeSink(
+      boost::asio::io_context& main, boost::asio::thread_pool& pool, const SessionInfo& info,
+      std::unique_ptr<PipeReader> reader, PipeFormat format, WithoutReader without_reader,
+      const KeptFrames& kept,
+      WallClock now = [] { return std::chrono::system_clock::now().time_since_epoch(); });
 
   /// Begins to look for a reader. Once, before anything else.
   void start();
@@ -112,6 +118,7 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   void catch_up();
   void on_backlog(Result<FramePtr> frame);
   void send(const FramePtr& frame);
+  PipeNote note_of(const EncodedFrame& frame) const;
   void on_encoded(const FramePtr& frame, Result<Block> block);
   void write_block(const FramePtr& frame);
   void note_sent(Sequence sequence);
@@ -126,6 +133,7 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   const std::unique_ptr<PipeReader> reader_;
   const PipeFormat format_;
   const WithoutReader without_reader_;
+  const WallClock now_;
   JpegCodec codec_;  // `files` only
   Backlog backlog_;  // `files` only
   boost::asio::posix::stream_descriptor pipe_;
@@ -136,8 +144,9 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   ReaderState reader_state_ = ReaderState::kAwaited;
   Place place_ = Place::kLive;
   Work work_ = Work::kNone;
-  Sequence next_ = 0;  // no reader needs any frame below
-  Block block_;        // what is being written
+  Sequence next_ = 0;                     // no reader needs any frame below
+  std::optional<Sequence> last_written_;  // to any reader
+  Block block_;                           // what is being written
 
   // Of the present reader, and of the last one until unread_ has been looked at.
   struct Sent {

@@ -51,13 +51,15 @@ class OrbbufPipeTest : public ::testing::Test {
   std::unique_ptr<FILE, Close> file_;
 };
 
+PipeNote note(const std::string& session) { return {session, 12, std::chrono::milliseconds(61)}; }
+
 std::string pgm_of(const EncodedFrame& frame, const std::string& session = "s") {
   JpegCodec codec;
-  return as_text(to_pgm(frame, session, codec).value());
+  return as_text(to_pgm(frame, note(session), codec).value());
 }
 
 std::string jpeg_of(const EncodedFrame& frame, const std::string& session = "s") {
-  return as_text(to_mjpeg(frame, session).value());
+  return as_text(to_mjpeg(frame, note(session)).value());
 }
 
 TEST_F(OrbbufPipeTest, ReadsThePgmsThatTheSinkWrites) {
@@ -69,6 +71,8 @@ TEST_F(OrbbufPipeTest, ReadsThePgmsThatTheSinkWrites) {
   EXPECT_EQ(image_.seq, 7U);
   EXPECT_EQ(image_.t_ns, 7 * test::kFrameNs);
   EXPECT_DOUBLE_EQ(image_.t, 0.28);
+  EXPECT_EQ(image_.missed, 12U);
+  EXPECT_DOUBLE_EQ(image_.age, 0.061);
   EXPECT_EQ(image_.camera, ORBBUF_MONO);
   EXPECT_STREQ(image_.session, "s");
   EXPECT_EQ(image_.width, 31U);

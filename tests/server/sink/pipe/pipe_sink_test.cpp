@@ -23,12 +23,15 @@ using test::jpeg_frame_ptr;
 using test::jpeg_like_frame_ptr;
 using test::stereo_frame_ptr;
 
-constexpr std::size_t kBig = 300'000;  // several times what a pipe holds
+constexpr std::size_t kBig = 300'000;      // several times what a pipe holds
+constexpr std::chrono::seconds kNow{100};  // by the server's clock
 const SessionInfo kSession{"robot", "session", ""};
 
 /// What a pipe in the format mjpeg has of such a frame.
-std::string in_pipe(Sequence sequence, std::size_t bytes = 100) {
-  return as_text(to_mjpeg(*jpeg_like_frame_ptr(sequence, bytes), "session").value());
+std::string in_pipe(Sequence sequence, std::size_t bytes = 100, std::uint64_t missed = 0) {
+  const auto frame = jpeg_like_frame_ptr(sequence, bytes);
+  const auto age = kNow - std::chrono::nanoseconds(frame->capture_time_ns);
+  return as_text(to_mjpeg(*frame, {"session", missed, age}).value());
 }
 
 class PipeSinkTest : public test::EventLoop {
@@ -41,7 +44,7 @@ class PipeSinkTest : public test::EventLoop {
 
   PipeSink& sink(std::unique_ptr<PipeReader> reader, PipeFormat format, WithoutReader without) {
     sinks_.push_back(std::make_shared<PipeSink>(main_, files_, kSession, std::move(reader), format,
-                                                without, KeptFrames{}));
+                                                without, KeptFrames{}, [] { return kNow; }));
     sinks_.back()->start();
     return *sinks_.back();
   }
@@ -84,12 +87,13 @@ class PipeSinkTest : public test::EventLoop {
   std::vector<std::optional<Error>> answers_;
 };
 
-TEST_F(PipeSinkTest, MjpegIsOneJpegAfterTheOther) {
+TEST_F(PipeSinkTest, MjpegIsOneJpegAfterTheOtherAndTellsWhatIsMissing) {
   const UniqueFd end = reader();
   auto& out = fifo_sink(PipeFormat::kMjpeg);
   EXPECT_FALSE(write(out, jpeg_like_frame_ptr(0)));
   EXPECT_FALSE(write(out, jpeg_like_frame_ptr(3, 50)));
-  EXPECT_EQ(read(end, in_pipe(0).size() + in_pipe(3, 50).size()), in_pipe(0) + in_pipe(3, 50));
+  EXPECT_EQ(read(end, in_pipe(0).size() + in_pipe(3, 50, 2).size()),
+            in_pipe(0) + in_pipe(3, 50, 2));
 }
 
 TEST_F(PipeSinkTest, PgmTellsSequenceAndTimeAndHoldsThePixels) {
@@ -97,7 +101,8 @@ TEST_F(PipeSinkTest, PgmTellsSequenceAndTimeAndHoldsThePixels) {
   auto& out = fifo_sink(PipeFormat::kPgm);
   const auto frame = jpeg_frame_ptr(41, 24, 10);
   EXPECT_FALSE(write(out, frame));
-  const std::string head = "P5\n# seq=41\n# t=1.640000000\n# session=session\n24 10\n255\n";
+  const std::string head =
+      "P5\n# seq=41\n# t=1.640000000\n# age=98.360\n# session=session\n24 10\n255\n";
   JpegCodec codec;
   EXPECT_EQ(read(end, head.size() + 240),
             head + as_text(codec.decode_gray(frame->jpeg, 1).value().pixels));
@@ -110,9 +115,9 @@ TEST_F(PipeSinkTest, PgmOfAStereoFrameIsTheLeftImageThenTheRightOne) {
   EXPECT_FALSE(write(out, frame));
   const std::string head = "P5\n# seq=41\n# t=1.640000000\n# camera=";
   JpegCodec codec;
-  const std::string expected = head + "left\n# session=session\n24 10\n255\n" +
+  const std::string expected = head + "left\n# age=98.360\n# session=session\n24 10\n255\n" +
                                as_text(codec.decode_gray(frame->left(), 1).value().pixels) + head +
-                               "right\n# session=session\n24 10\n255\n" +
+                               "right\n# age=98.360\n# session=session\n24 10\n255\n" +
                                as_text(codec.decode_gray(frame->right(), 1).value().pixels);
   EXPECT_EQ(read(end, expected.size()), expected);
 }
