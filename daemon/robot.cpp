@@ -14,6 +14,7 @@
 
 #include "common/service_status.hpp"
 #include "daemon/capture/make_source.hpp"
+#include "daemon/clock_watch.hpp"
 #include "daemon/health.hpp"
 #include "daemon/pipeline.hpp"
 
@@ -47,6 +48,8 @@ class Robot {
   Pipeline pipeline_;
   asio::steady_timer report_timer_{io_};
   Health health_;
+  ClockWatch clock_watch_;
+  const bool is_camera_;      // else the times are the source's
   bool is_stopping_ = false;  // by a signal
   bool source_failed_ = false;
   bool is_complete_ = false;
@@ -94,7 +97,8 @@ Robot::Robot(const Settings& settings)
           std::move(source_), settings.jpeg, buffer_,
           {[this] { asio::post(io_, [this] { sender_.wake(); }); },
            [this](bool failed) { asio::post(io_, [this, failed] { on_source_ended(failed); }); }}),
-      health_(service_) {}
+      health_(service_),
+      is_camera_(settings.source.kind == "v4l2" || settings.source.kind == "libcamera") {}
 
 bool Robot::run() {
   await_signal();
@@ -140,6 +144,7 @@ void Robot::on_source_ended(bool failed) {
 
 void Robot::report() {
   if (is_over_) return;
+  if (is_camera_) clock_watch_.look(read_system_clock());
   health_.report(buffer_.report(), sender_);
   report_timer_.expires_after(service_.interval());
   report_timer_.async_wait([this](const boost::system::error_code& /*error*/) { report(); });

@@ -4,15 +4,9 @@
 #include <chrono>
 #include <optional>
 
+#include "common/system_clock.hpp"
+
 namespace orbbuf {
-
-struct ClockReading {
-  std::chrono::system_clock::time_point wall;
-  std::chrono::nanoseconds since_boot{0};  ///< by the clock that is never set; sleep counts
-  bool is_synchronised = false;            ///< the kernel says so: an NTP client keeps the clock
-};
-
-ClockReading read_clock();
 
 /// Decides whether a recording's age can be trusted, so that a clock that is set wrong removes
 /// nothing. A clock that an NTP client keeps is trusted. Any other is not trusted for kQuarantine
@@ -26,10 +20,10 @@ class ClockTrust {
   static constexpr std::chrono::hours kQuarantine{24};
 
   /// last_write: of the newest recording.
-  bool trusts(const ClockReading& now, std::chrono::system_clock::time_point last_write);
+  bool trusts(const SystemClockReading& now, std::chrono::system_clock::time_point last_write);
 
  private:
-  std::optional<ClockReading> last_;
+  std::optional<SystemClockReading> last_;
   std::chrono::nanoseconds quarantine_end_{0};  // since boot
 };
 

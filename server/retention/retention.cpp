@@ -75,7 +75,7 @@ void Retention::survey(bool is_new) {
 Quota Retention::quota_in_force() {
   const auto sessions = survey_.sessions();
   if (options_.quota.age.count() == 0 || sessions.empty()) return options_.quota;
-  const ClockReading now = options_.read_clock();
+  const SystemClockReading now = options_.read_clock();
   const auto newest = std::ranges::max_element(sessions, {}, &KeptSession::last_write);
   const bool was_trusted =
       std::exchange(is_clock_trusted_, clock_trust_.trusts(now, newest->last_write));

@@ -43,7 +43,7 @@ class Retention : public std::enable_shared_from_this<Retention> {
     Quota quota;
     std::chrono::nanoseconds session_timeout{0};
     std::chrono::nanoseconds interval = std::chrono::minutes(1);
-    std::function<ClockReading()> read_clock = orbbuf::read_clock;
+    std::function<SystemClockReading()> read_clock = read_system_clock;
   };
 
   /// `main` and `pool` as in RecordSink.

@@ -39,7 +39,7 @@ class RetentionTest : public test::EventLoop {
         Retention::Options{folder_.path(), quota, minutes(10), interval_,
                            [this] {
                              ++clock_reads_;
-                             ClockReading now = read_clock();
+                             SystemClockReading now = read_system_clock();
                              now.is_synchronised = is_synchronised_;
                              return now;
                            }},

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/clock_watch.hpp"
+
+#include <gtest/gtest.h>
+
+#include "testing/captured_log.hpp"
+
+namespace orbbuf {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::nanoseconds;
+using std::chrono::seconds;
+
+class ClockWatchTest : public testing::Test {
+ protected:
+  /// A second passes, and the clock is set by `step` besides.
+  void look(nanoseconds step = {}) {
+    now_.since_boot += seconds(1);
+    now_.wall += seconds(1) + std::chrono::duration_cast<std::chrono::system_clock::duration>(step);
+    watch_.look(now_);
+  }
+
+  const test::CapturedLog log_;
+  SystemClockReading now_{{}, seconds(20), false};
+  ClockWatch watch_;
+};
+
+TEST_F(ClockWatchTest, WarnsOnceOfAClockThatIsNotSynchronised) {
+  look();
+  look();
+  EXPECT_EQ(log_.lines("no NTP client keeps this machine's clock").size(), 1U);
+  now_.is_synchronised = true;
+  look();
+  look();
+  EXPECT_EQ(log_.lines("an NTP client keeps this machine's clock now").size(), 1U);
+}
+
+TEST_F(ClockWatchTest, ASynchronisedClockNeedsNoWords) {
+  now_.is_synchronised = true;
+  look();
+  look(milliseconds(400));
+  look(milliseconds(-400));
+  EXPECT_TRUE(log_.lines("clock").empty());
+}
+
+TEST_F(ClockWatchTest, SaysWhatIsToBeAddedToTheTimesOfASession) {
+  now_.is_synchronised = true;
+  look();
+  look(seconds(3600));
+  EXPECT_EQ(log_.lines("the clock was set by +3600.000 s").size(), 1U);
+  look(milliseconds(-500));
+  EXPECT_EQ(log_.lines("the clock was set by -0.500 s").size(), 1U);
+  EXPECT_EQ(log_.lines("add +3599.500 s").size(), 1U);
+}
+
+}  // namespace
+}  // namespace orbbuf
