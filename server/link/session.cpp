@@ -68,6 +68,7 @@ void Session::detach(const SessionPeer& peer) {
   is_peer_waiting_ = false;
   if (metrics_) metrics_->on_disconnected();
   if (is_closing()) return;
+  note_stats();
   start_timeout();
   on_waiter_gone();
 }
@@ -139,11 +140,21 @@ void Session::on_report(const wire::Report& report) {
   if (metrics_) metrics_->on_report(report);
   const wire::Stats& stats = report.stats;
   closing_.stats = stats;
+  const auto now = std::chrono::steady_clock::now();
+  if (!noted_ || now - noted_at_ >= kNoteInterval) note_stats();
   spdlog::debug(
       "{}: captured {} = skipped {} + failed {} + dropped {} + acknowledged {} + waiting {} + "
       "in flight {}",
       name_, stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged,
       stats.waiting, stats.in_flight);
+}
+
+/// So that the record has them even if this process dies.
+void Session::note_stats() {
+  if (!closing_.stats || closing_.stats == noted_ || is_closing()) return;
+  noted_ = closing_.stats;
+  noted_at_ = std::chrono::steady_clock::now();
+  for (const auto& sink : sinks_) sink->note_stats(*noted_);
 }
 
 void Session::on_bye(const wire::Bye& bye) {

@@ -120,6 +120,7 @@ class Session : public std::enable_shared_from_this<Session> {
   };
 
   static constexpr std::chrono::seconds kRetry{1};
+  static constexpr std::chrono::seconds kNoteInterval{5};
 
   void begin(Job job);
   void repeat(Taken taken);
@@ -129,6 +130,7 @@ class Session : public std::enable_shared_from_this<Session> {
   void on_sink_done(const std::optional<Error>& error);
   bool is_partly_taken() const;
   void show_job() const;
+  void note_stats();
   void note_failure(const std::optional<Error>& error);
   void on_waiter_gone();
   void settle();
@@ -159,6 +161,8 @@ class Session : public std::enable_shared_from_this<Session> {
   bool is_failing_ = false;
   std::optional<SessionEnd> end_;
   SessionClosing closing_;
+  std::optional<wire::Stats> noted_;  // by the sinks
+  std::chrono::steady_clock::time_point noted_at_;
   std::size_t drained_ = 0;  // sinks
 };
 

@@ -19,6 +19,9 @@ class SessionRecord {
   virtual std::optional<Error> write(const EncodedFrame& frame) = 0;
   virtual std::optional<Error> write_drops(const wire::Dropped& dropped) = 0;
 
+  /// What the robot last reported. If it cannot be kept, the next write says why.
+  virtual void note_stats(const wire::Stats& /*stats*/) {}
+
   /// The session is closed, though it may be continued later.
   virtual std::optional<Error> finish(const SessionClosing& closing) = 0;
 };

@@ -3,6 +3,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include <boost/asio/post.hpp>
 #include <utility>
 
 #include "server/runtime/run_in_pool.hpp"
@@ -19,7 +20,7 @@ struct RecordSink::Job {
 RecordSink::RecordSink(asio::io_context& main, asio::thread_pool& pool, Records records,
                        wire::Position position, Commit commit)
     : main_(main),
-      pool_(pool),
+      strand_(asio::make_strand(pool)),
       job_(std::make_shared<Job>(Job{std::move(records)})),
       position_(position),
       commit_(commit) {}
@@ -43,7 +44,7 @@ void RecordSink::write_each(Write write, Done done) {
     bool is_begun = false;
   };
   run_in_pool(
-      main_, pool_,
+      main_, strand_,
       [job = job_, write = std::move(write)]() -> Outcome {
         for (; job->next < job->records.size(); ++job->next) {
           if (auto error = write(*job->records[job->next]))
@@ -67,11 +68,17 @@ void RecordSink::async_commit(Done done) {
   done({});
 }
 
+void RecordSink::note_stats(const wire::Stats& stats) {
+  asio::post(strand_, [job = job_, stats] {
+    for (const auto& record : job->records) record->note_stats(stats);
+  });
+}
+
 bool RecordSink::is_partly_taken() const { return job_->is_begun; }
 
 void RecordSink::async_drain(const SessionClosing& closing, std::function<void()> drained) {
   run_in_pool(
-      main_, pool_,
+      main_, strand_,
       [job = job_, closing] {
         for (const auto& record : job->records) {
           if (const auto error = record->finish(closing))

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
+#include <boost/asio/strand.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <cstddef>
 #include <functional>
@@ -44,6 +45,7 @@ class RecordSink final : public FrameSink {
   void async_write_drops(wire::Dropped dropped, Done done) override;
   bool is_partly_taken() const override;
   void async_commit(Done done) override;
+  void note_stats(const wire::Stats& stats) override;
   /// The records get their index, and the session its end.
   void async_drain(const SessionClosing& closing, std::function<void()> drained) override;
 
@@ -54,7 +56,7 @@ class RecordSink final : public FrameSink {
   void write_each(Write write, Done done);
 
   boost::asio::io_context& main_;
-  boost::asio::thread_pool& pool_;
+  boost::asio::strand<boost::asio::thread_pool::executor_type> strand_;
   const std::shared_ptr<Job> job_;  // shared with what runs in the pool only
   const wire::Position position_;
   const Commit commit_;

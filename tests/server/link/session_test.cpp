@@ -23,6 +23,7 @@ class FakeSink : public FrameSink {
     for (const auto& record : dropped.records) drops.push_back(record.sequence);
     done_ = std::move(done);
   }
+  void note_stats(const wire::Stats& stats) override { notes.push_back(stats.captured); }
   void cancel() override { is_cancelled = true; }
   void async_drain(const SessionClosing& last, std::function<void()> drained) override {
     closing = last;
@@ -54,6 +55,7 @@ class FakeSink : public FrameSink {
   bool holds_commits = false;
   std::vector<Sequence> frames;
   std::vector<Sequence> drops;
+  std::vector<std::uint64_t> notes;
   bool is_cancelled = false;
   bool is_closed = false;
   bool is_draining = false;
@@ -138,6 +140,18 @@ TEST_F(SessionTest, AFrameIsKeptWhenItsCommitIsDone) {
   EXPECT_EQ(session_->kept(), (wire::Position{1, 0}));  // the commit began before frame 1
   sink_->answer_commit();
   EXPECT_EQ(session_->kept(), (wire::Position{2, 0}));
+}
+
+TEST_F(SessionTest, TheSinksNoteTheStatsNowAndThenAndWhenTheConnectionIsLost) {
+  make({sink_});
+  session_->on_report({.stats = {1, 0, 0, 0, 0, 1, 0}});
+  session_->on_report({.stats = {2, 0, 0, 0, 0, 2, 0}});
+  EXPECT_EQ(sink_->notes, (std::vector<std::uint64_t>{1}));
+  session_->detach(*peer_);
+  EXPECT_EQ(sink_->notes, (std::vector<std::uint64_t>{1, 2}));
+  session_->attach(peer_);
+  session_->detach(*peer_);
+  EXPECT_EQ(sink_->notes.size(), 2U);
 }
 
 TEST_F(SessionTest, TheSinksLearnHowTheSessionWasLeft) {

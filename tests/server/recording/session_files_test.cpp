@@ -74,6 +74,25 @@ TEST_F(SessionFilesTest, IsOpenFromTheFirstWriteUntilItIsFinished) {
   EXPECT_EQ(end(), SessionClosing{});
 }
 
+TEST_F(SessionFilesTest, KeepsTheLastStatsWhenTheServerDiesAndWhenTheSessionGoesOn) {
+  const auto end = [&] { return closing_from_csv(read_file(folder_ / "end.csv")); };
+  const wire::Stats stats{500, 0, 0, 3, 440, 0, 0};
+  auto killed = files();
+  killed.note_stats({1, 0, 0, 0, 0, 0, 0});
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "end.csv"));
+  EXPECT_FALSE(killed.write(plain_frame(0)));
+  EXPECT_EQ(end()->stats->captured, 1U);
+  killed.note_stats(stats);
+  EXPECT_EQ(end(), (SessionClosing{false, stats}));
+
+  auto again = files();
+  EXPECT_TRUE(again.recover());
+  EXPECT_FALSE(again.write(plain_frame(1)));
+  EXPECT_EQ(end(), (SessionClosing{false, stats}));
+  EXPECT_FALSE(again.finish({}));
+  EXPECT_EQ(end(), (SessionClosing{false, stats}));
+}
+
 TEST_F(SessionFilesTest, RightImagesOfStereoFramesHaveTheirOwnFolder) {
   auto out = files();
   EXPECT_FALSE(out.write(plain_pair(0, 10, 20)));

@@ -25,6 +25,7 @@ struct Calls final : SessionRecord {
   std::optional<Error> write_drops(const wire::Dropped& /*dropped*/) override {
     return note("drops");
   }
+  void note_stats(const wire::Stats& /*stats*/) override { note("stats"); }
   std::optional<Error> finish(const SessionClosing& /*closing*/) override {
     log_ += name_ + " finish, ";
     return Error{"it failed"};
@@ -115,6 +116,18 @@ TEST_F(RecordSinkTest, WritesEachRecordInTurn) {
   sink.async_drain({}, [&] { is_drained = true; });
   ASSERT_TRUE(run_until([&] { return is_drained; }));
   EXPECT_EQ(calls, "a write, b write, a finish, b finish, ");
+}
+
+TEST_F(RecordSinkTest, NotesStatsWhileAFrameIsWritten) {
+  const test::CapturedLog log;
+  std::string calls;
+  const auto files = sink_of(std::make_unique<Calls>("a", calls));
+  bool is_drained = false;
+  files->async_write(plain_frame_ptr(5), [](const auto&) {});
+  files->note_stats({});
+  files->async_drain({}, [&] { is_drained = true; });
+  ASSERT_TRUE(run_until([&] { return is_drained; }));
+  EXPECT_EQ(calls, "a write, a stats, a finish, ");
 }
 
 TEST_F(RecordSinkTest, ARepeatGoesOnWithTheRecordThatFailed) {
