@@ -6,10 +6,10 @@
 ADDRESS_far=10.78.0.2
 COST_SECONDS=20
 
-# lay_path MS: a second way between the hosts, with this round trip. Until stop_from.
+# lay_path MS [TRACE]: a second way between the hosts, with this round trip. Until stop_from.
 lay_path() {
   start path "${on_robot[@]}" "$build/bench/orbbuf-link-peer" path near far \
-    "$(awk -v ms="$1" 'BEGIN { print ms / 2000 }')"
+    "$(awk -v ms="$1" 'BEGIN { print ms / 2000 }')" "${@:2}"
   wait_for path 'path from'
   ip -n "$robot_ns" link set far netns "$server_ns"
   ip -n "$robot_ns" addr add 10.78.0.1/24 dev near

@@ -8,27 +8,30 @@
 #   name      the same with a name server behind the outage, and SIGTERM in the middle of a lookup
 #   failover  how soon frames come over the second of two links when one fails
 #   cost      what attempts to connect send while the link is down
+#   lte       over recorded mobile links: how many attempts there are, and what they cost
 #   goodput   how much of the link's rate is frames
 #   queue     what stands in the kernel's queue
 #   reader    what a slow SLAM program finds
 # Usage: bench/link/run.sh BUILD_FOLDER [--full|--quick] [--seed N] [--only PART[,PART...]]
-#          [--outages SECONDS[,SECONDS...]] [--repeats N] [--round-trips MS[,MS...]]
+#          [--outages SECONDS[,SECONDS...]] [--repeats N] [--round-trips MS[,MS...]] [--seconds N]
 # --full repeats the long outages twenty times too, --quick is a look. --outages and --repeats are for
-# the outages of the parts; --repeats for the failures of `failover`, too; --round-trips for `path`.
+# the outages of the parts; --repeats for the failures of `failover`, too; --round-trips for `path`;
+# --seconds for each link of `lte`. The traces are in $ORBBUF_TRACES.
 set -euo pipefail
 build=$(cd "$1" && pwd)
 shift
 here=$(dirname "${BASH_SOURCE[0]}")
 plan=(0.3:20 0.5:20 1:20 2:20 5:20 20:3 60:2) path_plan=(1:5 5:5) name_repeats=3 failovers=10
-rates=(0.5 2 10 50 100) round_trips=(50 300 600 2000) only='' seed=1 outages=() repeats=''
+rates=(0.5 2 10 50 100) round_trips=(50 300 600 2000) only='' seed=1 outages=() repeats='' lte_seconds=120
 while [ $# -gt 0 ]; do
   case $1 in
     --full) plan=(0.3:20 0.5:20 1:20 2:20 5:20 20:20 60:20) path_plan=(1:20 5:20) name_repeats=20 failovers=20 ;;
-    --quick) plan=(0.5:4 1:4 2:4 5:2) path_plan=(2:2) name_repeats=1 failovers=4 rates=(2 50) ;;
+    --quick) plan=(0.5:4 1:4 2:4 5:2) path_plan=(2:2) name_repeats=1 failovers=4 rates=(2 50) lte_seconds=20 ;;
     --seed) seed=$2 && shift ;;
     --only) only=$2 && shift ;;
     --outages) IFS=, read -ra outages <<<"$2" && shift ;;
     --repeats) repeats=$2 name_repeats=$2 failovers=$2 && shift ;;
+    --seconds) lte_seconds=$2 && shift ;;
     --round-trips) IFS=, read -ra round_trips <<<"$2" && shift ;;
     *) echo "bench link: unknown option $1" >&2 && exit 2 ;;
   esac
@@ -49,6 +52,8 @@ RANDOM=$seed
 . "$here/path.sh"
 # shellcheck source=bench/link/failover.sh
 . "$here/failover.sh"
+# shellcheck source=bench/link/lte.sh
+. "$here/lte.sh"
 # shellcheck source=bench/link/goodput.sh
 . "$here/goodput.sh"
 # shellcheck source=bench/link/queue.sh
@@ -66,6 +71,7 @@ wants() { [ -z "$only" ] || [[ ,$only, == *,$1,* ]]; }
 ! wants name || names "$name_repeats"
 ! wants failover || failovers "$failovers"
 ! wants cost || attempt_cost
+! wants lte || mobile_links "$lte_seconds"
 ! wants goodput || goodput 2 10 50
 ! wants queue || queues "${rates[@]}"
 ! wants reader || slow_readers
