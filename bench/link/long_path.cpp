@@ -119,12 +119,13 @@ class Path {
     if (!opportunities_) return;
     const auto now = Clock::now();
     for (; opportunities_->next() <= now; opportunities_->pass()) {
-      for (std::size_t room = kOpportunityBytes; !held_.empty() && held_.front().size() <= room;) {
-        room -= held_.front().size();
+      room_ += kOpportunityBytes;  // a packet may take several, and share one
+      for (; !held_.empty() && held_.front().size() <= room_; held_.pop_front()) {
+        room_ -= held_.front().size();
         held_bytes_ -= held_.front().size();
         on_the_way_.push_back({now + delay_, ends_[1], std::move(held_.front())});
-        held_.pop_front();
       }
+      if (held_.empty()) room_ = 0;
     }
   }
 
@@ -142,6 +143,7 @@ class Path {
   std::optional<Opportunities> opportunities_;
   std::deque<Bytes> held_;  // from the first end, until the recorded link takes it
   std::size_t held_bytes_ = 0;
+  std::size_t room_ = 0;
   std::deque<Packet> on_the_way_;
 };
 

@@ -9,6 +9,7 @@
 #   failover  how soon frames come over the second of two links when one fails
 #   cost      what attempts to connect send while the link is down
 #   lte       over recorded mobile links: how many attempts there are, and what they cost
+#   slow      64 kbit/s, and a queue of 2 s that others keep full
 #   goodput   how much of the link's rate is frames
 #   queue     what stands in the kernel's queue
 #   reader    what a slow SLAM program finds
@@ -54,6 +55,8 @@ RANDOM=$seed
 . "$here/failover.sh"
 # shellcheck source=bench/link/lte.sh
 . "$here/lte.sh"
+# shellcheck source=bench/link/slow.sh
+. "$here/slow.sh"
 # shellcheck source=bench/link/goodput.sh
 . "$here/goodput.sh"
 # shellcheck source=bench/link/queue.sh
@@ -72,6 +75,7 @@ wants() { [ -z "$only" ] || [[ ,$only, == *,$1,* ]]; }
 ! wants failover || failovers "$failovers"
 ! wants cost || attempt_cost
 ! wants lte || mobile_links "$lte_seconds"
+! wants slow || slow_link
 ! wants goodput || goodput 2 10 50
 ! wants queue || queues "${rates[@]}"
 ! wants reader || slow_readers
