@@ -113,3 +113,35 @@ returns_of_rivals() { # OUTAGE:REPEATS...
     conclude "$flow" "$name" "$@"
   done
 }
+
+# sizes_of FILE: a line TIME BYTES when it has grown.
+sizes_of() {
+  local size last=0
+  while sleep 0.01; do
+    size=$(stat -c %s "$1" 2>/dev/null) || continue
+    [ "$size" = "$last" ] || printf '%s %s\n' "$EPOCHREALTIME" "$size"
+    last=$size
+  done
+}
+
+# ngtcp2's example programs: the robot is the one that sends, a large file as fast as the link takes it.
+returns_of_quic() { # OUTAGE:REPEATS...
+  local server_settings stream_settings
+  if ! command -v gtlsserver >/dev/null || ! command -v gtlsclient >/dev/null; then
+    say 'bench: skipped: QUIC (Debian: ngtcp2-client ngtcp2-server)'
+    return
+  fi
+  make_keys IP:10.77.0.1
+  shape 20
+  mkdir "$work/quic" "$work/quic-received"
+  truncate -s 20G "$work/quic/frames"
+  start quic-send "${on_robot[@]}" gtlsserver -q --timeout=10m -d "$work/quic" 10.77.0.1 4433 \
+    "${server_settings[1]#*=}" "${server_settings[0]#*=}"
+  sleep 1
+  start quic-receive "${on_server[@]}" gtlsclient -q --timeout=10m --download="$work/quic-received" \
+    10.77.0.1 4433 https://10.77.0.1:4433/frames
+  start quic sizes_of "$work/quic-received/frames"
+  flows=(quic)
+  through "$@"
+  conclude quic link.quic "$@"
+}

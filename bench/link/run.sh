@@ -4,6 +4,7 @@
 #   return    how soon frames come after an outage; orbbufd has the link to itself
 #   tls       the same under TLS
 #   rivals    the same for orbbufd under bbr, a plain TCP connection and roscpp, side by side
+#   quic      the same for a file by QUIC, of ngtcp2
 #   path      the same over round trips of up to 2 s, plain and under TLS
 #   name      the same with a name server behind the outage, and SIGTERM in the middle of a lookup
 #   failover  how soon frames come over the second of two links when one fails
@@ -70,6 +71,7 @@ wants() { [ -z "$only" ] || [[ ,$only, == *,$1,* ]]; }
 ! wants return || returns "${plan[@]}"
 ! wants tls || returns_tls "${plan[@]}"
 ! wants rivals || returns_of_rivals "${plan[@]}"
+! wants quic || returns_of_quic "${plan[@]}"
 ! wants path || paths "${path_plan[@]}"
 ! wants name || names "$name_repeats"
 ! wants failover || failovers "$failovers"
