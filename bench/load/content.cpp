@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/load/content.hpp"
 
-#include <spdlog/fmt/fmt.h>
-
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <fstream>
 #include <random>
 #include <stdexcept>
 
+#include "common/jpeg.hpp"
 #include "common/wire.hpp"
+#include "server/recording/session_names.hpp"
 
 namespace orbbuf::load {
 namespace {
@@ -17,14 +18,50 @@ namespace {
 constexpr std::size_t kImages = 16;
 constexpr std::uint16_t kWidth = 640;
 constexpr std::uint16_t kHeight = 480;
+constexpr int kBlock = 8;  // pixels each way; a JPEG's
+constexpr int kBestQuality = 95;
+constexpr int kQualityStep = 5;
+
+/// Blocks of random gray with noise in them.
+std::vector<std::uint8_t> noise(std::mt19937_64& random) {
+  constexpr int kBlocks = kWidth / kBlock;
+  constexpr unsigned kNoise = 32;
+  std::vector<std::uint8_t> pixels(std::size_t{kWidth} * kHeight);
+  std::array<std::uint8_t, kBlocks> blocks{};
+  for (int y = 0; y < kHeight; ++y) {
+    if (y % kBlock == 0) {
+      std::ranges::generate(blocks, [&] { return static_cast<std::uint8_t>(random() % 224); });
+    }
+    for (int x = 0; x < kWidth; ++x) {
+      pixels[static_cast<std::size_t>(y * kWidth + x)] = static_cast<std::uint8_t>(
+          blocks[static_cast<std::size_t>(x / kBlock)] + random() % kNoise);
+    }
+  }
+  return pixels;
+}
+
+/// A JPEG in the best quality that `bytes` hold, with zeros behind it; of fewer bytes than any
+/// quality needs, all zeros.
+std::vector<std::uint8_t> image_of(std::size_t bytes, std::mt19937_64& random) {
+  const auto pixels = noise(random);
+  const ImageView view{pixels.data(), kWidth, kHeight, kWidth, 1};
+  JpegCodec codec;
+  std::vector<std::uint8_t> image;
+  for (int quality = kBestQuality; quality > 0; quality -= kQualityStep) {
+    image = codec.encode(view, quality, false).value();
+    if (image.size() <= bytes) break;
+  }
+  if (image.size() > bytes) image.clear();
+  image.resize(bytes);
+  return image;
+}
 
 }  // namespace
 
 Content::Content(std::uint64_t seed, std::size_t bytes) {
   std::mt19937_64 random(seed);
   for (std::size_t i = 0; i < kImages; ++i) {
-    Image image{std::vector<std::uint8_t>(bytes), 0};
-    std::ranges::generate(image.bytes, [&] { return static_cast<std::uint8_t>(random()); });
+    Image image{image_of(bytes, random), 0};
     image.crc = wire::crc32(image.bytes);
     images_.push_back(std::move(image));
   }
@@ -67,8 +104,8 @@ std::uint64_t Content::count_delivered(const std::filesystem::path& session, std
       throw std::runtime_error((session / "times.txt").string() + ": not to be there: " + line);
     }
     next = sequence + 1;
-    const auto file = session / "images" / fmt::format("{:06}.jpg", sequence);
-    if (is_on_disk(file, image(robot, sequence))) ++delivered;
+    if (is_on_disk(session / session_names::left_image(sequence), image(robot, sequence)))
+      ++delivered;
   }
   return delivered;
 }

@@ -11,7 +11,7 @@
 
 namespace orbbuf::load {
 
-/// What the robots capture: a few images of seeded noise, which every robot shows in turn, so that
+/// What the robots capture: a few JPEGs of seeded noise, which every robot shows in turn, so that
 /// what lies on the server's disk can be compared byte for byte. Immutable.
 class Content {
  public:

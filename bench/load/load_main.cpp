@@ -2,6 +2,9 @@
 // Many robots from one process into one real server that writes files: whether all is delivered,
 // how soon it is on disk, and what the server takes for it. Then many robots that only say that
 // they are there. Then one that comes back to a session of many frames, while another streams.
+// Then some whose images a program reads decoded, and one without a program.
+#include <spdlog/fmt/fmt.h>
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <boost/asio/io_context.hpp>
@@ -38,6 +41,7 @@ using Seconds = std::chrono::duration<double>;
 constexpr std::chrono::seconds kPatience{60};
 constexpr milliseconds kSampling{50};
 constexpr std::size_t kResumedFrames = 300'000;
+constexpr std::size_t kPipes = 30;
 
 struct Options {
   std::string server;
@@ -50,18 +54,17 @@ struct Options {
   double idle_seconds = 20;
   std::uint64_t seed = 1;
   std::string sync = "ack";
+  std::string only;
 };
+
+using Settings = std::vector<std::string>;
 
 /// orbbuf-server with its files in a folder of the work folder, until end().
 class Server {
  public:
-  Server(const Options& options, const std::string& folder, std::size_t robots)
-      : files_(options.work / folder),
-        process_({options.server, "--set", "listen.address=127.0.0.1:0", "--set",
-                  "listen.max_connections=" + std::to_string(robots), "--set",
-                  "listen.max_connections_per_address=" + std::to_string(robots), "--set",
-                  "listen.max_robots=" + std::to_string(robots), "--set",
-                  "files.path=" + files_.string(), "--set", "files.sync=" + options.sync}) {
+  Server(const Options& options, const std::string& folder, std::size_t robots,
+         const Settings& more = {})
+      : files_(options.work / folder), process_(command(options, files_, robots, more)) {
     const std::string words = "listening on ";
     const auto line = process_.wait_for_line(words);
     if (!line) throw std::runtime_error("no server: " + process_.output());
@@ -78,6 +81,21 @@ class Server {
   const fs::path& files() const { return files_; }
 
  private:
+  static std::vector<std::string> command(const Options& options, const fs::path& files,
+                                          std::size_t robots, const Settings& more) {
+    const std::string count = std::to_string(robots);
+    Settings settings = {"listen.address=127.0.0.1:0",
+                         "listen.max_connections=" + count,
+                         "listen.max_connections_per_address=" + count,
+                         "listen.max_robots=" + count,
+                         "files.path=" + files.string(),
+                         "files.sync=" + options.sync};
+    settings.insert(settings.end(), more.begin(), more.end());
+    std::vector<std::string> words = {options.server};
+    for (const auto& setting : settings) words.insert(words.end(), {"--set", setting});
+    return words;
+  }
+
   const fs::path files_;
   orbbuf::test::Process process_;
   asio::ip::tcp::endpoint endpoint_;
@@ -141,14 +159,8 @@ void result(const char* name, double value) { std::printf("RESULT load.%s %.5g\n
 
 double milliseconds_of(nanoseconds time) { return Seconds(time).count() * 1000; }
 
-/// Of all robots' `latencies`; returns the 99th percentile in ms.
-double report_latency(const Fleet& fleet, const char* until,
-                      const std::vector<nanoseconds>& (Robot::*latencies)() const) {
-  std::vector<nanoseconds> all;
-  for (const auto& robot : fleet.robots()) {
-    const auto& of_robot = ((*robot).*latencies)();
-    all.insert(all.end(), of_robot.begin(), of_robot.end());
-  }
+/// From capture; returns the 99th percentile in ms.
+double report_latency(const char* until, std::vector<nanoseconds> all) {
   std::ranges::sort(all);
   const auto share = [&](double part) {
     return milliseconds_of(all[static_cast<std::size_t>(part * static_cast<double>(all.size()))]);
@@ -158,9 +170,21 @@ double report_latency(const Fleet& fleet, const char* until,
   return share(0.99);
 }
 
+/// Of all robots but the last `without`.
+std::vector<nanoseconds> gather(const Fleet& fleet,
+                                const std::vector<nanoseconds>& (Robot::*latencies)() const,
+                                std::size_t without = 0) {
+  std::vector<nanoseconds> all;
+  for (std::size_t i = 0; i + without < fleet.robots().size(); ++i) {
+    const auto& of_robot = ((*fleet.robots()[i]).*latencies)();
+    all.insert(all.end(), of_robot.begin(), of_robot.end());
+  }
+  return all;
+}
+
 void report_latencies(const Fleet& fleet) {
-  const double received_ms = report_latency(fleet, "received", &Robot::received_latencies);
-  const double ack_ms = report_latency(fleet, "ack", &Robot::latencies);
+  const double received_ms = report_latency("received", gather(fleet, &Robot::received_latencies));
+  const double ack_ms = report_latency("ack", gather(fleet, &Robot::latencies));
   nanoseconds late{};
   for (const auto& robot : fleet.robots()) late = std::max(late, robot->most_late());
   std::printf("  of which before the frame was made: at most %.1f ms\n", milliseconds_of(late));
@@ -280,28 +304,55 @@ void resume(const Options& options) {
   });
   fleet.stream(length, [] {});
   const double took = resumed.get();
-  const double p99_ms = report_latency(fleet, "ack", &Robot::latencies);
+  const double p99_ms = report_latency("ack", gather(fleet, &Robot::latencies));
   std::printf("RESULT recover.resume_s.300k %.3f\nRESULT recover.other_ack_p99_ms %.1f\n", took,
               p99_ms);
   fleet.end();
   server.end();
 }
 
+void pipes(const Options& options) {
+  const Content content(options.seed, options.bytes);
+  const auto interval = std::chrono::duration_cast<nanoseconds>(Seconds(1 / options.fps));
+  const auto length = std::chrono::duration_cast<nanoseconds>(Seconds(options.idle_seconds));
+  const auto frames = static_cast<std::uint64_t>(options.fps * options.idle_seconds);
+  Server server(options, "pipes", kPipes + 1,
+                {"slam.command=exec cat >/dev/null",
+                 "robot.robot-" + std::to_string(kPipes) + ".slam.command="});
+  Fleet fleet(content, kPipes + 1, frames, interval);
+  fleet.connect(server.endpoint());
+  fleet.stream(length, [] {});
+  std::printf("  with a program:\n");
+  const double with_ms = report_latency("ack", gather(fleet, &Robot::latencies, 1));
+  std::printf("  without:\n");
+  const double without_ms = report_latency("ack", fleet.robots().back()->latencies());
+  result("pipes_p99_ms.with", with_ms);
+  result("pipes_p99_ms.without", without_ms);
+  fleet.end();
+  server.end();
+}
+
 void run(const Options& options) {
-  std::printf("load: seed %lu; %zu robots, %g fps, %zu bytes, %g s\n", options.seed, options.robots,
-              options.fps, options.bytes, options.seconds);
-  std::fflush(stdout);
-  stream(options);
-  if (options.idle_robots > 0) {
-    std::printf("load: %zu robots that only send their stats, %g s\n", options.idle_robots,
-                options.idle_seconds);
+  std::printf("load: seed %lu; %g fps, %zu bytes\n", options.seed, options.fps, options.bytes);
+  const auto part = [&](const char* name, const std::string& what, auto measure) {
+    if (!options.only.empty() && options.only != name) return;
+    std::printf("load: %s: %s\n", name, what.c_str());
     std::fflush(stdout);
-    idle(options);
+    measure(options);
+  };
+  part("stream", fmt::format("{} robots, {} s", options.robots, options.seconds), stream);
+  if (options.idle_robots > 0) {
+    part("idle",
+         fmt::format("{} robots that only send their stats, {} s", options.idle_robots,
+                     options.idle_seconds),
+         idle);
   }
-  std::printf(
-      "load: a robot that resumes a session of 300,000 frames, while another one streams\n");
-  std::fflush(stdout);
-  resume(options);
+  part("resume", fmt::format("a session of {} frames, while another robot streams", kResumedFrames),
+       resume);
+  part("pipes",
+       fmt::format("{} robots whose images a program reads as pgm, and one without, {} s", kPipes,
+                   options.idle_seconds),
+       pipes);
 }
 
 }  // namespace
@@ -319,6 +370,8 @@ int main(int argc, char** argv) {
   app.add_option("--idle-seconds", options.idle_seconds)->check(CLI::PositiveNumber);
   app.add_option("--seed", options.seed, "of the images");
   app.add_option("--sync", options.sync, "files.sync of the server");
+  app.add_option("--only", options.only, "one part")
+      ->check(CLI::IsMember({"stream", "idle", "resume", "pipes"}));
   const auto quick = [&] {
     options.seconds = 10;
     options.idle_seconds = 5;
