@@ -28,6 +28,7 @@ struct Options {
   fs::path traces;
   std::string control = "both";
   bool has_two_links = false;
+  bool has_tls = false;
 };
 
 void play(Stage& stage, const std::vector<Step>& plan, std::ostream& log) {
@@ -69,14 +70,16 @@ int run(Options options) {
   options.plan.robots = controls.size();
   options.plan.rates = orbbuf::chaos::read_rates(options.traces);
   const std::vector<Step> plan = orbbuf::chaos::make_plan(options.plan);
-  std::printf("chaos: seed %llu, %d events in %.0f s, %s; a robot under each of:",
+  std::printf("chaos: seed %llu, %d events in %.0f s, %s, %s; a robot under each of:",
               static_cast<unsigned long long>(options.plan.seed), options.plan.events,
-              plan.back().at_s, options.plan.rates.empty() ? "random rates" : "recorded rates");
+              plan.back().at_s, options.plan.rates.empty() ? "random rates" : "recorded rates",
+              options.has_tls ? "TLS" : "plain TCP");
   for (const std::string& control : controls) std::printf(" %s", control.c_str());
   std::printf("\n");
   std::fflush(stdout);
 
-  Stage stage(options.programs, options.work, controls, options.has_two_links ? 2 : 1);
+  Stage stage(options.programs, options.work, controls,
+              {options.has_two_links ? 2 : 1, options.has_tls});
   std::ofstream log(options.work / "events.txt");
   stage.begin();
   play(stage, plan, log);
@@ -102,6 +105,7 @@ int main(int argc, char** argv) {
   app.add_option("--control", options.control)->check(CLI::IsMember({"both", "cubic", "bbr"}));
   app.add_flag("--two-links", options.has_two_links,
                "link.interfaces; cuts take one, the other, both");
+  app.add_flag("--tls", options.has_tls, "the link under TLS");
   CLI11_PARSE(app, argc, argv);
   return orbbuf::bench::run_program("chaos", [&] { return run(options); });
 }

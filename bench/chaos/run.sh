@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Chaos on the link, and the account of every frame; options as `orbbuf-chaos --help` has them.
-# Usage: bench/chaos/run.sh BUILD_FOLDER [--seed N] [--events N] [--long] [--control cubic|bbr] ...
+# Usage: bench/chaos/run.sh BUILD_FOLDER [--seed N] [--events N] [--long] [--two-links] [--tls] ...
 set -euo pipefail
 build=$(cd "$1" && pwd)
 shift

@@ -34,6 +34,12 @@ void must(const Words& command) {
   throw std::runtime_error(fmt::format("{}: {}", fmt::join(command, " "), done.output));
 }
 
+Words with_settings(const fs::path& program, const Words& settings) {
+  Words command{program.string()};
+  for (const std::string& setting : settings) command.insert(command.end(), {"--set", setting});
+  return command;
+}
+
 void save(const fs::path& file, const std::string& text) { std::ofstream(file) << text; }
 
 std::string after(const std::string& line, const std::string& words) {
@@ -72,8 +78,8 @@ std::vector<std::string> Stage::available(const Words& wanted, std::string& why)
   return found;
 }
 
-Stage::Stage(Programs programs, fs::path work, const Words& controls, int links)
-    : programs_(std::move(programs)), work_(std::move(work)), links_(links), hosts_(links) {
+Stage::Stage(Programs programs, fs::path work, const Words& controls, LinkKind kind)
+    : programs_(std::move(programs)), work_(std::move(work)), links_(kind.links), hosts_(links_) {
   if (!hosts_.exist()) throw std::runtime_error(hosts_.why());
   fs::create_directories(work_);
   make_source();
@@ -86,6 +92,17 @@ Stage::Stage(Programs programs, fs::path work, const Words& controls, int links)
   }
   on_robot(shape(kCalmMbit));
   if (links_ == 2) on_robot(shape(kCalmMbit, test::Namespaces::kSecondLink));
+  if (kind.has_tls) make_keys();
+}
+
+void Stage::make_keys() {
+  keys_ = std::make_unique<test::Certificates>();
+  std::string addresses;
+  for (const Robot& robot : robots_) {
+    keys_->make("robot", "robot=turtlebot1", "robot=" + robot.id);
+    addresses += (addresses.empty() ? "IP:" : ",IP:") + robot.address;
+  }
+  keys_->make("server", "IP:127.0.0.1", addresses);
 }
 
 /// Captures once what all robots will replay: JPEGs, so that they arrive byte for byte.
@@ -112,9 +129,11 @@ void Stage::begin() {
 
 void Stage::start_server() {
   server_ = std::make_unique<Process>(
-      hosts_.on_server() + Words{programs_.server.string(), "--set",
-                                 "listen.address=0.0.0.0:" + port_, "--set", "listen.insecure=true",
-                                 "--set", "files.path=" + (work_ / "out").string()});
+      hosts_.on_server() +
+      with_settings(programs_.server, Words{"listen.address=0.0.0.0:" + port_,
+                                            "files.path=" + (work_ / "out").string()} +
+                                          (keys_ ? test::Certificates::overrides(keys_->server())
+                                                 : Words{"listen.insecure=true"})));
   const auto line = server_->wait_for_line("listening on ");
   if (!line) throw std::runtime_error("no server: " + server_->output());
   port_ = line->substr(line->rfind(':') + 1);
@@ -126,22 +145,22 @@ void Stage::start_robot(Robot& robot) {
   Session session;
   session.log = work_ / fmt::format("robot-{}.log", n);
   session.drop_log = work_ / fmt::format("drops-{}.csv", n);
-  Words command = hosts_.on_robot() + Words{programs_.robot.string()};
-  for (const std::string& setting :
-       {"robot.id=" + robot.id, "link.server=" + robot.address + ":" + port_,
-        std::string("link.drain_timeout=1 min"), std::string("source.kind=folder"),
-        "source.path=" + source().string(), std::string("source.fps=40"),
-        std::string("source.loop=true"),
-        "buffer.policy=" + std::string(kPolicies.at(n % kPolicies.size())),
-        fmt::format("buffer.capacity={}", kCapacities.at(n % kCapacities.size())),
-        "buffer.drop_log=" + session.drop_log.string()}) {
-    command.insert(command.end(), {"--set", setting});
-  }
+  Words settings{"robot.id=" + robot.id,
+                 "link.server=" + robot.address + ":" + port_,
+                 "link.drain_timeout=1 min",
+                 "source.kind=folder",
+                 "source.path=" + source().string(),
+                 "source.fps=40",
+                 "source.loop=true",
+                 "buffer.policy=" + std::string(kPolicies.at(n % kPolicies.size())),
+                 fmt::format("buffer.capacity={}", kCapacities.at(n % kCapacities.size())),
+                 "buffer.drop_log=" + session.drop_log.string()};
   if (links_ == 2) {
-    command.insert(command.end(), {"--set", R"(link.interfaces=["wire", "wire2"])", "--set",
-                                   "link.return_after=1 s"});
+    settings = settings + Words{R"(link.interfaces=["wire", "wire2"])", "link.return_after=1 s"};
   }
-  robot.process = std::make_unique<Process>(command);
+  if (keys_) settings = settings + test::Certificates::overrides(keys_->of(robot.id));
+  robot.process =
+      std::make_unique<Process>(hosts_.on_robot() + with_settings(programs_.robot, settings));
   const auto line = robot.process->wait_for_line(", session ");
   if (!line) throw std::runtime_error("no robot: " + robot.process->output());
   const std::string id = after(*line, ", session ");

@@ -8,6 +8,7 @@
 
 #include "bench/chaos/check.hpp"
 #include "bench/chaos/plan.hpp"
+#include "testing/certificates.hpp"
 #include "testing/namespaces.hpp"
 #include "testing/process.hpp"
 
@@ -19,14 +20,19 @@ struct Programs {
   std::filesystem::path server;
 };
 
+/// How the robots reach the server.
+struct LinkKind {
+  int links = 1;         ///< or 2: then cuts take the first, the second and both in turn
+  bool has_tls = false;  ///< with keys made for the purpose
+};
+
 /// A server and a robot for each congestion control, in two network namespaces, and all that can
 /// happen to them. What they leave behind lies in `work`.
 class Stage {
  public:
-  /// links: 1, or 2, of which each robot has both: then cuts take the first, the second and both in
-  /// turn, and the rate is the first one's. Throws std::runtime_error if it cannot be set.
+  /// The rate of `kRate` is the first link's. Throws std::runtime_error if it cannot be set.
   Stage(Programs programs, std::filesystem::path work, const std::vector<std::string>& controls,
-        int links);
+        LinkKind kind);
 
   /// The congestion controls of `wanted` that this kernel has for connections of network
   /// namespaces; empty without namespaces, `why` then says what failed.
@@ -51,6 +57,7 @@ class Stage {
   };
 
   void make_source();
+  void make_keys();
   void cut();
   void mend();
   void on_robot(const std::vector<std::string>& command) const;
@@ -64,6 +71,7 @@ class Stage {
   const Programs programs_;
   const std::filesystem::path work_;
   const int links_;
+  std::unique_ptr<test::Certificates> keys_;  // null: plain TCP
   test::Namespaces hosts_;
   int cuts_ = 0;
   std::vector<std::string> cut_links_;

@@ -8,8 +8,10 @@ namespace orbbuf::bench {
 
 /// Makes two network interfaces, the ends of a path on which each packet takes `delay`, and carries
 /// packets between them until the process is killed. One of them may be moved to another network
-/// namespace. Prints a line when both exist. Throws std::system_error; only root can make them.
+/// namespace. trace: empty, or a file of mahimahi's, the milliseconds at which a recorded link took
+/// 1500 bytes: then packets from `near_end` wait for these, again and again. Prints a line when
+/// both exist. Throws std::system_error; only root can make them.
 [[noreturn]] void carry_packets(const std::string& near_end, const std::string& far_end,
-                                std::chrono::nanoseconds delay);
+                                std::chrono::nanoseconds delay, const std::string& trace);
 
 }  // namespace orbbuf::bench

@@ -4,13 +4,12 @@
 # how long a robot needs to connect over it, what a name server behind the outage changes, for the end
 # of the program too, and what the attempts to connect cost.
 ADDRESS_far=10.78.0.2
-PATH_MS=(50 300 600 2000)
 COST_SECONDS=20
 
-# lay_path MS: a second way between the hosts, with this round trip. Until stop_from.
+# lay_path MS [TRACE]: a second way between the hosts, with this round trip. Until stop_from.
 lay_path() {
   start path "${on_robot[@]}" "$build/bench/orbbuf-link-peer" path near far \
-    "$(awk -v ms="$1" 'BEGIN { print ms / 2000 }')"
+    "$(awk -v ms="$1" 'BEGIN { print ms / 2000 }')" "${@:2}"
   wait_for path 'path from'
   ip -n "$robot_ns" link set far netns "$server_ns"
   ip -n "$robot_ns" addr add 10.78.0.1/24 dev near
@@ -29,33 +28,43 @@ connect_seconds() {
   }' "$work/$1-robot.err"
 }
 
+# Plain TCP and TLS side by side: the path has room for both.
 paths() { # OUTAGE:REPEATS...
-  local ms first plan repeat median worst name
+  local ms first plan repeat name=link.round_trip
+  local plain_server=("${server_settings[@]}") server_settings stream_settings
   make_images "$work/path-images" 250 320 240
-  for ms in "${PATH_MS[@]}"; do
-    first=${#pids[@]} name=path-$ms
+  make_keys "IP:$ADDRESS_far"
+  local tls_server=("${server_settings[@]}")
+  for ms in "${round_trips[@]}"; do
+    first=${#pids[@]}
     lay_path "$ms"
-    start_stream "$name" "$ADDRESS_far" "$work/path-images" 25
-    results+=("RESULT link.round_trip_$ms.connect_s $(connect_seconds "$name")")
-    flows=("$name")
+    server_settings=("${plain_server[@]}")
+    start_stream "path-$ms" "$ADDRESS_far" "$work/path-images" 25
+    server_settings=("${tls_server[@]}")
+    start_stream "path-$ms-tls" "$ADDRESS_far" "$work/path-images" 25 "${stream_settings[@]}"
+    results+=("RESULT ${name}_$ms.connect_s $(connect_seconds "path-$ms")"
+      "RESULT ${name}_$ms.tls_connect_s $(connect_seconds "path-$ms-tls")")
+    flows=("path-$ms" "path-$ms-tls")
     sleep 10 # slow start is over
     for plan in "$@"; do
       for ((repeat = 0; repeat < ${plan#*:}; ++repeat)); do outage "${plan%:*}"; done
-      read -r median worst < <(of_returns "${plan%:*}" "$name")
-      results+=("RESULT link.round_trip_$ms.return_median_s.${plan%:*} $median"
-        "RESULT link.round_trip_$ms.return_worst_s.${plan%:*} $worst")
     done
+    conclude "path-$ms" "${name}_$ms" "$@"
+    conclude "path-$ms-tls" "${name}_$ms.tls" "$@"
     stop_from "$first"
   done
 }
 
-# The name is known from the robot's table of hosts; then only the name server behind the link has it.
+# The name is known from the robot's table of hosts, with addresses of both families of which one works;
+# then only the name server behind the link has it.
 names() { # REPEATS
   local first=${#pids[@]} repeat median worst robot_reaches=slam
   local plain_on_robot=("${on_robot[@]}") on_robot
   printf 'nameserver %s\n' "$ADDRESS_cubic" >"$work/resolv.conf"
   printf 'hosts: files dns\n' >"$work/nsswitch.conf"
-  printf '%s slam\n' "$ADDRESS_cubic" >"$work/hosts"
+  ip -n "$robot_ns" addr add fd77::1/64 dev wire nodad 2>/dev/null ||
+    say 'bench: skipped: IPv6 addresses of the name, which this kernel does not have'
+  printf '%s slam\n' fd77::9 10.77.0.9 "$ADDRESS_cubic" >"$work/hosts"
   # shellcheck disable=SC2016 # the inner shell's "$@"
   on_robot=(unshare --mount sh -c 'for file in resolv.conf nsswitch.conf hosts; do
       mount --bind "$0/$file" "/etc/$file" || exit
@@ -111,21 +120,4 @@ attempt_cost() {
   "${on_robot[@]}" nft delete table inet cost
   results+=("RESULT link.stalled_attempts_bit_s $(((after[0] - before[0]) * 8 / COST_SECONDS))"
     "RESULT link.stalled_bit_s $(((after[1] - before[1]) * 8 / COST_SECONDS))")
-}
-
-# TLS with default settings, over the longest of the round trips.
-tls_connects() {
-  local first=${#pids[@]} name
-  lay_path 2000
-  (cd "$work" && mkdir keys && cd keys &&
-    for name in ca server robot; do
-      awk -v name="sh $name" '/^```/ { on = substr($0, 4) == name; next } on' "$here/../../docs/security.md"
-    done | sed "s/IP:127.0.0.1/IP:$ADDRESS_far/" >make.sh && sh -e make.sh) >"$work/keys.log" 2>&1
-  make_images "$work/tls-images" 10 160 120
-  local server_settings=("tls.certificate=$work/keys/server.crt" "tls.key=$work/keys/server.key"
-    "tls.ca=$work/keys/ca.crt")
-  start_stream tls "$ADDRESS_far" "$work/tls-images" 5 robot.id=turtlebot1 \
-    "tls.certificate=$work/keys/turtlebot1.crt" "tls.key=$work/keys/turtlebot1.key" "tls.ca=$work/keys/ca.crt"
-  results+=("RESULT link.round_trip_2000.tls_connect_s $(connect_seconds tls)")
-  stop_from "$first"
 }

@@ -62,31 +62,86 @@ through() {
   stop_from 0
 }
 
-# orbbufd under cubic has the link to itself, so that the round trip is the link's own. The others
-# share it: what one of them sends after its return waits in the queue before the others' first frame.
+# conclude FLOW NAME PLAN...: the RESULT lines NAME.return_median_s and NAME.return_worst_s.
+conclude() {
+  local flow=$1 name=$2 plan median worst
+  for plan in "${@:3}"; do
+    read -r median worst < <(of_returns "${plan%:*}" "$flow")
+    results+=("RESULT $name.return_median_s.${plan%:*} $median"
+      "RESULT $name.return_worst_s.${plan%:*} $worst")
+  done
+}
+
+# returns_alone FLOW NAME PLAN...: orbbufd has the link to itself, so that the round trip is the
+# link's own. With `stream_settings`.
+returns_alone() {
+  make_images "$work/$1-images" 250 320 240
+  shape 20
+  start_stream "$1" "$ADDRESS_cubic" "$work/$1-images" $FPS "${stream_settings[@]}"
+  flows=("$1")
+  through "${@:3}"
+  conclude "$1" "$2" "${@:3}"
+}
+
 returns() { # OUTAGE:REPEATS...
-  local plan median worst flow name
+  local stream_settings=()
+  returns_alone orbbufd link "$@"
+}
+
+returns_tls() { # OUTAGE:REPEATS...
+  local server_settings stream_settings
+  make_keys "IP:$ADDRESS_cubic"
+  returns_alone tls link.tls "$@"
+}
+
+# The baselines, and orbbufd under bbr, share the link: what one of them sends after its return waits
+# in the queue before the others' first frame.
+returns_of_rivals() { # OUTAGE:REPEATS...
+  local flow name
   make_images "$work/small" 250 320 240
   shape 20
-  start_stream orbbufd-cubic "$ADDRESS_cubic" "$work/small" $FPS
-  flows=(orbbufd-cubic)
-  through "$@"
   flows=()
   if [[ " ${controls[*]} " == *" bbr "* ]]; then
-    start_stream orbbufd-bbr "$ADDRESS_bbr" "$work/small" $FPS
-    flows=(orbbufd-bbr)
+    start_stream bbr "$ADDRESS_bbr" "$work/small" $FPS
+    flows=(bbr)
   fi
   start_rivals
   through "$@"
-  for plan in "$@"; do
-    for flow in orbbufd-cubic "${flows[@]}"; do
-      read -r median worst < <(of_returns "${plan%:*}" "$flow")
-      name=link.$flow
-      [ "$flow" = plain ] && name=link.plain_tcp
-      [ "$flow" = orbbufd-cubic ] && name="link"
-      [ "$flow" = orbbufd-bbr ] && name=link.bbr
-      results+=("RESULT $name.return_median_s.${plan%:*} $median"
-        "RESULT $name.return_worst_s.${plan%:*} $worst")
-    done
+  for flow in "${flows[@]}"; do
+    name=link.$flow
+    [ "$flow" = plain ] && name=link.plain_tcp
+    conclude "$flow" "$name" "$@"
   done
+}
+
+# sizes_of FILE: a line TIME BYTES when it has grown.
+sizes_of() {
+  local size last=0
+  while sleep 0.01; do
+    size=$(stat -c %s "$1" 2>/dev/null) || continue
+    [ "$size" = "$last" ] || printf '%s %s\n' "$EPOCHREALTIME" "$size"
+    last=$size
+  done
+}
+
+# ngtcp2's example programs: the robot is the one that sends, a large file as fast as the link takes it.
+returns_of_quic() { # OUTAGE:REPEATS...
+  local server_settings stream_settings
+  if ! command -v gtlsserver >/dev/null || ! command -v gtlsclient >/dev/null; then
+    say 'bench: skipped: QUIC (Debian: ngtcp2-client ngtcp2-server)'
+    return
+  fi
+  make_keys IP:10.77.0.1
+  shape 20
+  mkdir "$work/quic" "$work/quic-received"
+  truncate -s 20G "$work/quic/frames"
+  start quic-send "${on_robot[@]}" gtlsserver -q --timeout=10m -d "$work/quic" 10.77.0.1 4433 \
+    "${server_settings[1]#*=}" "${server_settings[0]#*=}"
+  sleep 1
+  start quic-receive "${on_server[@]}" gtlsclient -q --timeout=10m --download="$work/quic-received" \
+    10.77.0.1 4433 https://10.77.0.1:4433/frames
+  start quic sizes_of "$work/quic-received/frames"
+  flows=(quic)
+  through "$@"
+  conclude quic link.quic "$@"
 }

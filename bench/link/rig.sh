@@ -6,18 +6,21 @@
 ADDRESS_cubic=10.77.0.2
 ADDRESS_bbr=10.77.0.3
 
+rig=$(dirname "${BASH_SOURCE[0]}")
 robot_ns=orbbuf-robot-$$
 server_ns=orbbuf-server-$$
 on_robot=(ip netns exec "$robot_ns")
 on_server=(ip netns exec "$server_ns")
 pids=()
 server_settings=()
+results=() # RESULT lines, to be printed at the end
 work=
 
 say() { printf '%s\n' "$*" >&2; }
 
 rig_down() {
   local pid
+  [ ${#results[@]} -eq 0 ] || printf '%s\n' "${results[@]}" # also those before a failure
   for pid in "${pids[@]}"; do kill "$pid" 2>/dev/null || true; done
   [ ${#pids[@]} -eq 0 ] || wait "${pids[@]}" 2>/dev/null || true
   ip netns del "$robot_ns" 2>/dev/null || true
@@ -123,10 +126,25 @@ chosen() {
   }' "$work/$1-robot.err"
 }
 
+# make_keys NAMES: of the server, under these names and addresses, and of the robot; what start_stream is
+# to use of them is in `server_settings` and `stream_settings`.
+make_keys() {
+  local keys name
+  keys=$(mktemp -d "$work/keys.XXXXXX")
+  for name in ca server robot; do
+    awk -v name="sh $name" '/^```/ { on = substr($0, 4) == name; next } on' "$rig/../../docs/security.md"
+  done | sed "s/DNS:localhost,IP:127.0.0.1/$1/" >"$keys/make.sh"
+  (cd "$keys" && sh -e make.sh) >"$keys/log" 2>&1 || { cat "$keys/log" >&2 && exit 1; }
+  server_settings=("tls.certificate=$keys/server.crt" "tls.key=$keys/server.key" "tls.ca=$keys/ca.crt")
+  # shellcheck disable=SC2034 # flow.sh has none
+  stream_settings=(robot.id=turtlebot1 "tls.certificate=$keys/turtlebot1.crt"
+    "tls.key=$keys/turtlebot1.key" "tls.ca=$keys/ca.crt")
+}
+
 # start_stream NAME ADDRESS IMAGES FPS [SETTING...]: orbbuf-server with `server_settings`, orbbufd with
 # these settings, which reaches it by `robot_reaches` if that is set, and a watch on what arrives, whose lines TIME BYTES FILE are $work/NAME.out.
 start_stream() {
-  local name=$1 address=$2 images=$3 fps=$4 port folder setting settings=() on_server_only=()
+  local name=$1 address=$2 images=$3 fps=$4 port folder setting settings=() on_server_only=() tries
   for setting in "${@:5}"; do settings+=(--set "$setting"); done
   for setting in "${server_settings[@]}"; do on_server_only+=(--set "$setting"); done
   start "$name-server" "${on_server[@]}" "$build/server/orbbuf-server" \

@@ -1,30 +1,50 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# The bench of the link, between two network namespaces: how soon frames come after an outage, side
-# by side with a plain TCP connection and with roscpp, over round trips of up to 2 s, and with a name
-# server behind it; how soon they come over the second of two links when one fails; what attempts to connect cost; how much of the link's rate is frames, what stands
-# in the kernel's queue, and what a slow SLAM program finds.
-# Usage: bench/link/run.sh BUILD_FOLDER [--full|--quick] [--seed N]
-#          [--only return|path|name|failover|cost|goodput|queue|reader]
-# About 45 minutes; --full repeats the long outages twenty times too (2 hours), --quick is a look.
+# The bench of the link, between two network namespaces. Each part can be run alone:
+#   return    how soon frames come after an outage; orbbufd has the link to itself
+#   tls       the same under TLS
+#   rivals    the same for orbbufd under bbr, a plain TCP connection and roscpp, side by side
+#   quic      the same for a file by QUIC, of ngtcp2
+#   path      the same over round trips of up to 2 s, plain and under TLS
+#   name      the same with a name server behind the outage, and SIGTERM in the middle of a lookup
+#   failover  how soon frames come over the second of two links when one fails
+#   cost      what attempts to connect send while the link is down
+#   lte       over recorded mobile links: how many attempts there are, and what they cost
+#   slow      64 kbit/s, and a queue of 2 s that others keep full
+#   goodput   how much of the link's rate is frames
+#   queue     what stands in the kernel's queue
+#   reader    what a slow SLAM program finds
+# Usage: bench/link/run.sh BUILD_FOLDER [--full|--quick] [--seed N] [--only PART[,PART...]]
+#          [--outages SECONDS[,SECONDS...]] [--repeats N] [--round-trips MS[,MS...]] [--seconds N]
+# --full repeats the long outages twenty times too, --quick is a look. --outages and --repeats are for
+# the outages of the parts; --repeats for the failures of `failover`, too; --round-trips for `path`;
+# --seconds for each link of `lte`. The traces are in $ORBBUF_TRACES.
 set -euo pipefail
 build=$(cd "$1" && pwd)
 shift
 here=$(dirname "${BASH_SOURCE[0]}")
 plan=(0.3:20 0.5:20 1:20 2:20 5:20 20:3 60:2) path_plan=(1:5 5:5) name_repeats=3 failovers=10
-rates=(0.5 2 10 50 100) only='' seed=1
+rates=(0.5 2 10 50 100) round_trips=(50 300 600 2000) only='' seed=1 outages=() repeats='' lte_seconds=120
 while [ $# -gt 0 ]; do
   case $1 in
     --full) plan=(0.3:20 0.5:20 1:20 2:20 5:20 20:20 60:20) path_plan=(1:20 5:20) name_repeats=20 failovers=20 ;;
-    --quick) plan=(0.5:4 1:4 2:4 5:2) path_plan=(2:2) name_repeats=1 failovers=4 rates=(2 50) ;;
+    --quick) plan=(0.5:4 1:4 2:4 5:2) path_plan=(2:2) name_repeats=1 failovers=4 rates=(2 50) lte_seconds=20 ;;
     --seed) seed=$2 && shift ;;
     --only) only=$2 && shift ;;
+    --outages) IFS=, read -ra outages <<<"$2" && shift ;;
+    --repeats) repeats=$2 name_repeats=$2 failovers=$2 && shift ;;
+    --seconds) lte_seconds=$2 && shift ;;
+    --round-trips) IFS=, read -ra round_trips <<<"$2" && shift ;;
     *) echo "bench link: unknown option $1" >&2 && exit 2 ;;
   esac
   shift
 done
+if [ ${#outages[@]} -gt 0 ]; then
+  plan=("${outages[@]/%/:${repeats:-20}}") path_plan=("${outages[@]/%/:${repeats:-5}}")
+elif [ -n "$repeats" ]; then
+  plan=("${plan[@]/%:*/:$repeats}") path_plan=("${path_plan[@]/%:*/:$repeats}")
+fi
 RANDOM=$seed
-results=()
 
 # shellcheck source=bench/link/rig.sh
 . "$here/rig.sh"
@@ -34,6 +54,10 @@ results=()
 . "$here/path.sh"
 # shellcheck source=bench/link/failover.sh
 . "$here/failover.sh"
+# shellcheck source=bench/link/lte.sh
+. "$here/lte.sh"
+# shellcheck source=bench/link/slow.sh
+. "$here/slow.sh"
 # shellcheck source=bench/link/goodput.sh
 . "$here/goodput.sh"
 # shellcheck source=bench/link/queue.sh
@@ -43,13 +67,17 @@ results=()
 
 rig_up
 echo "bench link: seed $seed; OUTAGE:REPEATS ${plan[*]}; 20 Mbit/s; nftables drop at the server"
-wants() { [ -z "$only" ] || [ "$only" = "$1" ]; }
+wants() { [ -z "$only" ] || [[ ,$only, == *,$1,* ]]; }
 ! wants return || returns "${plan[@]}"
-! wants path || { paths "${path_plan[@]}" && tls_connects; }
+! wants tls || returns_tls "${plan[@]}"
+! wants rivals || returns_of_rivals "${plan[@]}"
+! wants quic || returns_of_quic "${plan[@]}"
+! wants path || paths "${path_plan[@]}"
 ! wants name || names "$name_repeats"
 ! wants failover || failovers "$failovers"
 ! wants cost || attempt_cost
+! wants lte || mobile_links "$lte_seconds"
+! wants slow || slow_link
 ! wants goodput || goodput 2 10 50
 ! wants queue || queues "${rates[@]}"
 ! wants reader || slow_readers
-printf '%s\n' "${results[@]}"

@@ -63,7 +63,9 @@ void Stream::expect_host(const std::string& host) {
     const std::string address = host.substr(0, host.find('%'));
     is_host_expected_ = ::X509_VERIFY_PARAM_set1_ip_asc(expected, address.c_str()) == 1;
   } else {
-    is_host_expected_ = ::X509_VERIFY_PARAM_set1_host(expected, host.c_str(), host.size()) == 1;
+    // No name would be every name.
+    is_host_expected_ =
+        !host.empty() && ::X509_VERIFY_PARAM_set1_host(expected, host.c_str(), host.size()) == 1;
     // A server behind one address may have several names.
     SSL_set_tlsext_host_name(tls_->native_handle(), host.c_str());  // NOLINT: OpenSSL's macro
   }

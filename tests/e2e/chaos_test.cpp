@@ -27,7 +27,7 @@ TEST_P(ChaosTest, FortyEventsLoseNothingAndRepeatNothing) {
                                       "3",
                                       "--seed",
                                       "4"};
-  if (GetParam() == 2) command.emplace_back("--two-links");
+  if (GetParam() == 2) command.insert(command.end(), {"--two-links", "--tls"});
   const Finished chaos = run(command, std::chrono::seconds(280));  // ctest's limit is 300
   if (chaos.status == 77) GTEST_SKIP() << chaos.output;
   EXPECT_EQ(chaos.status, 0) << chaos.output;
@@ -37,8 +37,9 @@ TEST_P(ChaosTest, FortyEventsLoseNothingAndRepeatNothing) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Links, ChaosTest, ::testing::Values(1, 2),
-                         [](const auto& links) { return links.param == 2 ? "Two" : "One"; });
+INSTANTIATE_TEST_SUITE_P(Links, ChaosTest, ::testing::Values(1, 2), [](const auto& links) {
+  return links.param == 2 ? "TwoUnderTls" : "One";
+});
 
 }  // namespace
 }  // namespace orbbuf::test

@@ -4,6 +4,7 @@
 
 #include <csignal>
 
+#include "testing/certificates.hpp"
 #include "testing/namespaces.hpp"
 #include "tests/e2e/rig.hpp"
 
@@ -13,21 +14,29 @@ namespace {
 constexpr const char* kFirst = Namespaces::kLink;
 constexpr const char* kSecond = Namespaces::kSecondLink;
 
-class InterfacesTest : public ::testing::Test {
+/// The parameter: whether it is under TLS.
+class InterfacesTest : public ::testing::TestWithParam<bool> {
  protected:
   void SetUp() override {
     if (!hosts_.exist()) GTEST_SKIP() << hosts_.why();
-    server_ = std::make_unique<Server>(folder_ / "out", Overrides{"listen.insecure=true"},
-                                       Namespaces::kServerListenOnBoth, hosts_.on_server());
+    Overrides overrides{"listen.insecure=true"};
+    if (GetParam()) {
+      keys_ = std::make_unique<Certificates>();
+      keys_->make("server", "127.0.0.1", "10.79.0.2");
+      overrides = Certificates::overrides(keys_->server());
+    }
+    server_ = std::make_unique<Server>(folder_ / "out", overrides, Namespaces::kServerListenOnBoth,
+                                       hosts_.on_server());
   }
   void start() {
-    const Overrides overrides = {
-        std::string("link.interfaces=[\"") + kFirst + "\", \"" + kSecond + "\"]",
-        "link.return_after=1 s",
-        "source.frames=1000000",
-        "source.width=320",
-        "source.height=240",
-        "source.fps=25"};
+    Overrides overrides = {std::string("link.interfaces=[\"") + kFirst + "\", \"" + kSecond + "\"]",
+                           "link.return_after=1 s",
+                           "source.frames=1000000",
+                           "source.width=320",
+                           "source.height=240",
+                           "source.fps=25"};
+    const Overrides tls = keys_ ? Certificates::overrides(keys_->robot()) : Overrides{};
+    overrides.insert(overrides.end(), tls.begin(), tls.end());
     robot_ = std::make_unique<Process>(
         robot_command(kRobot, server_->address(), overrides, hosts_.on_robot()));
   }
@@ -57,11 +66,12 @@ class InterfacesTest : public ::testing::Test {
 
   const Namespaces hosts_{2};
   const TemporaryFolder folder_;
+  std::unique_ptr<Certificates> keys_;  // null: plain TCP
   std::unique_ptr<Server> server_;
   std::unique_ptr<Process> robot_;
 };
 
-TEST_F(InterfacesTest, EitherLinkMayFailAndThePreferredOneIsUsedAgain) {
+TEST_P(InterfacesTest, EitherLinkMayFailAndThePreferredOneIsUsedAgain) {
   start();
   ASSERT_TRUE(is_over(kFirst, 1)) << robot_->output();
   stream();
@@ -82,7 +92,7 @@ TEST_F(InterfacesTest, EitherLinkMayFailAndThePreferredOneIsUsedAgain) {
   end_and_expect_no_gap();
 }
 
-TEST_F(InterfacesTest, TheOneThatReturnsFirstIsUsedWhenBothHaveFailed) {
+TEST_P(InterfacesTest, TheOneThatReturnsFirstIsUsedWhenBothHaveFailed) {
   start();
   ASSERT_TRUE(is_over(kFirst, 1)) << robot_->output();
   hosts_.cut_link(kSecond);
@@ -96,6 +106,9 @@ TEST_F(InterfacesTest, TheOneThatReturnsFirstIsUsedWhenBothHaveFailed) {
   ASSERT_EQ(robot_->wait(), 0) << robot_->output();
   expect_exactly_once(read_record(folder_ / "out", kRobot), closing_stats(*robot_).at("captured"));
 }
+
+INSTANTIATE_TEST_SUITE_P(Over, InterfacesTest, ::testing::Bool(),
+                         [](const auto& is_tls) { return is_tls.param ? "Tls" : "PlainTcp"; });
 
 }  // namespace
 }  // namespace orbbuf::test

@@ -42,6 +42,8 @@ foreach(component ${programs})
   set(CPACK_DEBIAN_${upper}_PACKAGE_SECTION net)
 endforeach()
 
+set(CPACK_DEBIAN_ORBBUFD_PACKAGE_SUGGESTS libnss-mdns)  # a server named slam.local
+
 get_property(compressed DIRECTORY PROPERTY orbbuf_compressed)
 add_custom_target(orbbuf_compressed ALL DEPENDS ${compressed})
 
