@@ -129,6 +129,7 @@ class Session : public std::enable_shared_from_this<Session> {
   void on_sink_done(const std::optional<Error>& error);
   bool is_partly_taken() const;
   void show_job() const;
+  void show_losses() const;
   void note_failure(const std::optional<Error>& error);
   void on_waiter_gone();
   void settle();
