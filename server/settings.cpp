@@ -110,9 +110,9 @@ SlamSettings load_slam(ConfigReader& reader, const std::string& table,
 void check_slam(const ConfigReader& reader, const std::string& table, const SlamSettings& slam,
                 const SinkSettings& sinks) {
   const bool is_kept = sinks.is_kept();
-  if (!slam.is_on() && !is_kept && !sinks.ros_enabled) {
+  if (!slam.is_on() && !is_kept && !sinks.ros_enabled && !sinks.dds_enabled) {
     const auto text =
-        fmt::format("frames need a sink: files, mcap, {0}.command, {0}.fifo or ros", table);
+        fmt::format("frames need a sink: files, mcap, {0}.command, {0}.fifo, ros or dds", table);
     reader.fail("files.enabled", text);
   }
   if (!slam.command.empty() && slam.restart != Restart::kAlways && !is_kept) {
@@ -148,6 +148,12 @@ void load_sinks(ConfigReader& reader, SinkSettings& sinks) {
 #ifndef ORBBUF_ROS
   if (sinks.ros_enabled) {
     reader.fail("ros.enabled", "this server was built without ROS (cmake -DORBBUF_WITH_ROS=ON)");
+  }
+#endif
+  sinks.dds_enabled = reader.flag("dds.enabled", sinks.dds_enabled);
+#ifndef ORBBUF_DDS
+  if (sinks.dds_enabled) {
+    reader.fail("dds.enabled", "this server was built without DDS (cmake -DORBBUF_WITH_DDS=ON)");
   }
 #endif
   sinks.slam = load_slam(reader, "slam", sinks.slam);

@@ -105,6 +105,14 @@ TEST(Settings, ABridgeToRosHasToBeBuilt) {
 #endif
 }
 
+TEST(Settings, TopicsOfDdsHaveToBeBuilt) {
+#ifdef ORBBUF_DDS
+  EXPECT_TRUE(load({"dds.enabled=true", "files.enabled=false"}).sinks.dds_enabled);
+#else
+  EXPECT_THROW(load({"dds.enabled=true"}), ConfigError);
+#endif
+}
+
 struct BadValue {
   std::vector<std::string> overrides;
   std::string complaint;

@@ -3,11 +3,9 @@
 
 #include <spdlog/spdlog.h>
 
-#include <algorithm>
 #include <atomic>
 #include <boost/asio/post.hpp>
 #include <boost/asio/thread_pool.hpp>
-#include <cctype>
 #include <chrono>
 #include <cstddef>
 #include <future>
@@ -17,6 +15,7 @@
 #include "common/log.hpp"
 #include "server/calibration/camera_info.hpp"
 #include "server/sink/ros/ros_node.hpp"
+#include "server/sink/ros_name.hpp"
 
 namespace orbbuf {
 namespace {
@@ -25,15 +24,6 @@ namespace asio = boost::asio;
 
 constexpr std::size_t kMostWaitingBytes = std::size_t{64} << 20U;
 constexpr std::chrono::seconds kFarewell{1};
-
-/// A robot's id as the first part of a topic's name.
-std::string topic_of(const std::string& robot_id) {
-  const bool is_letter_first = std::isalpha(static_cast<unsigned char>(robot_id.front())) != 0;
-  std::string name = is_letter_first ? robot_id : "ros_" + robot_id;
-  std::ranges::replace_if(
-      name, [](unsigned char c) { return std::isalnum(c) == 0; }, '_');
-  return "/" + name;
-}
 
 /// The node and the thread it lives on.
 struct Ros {
@@ -77,7 +67,7 @@ class RosSink final : public FrameSink {
  private:
   struct Source {
     explicit Source(const SessionInfo& info)
-        : topic(topic_of(info.robot_id)),
+        : topic("/" + ros_name(info.robot_id)),
           cameras(calibrated_cameras(
               info.calibration, fmt::format("{} {}: published", info.robot_id, info.session_id))) {}
 
