@@ -97,10 +97,10 @@ std::vector<std::shared_ptr<FrameSink>> make_sinks(const SinkSettings& settings,
   const SlamSettings& slam = settings.slam_for(info.robot_id);
   if (slam.is_on()) sinks.push_back(make_slam_sink(slam, info, opened.kept, main, pool));
 #ifdef ORBBUF_DDS
-  if (settings.dds_enabled) sinks.push_back(make_dds_sink(main, info));
+  if (settings.dds_enabled) sinks.push_back(make_dds_sink(main, info, settings.dds_frame_id));
 #endif
 #ifdef ORBBUF_ROS
-  if (settings.ros_enabled) sinks.push_back(make_ros_sink(main, info));
+  if (settings.ros_enabled) sinks.push_back(make_ros_sink(main, info, settings.ros_frame_id));
 #endif
   return sinks;
 }

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cctype>
 #include <string>
+#include <string_view>
 
 namespace orbbuf {
 
@@ -16,6 +17,15 @@ inline std::string ros_name(const std::string& robot_id) {
   std::ranges::replace_if(
       name, [](unsigned char c) { return std::isalnum(c) == 0; }, '_');
   return name;
+}
+
+/// `pattern` with `name` in place of the first {robot}.
+inline std::string ros_frame_id(std::string_view pattern, std::string_view name) {
+  constexpr std::string_view kRobot = "{robot}";
+  std::string id(pattern);
+  const auto at = id.find(kRobot);
+  if (at != std::string::npos) id.replace(at, kRobot.size(), name);
+  return id;
 }
 
 }  // namespace orbbuf

@@ -18,6 +18,8 @@ namespace {
 
 using Qos = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
 
+constexpr dds_duration_t kLongestWrite = DDS_MSECS(100);
+constexpr int kRetries = 9;  // up to 1 s
 constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 
 dds_domainid_t domain_id() {
@@ -46,7 +48,7 @@ Qos topic_qos() {
   Qos qos(dds_create_qos(), &dds_delete_qos);
   const dds_data_representation_id_t xcdr1 = DDS_DATA_REPRESENTATION_XCDR1;
   dds_qset_data_representation(qos.get(), 1, &xcdr1);
-  dds_qset_reliability(qos.get(), DDS_RELIABILITY_RELIABLE, DDS_MSECS(100));
+  dds_qset_reliability(qos.get(), DDS_RELIABILITY_RELIABLE, kLongestWrite);
   dds_qset_history(qos.get(), DDS_HISTORY_KEEP_ALL, 0);
   return qos;
 }
@@ -69,13 +71,6 @@ dds_entity_t make_writer(const DdsParticipant& participant, dds_entity_t publish
   return require(writer, "write to the topic " + name);
 }
 
-std::optional<Error> write(dds_entity_t writer, const void* message) {
-  const dds_return_t status = dds_write(writer, message);
-  if (status == DDS_RETCODE_OK) return std::nullopt;
-  if (status == DDS_RETCODE_TIMEOUT) return Error{"a reader is slow or does not answer"};
-  return Error{dds_strretcode(-status)};
-}
-
 /// Nothing of a message is changed by writing it; C has no const sequences.
 dds_sequence_octet bytes_of(std::span<const std::uint8_t> data) {
   const auto size = static_cast<std::uint32_t>(data.size());
@@ -91,8 +86,8 @@ std_msgs_msg_dds__Header_ header_of(std::int64_t time_ns, const std::string& fra
           const_cast<char*>(frame_id.c_str())};
 }
 
-std::optional<Error> write_info(dds_entity_t writer, const std_msgs_msg_dds__Header_& header,
-                                const CameraInfo& camera) {
+sensor_msgs_msg_dds__CameraInfo_ message_of(const CameraInfo& camera,
+                                            const std_msgs_msg_dds__Header_& header) {
   sensor_msgs_msg_dds__CameraInfo_ info{};
   info.header = header;
   info.height = camera.height_px;
@@ -103,7 +98,7 @@ std::optional<Error> write_info(dds_entity_t writer, const std_msgs_msg_dds__Hea
   std::ranges::copy(camera.k, info.k);
   info.r[0] = info.r[4] = info.r[8] = 1;
   std::ranges::copy(camera.p, info.p);
-  return write(writer, &info);
+  return info;
 }
 
 }  // namespace
@@ -121,8 +116,9 @@ DdsCamera::DdsCamera(const DdsParticipant& participant, const std::string& base,
                          "make a publisher")) {
   const auto writer = [&](const dds_topic_descriptor_t& type, std::string_view name,
                           bool is_latched) {
-    return make_writer(participant, publisher_, type, fmt::format("rt/{}/{}", base, name),
-                       is_latched);
+    return Writer{
+        make_writer(participant, publisher_, type, fmt::format("rt/{}/{}", base, name), is_latched),
+        kRetries};
   };
   try {
     compressed_ = writer(sensor_msgs_msg_dds__CompressedImage__desc, "image_raw/compressed", false);
@@ -136,6 +132,18 @@ DdsCamera::DdsCamera(const DdsParticipant& participant, const std::string& base,
 
 DdsCamera::~DdsCamera() { dds_delete(publisher_); }
 
+std::optional<Error> DdsCamera::write(Writer& writer, const void* message) {
+  dds_return_t status = dds_write(writer.entity, message);
+  while (status == DDS_RETCODE_TIMEOUT && writer.retries > 0) {
+    --writer.retries;
+    status = dds_write(writer.entity, message);
+  }
+  if (status == DDS_RETCODE_TIMEOUT) return Error{"a reader is slow or does not answer"};
+  if (status != DDS_RETCODE_OK) return Error{dds_strretcode(-status)};
+  writer.retries = kRetries;
+  return std::nullopt;
+}
+
 std::optional<Error> DdsCamera::publish(std::int64_t time_ns, std::span<const std::uint8_t> jpeg,
                                         const CameraInfo* camera) {
   sensor_msgs_msg_dds__CompressedImage_ image{};
@@ -144,7 +152,8 @@ std::optional<Error> DdsCamera::publish(std::int64_t time_ns, std::span<const st
   image.format = format.data();
   image.data = bytes_of(jpeg);
   if (camera != nullptr) {
-    if (auto error = write_info(info_, image.header, *camera)) return error;
+    const auto info = message_of(*camera, image.header);
+    if (auto error = write(info_, &info)) return error;
   }
   return write(compressed_, &image);
 }
@@ -163,7 +172,7 @@ std::optional<Error> DdsCamera::publish_raw(std::int64_t time_ns, const GrayImag
 
 bool DdsCamera::has_raw_reader() const {
   dds_publication_matched_status_t matched{};
-  return dds_get_publication_matched_status(raw_, &matched) == DDS_RETCODE_OK &&
+  return dds_get_publication_matched_status(raw_.entity, &matched) == DDS_RETCODE_OK &&
          matched.current_count > 0;
 }
 

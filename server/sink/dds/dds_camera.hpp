@@ -38,9 +38,9 @@ class DdsParticipant {
 ///                              durability `transient local` gets the last one, too
 ///
 /// All are reliable. A reader that is slow holds up to about 500 kB (Cyclone's WhcHigh); a call
-/// then waits for it, up to 100 ms, and is refused. Such a reader delays the others as well, until
-/// it reads or its lease is over. Thread-bound: one object per thread; it must not outlive the
-/// participant.
+/// then waits for it, up to 1 s, and is refused; the calls after that wait up to 100 ms, until one
+/// succeeds. Such a reader delays the others as well, until it reads or its lease is over.
+/// Thread-bound: one object per thread; it must not outlive the participant.
 class DdsCamera {
  public:
   /// base: as ROS 2 writes it, without a first slash: `turtlebot1/left`. Throws std::runtime_error.
@@ -57,11 +57,18 @@ class DdsCamera {
   bool has_raw_reader() const;
 
  private:
+  struct Writer {
+    int entity = 0;
+    int retries = 0;  // left, since the last success
+  };
+
+  static std::optional<Error> write(Writer& writer, const void* message);
+
   const std::string frame_id_;
   int publisher_;  // owns the writers
-  int compressed_;
-  int raw_;
-  int info_;
+  Writer compressed_;
+  Writer raw_;
+  Writer info_;
 };
 
 }  // namespace orbbuf

@@ -9,17 +9,17 @@
 #include <chrono>
 #include <cstddef>
 #include <exception>
-#include <mutex>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <thread>
 #include <utility>
 
 #include "common/jpeg.hpp"
 #include "common/log.hpp"
-#include "common/log_limit.hpp"
 #include "server/calibration/camera_info.hpp"
 #include "server/sink/dds/dds_camera.hpp"
+#include "server/sink/losses.hpp"
 #include "server/sink/ros_name.hpp"
 
 namespace orbbuf {
@@ -31,7 +31,6 @@ using Clock = std::chrono::steady_clock;
 constexpr std::size_t kMostQueuedBytes = std::size_t{64} << 20U;
 constexpr std::chrono::seconds kDiscovery{1};
 constexpr std::chrono::seconds kLastSecond{1};
-constexpr std::chrono::seconds kLogInterval{10};
 
 /// What all sinks share.
 struct Dds {
@@ -53,47 +52,15 @@ std::unique_ptr<Dds>& the_dds() {
   return dds;
 }
 
-/// Frames given up. Thread-safe.
-class Losses {
- public:
-  explicit Losses(std::string name) : name_(std::move(name)) {}
-  ~Losses() {
-    if (count_ > logged_) log("the session is over");
-  }
-  Losses(const Losses&) = delete;
-  Losses& operator=(const Losses&) = delete;
-
-  void add(std::string_view reason) {
-    const std::scoped_lock lock(mutex_);
-    ++count_;
-    if (limit_.lets_through()) log(reason);
-  }
-  std::uint64_t count() const {
-    const std::scoped_lock lock(mutex_);
-    return count_;
-  }
-
- private:
-  void log(std::string_view reason) {
-    spdlog::warn("{}: dds: {} frames of this session not published: {}", name_, count_, reason);
-    logged_ = count_;
-  }
-
-  const std::string name_;
-  mutable std::mutex mutex_;
-  std::uint64_t count_ = 0;       // guarded by mutex_
-  std::uint64_t logged_ = 0;      // guarded by mutex_
-  LogLimit limit_{kLogInterval};  // guarded by mutex_
-};
-
 /// A session's topics. On `dds` only, but for `losses`.
 class Topics {
  public:
-  explicit Topics(const SessionInfo& info)
-      : losses(info.robot_id + " " + info.session_id),
+  Topics(const SessionInfo& info, std::string_view frame_id)
+      : losses(fmt::format("{} {}: dds", info.robot_id, info.session_id)),
+        session_(info.robot_id + " " + info.session_id),
         name_(ros_name(info.robot_id)),
-        cameras_(calibrated_cameras(
-            info.calibration, fmt::format("{} {}: published", info.robot_id, info.session_id))) {
+        frame_id_(ros_frame_id(frame_id, name_)),
+        cameras_(calibrated_cameras(info.calibration, session_ + ": published")) {
     if (name_ != info.robot_id) {
       spdlog::info("{}: ROS 2 allows letters, digits and _ in a topic's name: publishing on /{}",
                    info.robot_id, name_);
@@ -105,8 +72,10 @@ class Topics {
     const DdsParticipant& participant = the_dds()->participant;
     right_.reset();
     left_.reset();
-    left_ = std::make_unique<DdsCamera>(participant, is_stereo ? name_ + "/left" : name_, name_);
-    if (is_stereo) right_ = std::make_unique<DdsCamera>(participant, name_ + "/right", name_);
+    left_ =
+        std::make_unique<DdsCamera>(participant, is_stereo ? name_ + "/left" : name_, frame_id_);
+    if (is_stereo) right_ = std::make_unique<DdsCamera>(participant, name_ + "/right", frame_id_);
+    if (is_stereo) warn_without_baseline(cameras_, session_);
   }
   void open() { open(cameras_.right.has_value()); }
 
@@ -131,7 +100,9 @@ class Topics {
     return camera.publish_raw(time_ns, image.value());
   }
 
+  const std::string session_;
   const std::string name_;
+  const std::string frame_id_;
   const CalibratedCameras cameras_;
   std::unique_ptr<DdsCamera> left_;   // or the only one
   std::unique_ptr<DdsCamera> right_;  // null: not stereo
@@ -150,8 +121,8 @@ void publish(Topics& topics, const EncodedFrame& frame) {
 
 class DdsSink final : public FrameSink {
  public:
-  DdsSink(asio::io_context& main, const SessionInfo& info)
-      : main_(main), topics_(std::make_shared<Topics>(info)) {
+  DdsSink(asio::io_context& main, const SessionInfo& info, std::string_view frame_id)
+      : main_(main), topics_(std::make_shared<Topics>(info, frame_id)) {
     asio::post(the_dds()->thread, [topics = topics_] {
       try {
         topics->open();
@@ -195,8 +166,9 @@ class DdsSink final : public FrameSink {
 
 void begin_dds() { the_dds() = std::make_unique<Dds>(); }
 
-std::shared_ptr<FrameSink> make_dds_sink(asio::io_context& main, const SessionInfo& info) {
-  return std::make_shared<DdsSink>(main, info);
+std::shared_ptr<FrameSink> make_dds_sink(asio::io_context& main, const SessionInfo& info,
+                                         std::string_view frame_id) {
+  return std::make_shared<DdsSink>(main, info, frame_id);
 }
 
 void end_dds() {

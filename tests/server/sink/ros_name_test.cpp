@@ -17,5 +17,11 @@ TEST(RosName, BeginsWithALetter) {
   EXPECT_EQ(ros_name("_a"), "ros__a");
 }
 
+TEST(RosFrameId, HasTheNameInPlaceOfRobot) {
+  EXPECT_EQ(ros_frame_id("{robot}", "a"), "a");
+  EXPECT_EQ(ros_frame_id("{robot}/camera", "a"), "a/camera");
+  EXPECT_EQ(ros_frame_id("camera", "a"), "camera");
+}
+
 }  // namespace
 }  // namespace orbbuf
