@@ -140,7 +140,7 @@ void load_status(ConfigReader& reader, std::string& socket) {
 
 std::string load_frame_id(ConfigReader& reader, const std::string& key,
                           const std::string& fallback) {
-  const std::string id = reader.text(key, fallback);
+  std::string id = reader.text(key, fallback);
   if (id.empty()) reader.fail(key, "must not be empty");
   return id;
 }
