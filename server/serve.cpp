@@ -93,6 +93,7 @@ void serve(const Settings& settings) {
   asio::io_context main(1);
   asio::thread_pool files(kFilesThreads);  // ends before `main`, to which its work reports
   name_threads(files);
+  begin_sinks(settings.sinks);
   Metrics metrics(settings.listen.max_robots, settings.http_address.has_value());
   const auto status = open_status(main, settings.status_socket, metrics);
   std::optional<HttpServer> http;

@@ -110,9 +110,9 @@ SlamSettings load_slam(ConfigReader& reader, const std::string& table,
 void check_slam(const ConfigReader& reader, const std::string& table, const SlamSettings& slam,
                 const SinkSettings& sinks) {
   const bool is_kept = sinks.is_kept();
-  if (!slam.is_on() && !is_kept && !sinks.ros_enabled) {
+  if (!slam.is_on() && !is_kept && !sinks.ros_enabled && !sinks.dds_enabled) {
     const auto text =
-        fmt::format("frames need a sink: files, mcap, {0}.command, {0}.fifo or ros", table);
+        fmt::format("frames need a sink: files, mcap, {0}.command, {0}.fifo, ros or dds", table);
     reader.fail("files.enabled", text);
   }
   if (!slam.command.empty() && slam.restart != Restart::kAlways && !is_kept) {
@@ -138,16 +138,31 @@ void load_status(ConfigReader& reader, std::string& socket) {
   if (socket != kAutomaticSocket) socket = reader.path(kSocket, socket).string();
 }
 
+std::string load_frame_id(ConfigReader& reader, const std::string& key,
+                          const std::string& fallback) {
+  std::string id = reader.text(key, fallback);
+  if (id.empty()) reader.fail(key, "must not be empty");
+  return id;
+}
+
 void load_sinks(ConfigReader& reader, SinkSettings& sinks) {
   sinks.files_enabled = reader.flag("files.enabled", sinks.files_enabled);
   sinks.files_path = reader.path("files.path", sinks.files_path);
   if (sinks.files_path.empty()) reader.fail("files.path", "must not be empty");
   sinks.files_sync = load_choice(reader, "files.sync", sinks.files_sync, kSyncs);
   sinks.mcap_enabled = reader.flag("mcap.enabled", sinks.mcap_enabled);
+  sinks.ros_frame_id = load_frame_id(reader, "ros.frame_id", sinks.ros_frame_id);
   sinks.ros_enabled = reader.flag("ros.enabled", sinks.ros_enabled);
 #ifndef ORBBUF_ROS
   if (sinks.ros_enabled) {
     reader.fail("ros.enabled", "this server was built without ROS (cmake -DORBBUF_WITH_ROS=ON)");
+  }
+#endif
+  sinks.dds_frame_id = load_frame_id(reader, "dds.frame_id", sinks.dds_frame_id);
+  sinks.dds_enabled = reader.flag("dds.enabled", sinks.dds_enabled);
+#ifndef ORBBUF_DDS
+  if (sinks.dds_enabled) {
+    reader.fail("dds.enabled", "this server was built without DDS (cmake -DORBBUF_WITH_DDS=ON)");
   }
 #endif
   sinks.slam = load_slam(reader, "slam", sinks.slam);

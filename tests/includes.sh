@@ -33,8 +33,11 @@ server/retention: common server/runtime server/recording
 server/live: common server/recording
 server/sink: common server/runtime server/recording
 server/sink/pipe: common server/runtime server/recording server/sink
-server/sink/ros: common server/calibration server/recording server/sink
-server/sink/make_sinks: common server/runtime server/recording server/recording/mcap server/sink server/sink/pipe server/sink/ros
+server/sink/losses: common
+server/sink/ros_name:
+server/sink/dds: common server/calibration server/recording server/sink server/sink/losses server/sink/ros_name
+server/sink/ros: common server/calibration server/recording server/sink server/sink/losses server/sink/ros_name
+server/sink/make_sinks: common server/runtime server/recording server/recording/mcap server/sink server/sink/pipe server/sink/dds server/sink/ros
 server/settings: common common/net server/live server/retention server/sink/make_sinks
 server/http: common common/net server/runtime server/recording server/live server/settings
 server/link: common common/net server/runtime server/recording server/live server/sink server/sink/make_sinks server/settings

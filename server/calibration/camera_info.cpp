@@ -53,4 +53,10 @@ CalibratedCameras calibrated_cameras(std::string_view camera_txt, std::string_vi
   return cameras;
 }
 
+void warn_without_baseline(const CalibratedCameras& cameras, std::string_view session) {
+  if (!cameras.left || cameras.right) return;
+  spdlog::warn("{}: no camera_info of the right camera: camera.txt has no fifth line, the baseline",
+               session);
+}
+
 }  // namespace orbbuf

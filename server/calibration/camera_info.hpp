@@ -36,4 +36,8 @@ CalibratedCameras calibrated_cameras(std::string_view camera_txt);
 /// The same; a problem is logged as `ATTEMPT without calibration: PROBLEM`.
 CalibratedCameras calibrated_cameras(std::string_view camera_txt, std::string_view attempt);
 
+/// For stereo frames: logs for SESSION if there is no right camera since camera.txt has no
+/// baseline.
+void warn_without_baseline(const CalibratedCameras& cameras, std::string_view session);
+
 }  // namespace orbbuf

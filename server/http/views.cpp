@@ -166,6 +166,8 @@ const auto kMetrics = std::to_array<Metric>({
      [](const auto& robot, auto) { return as_value(robot.bytes()); }},
     {"orbbuf_drop_records_total", "Frames that the robot named as not coming", MetricType::Counter,
      [](const auto& robot, auto) { return as_value(robot.drops()); }},
+    {"orbbuf_unpublished_frames_total", "Of the frames taken, given up by [ros] and [dds]",
+     MetricType::Counter, [](const auto& robot, auto) { return as_value(robot.lost()); }},
     {"orbbuf_frames_per_second", "Frames taken, of the last second or two", MetricType::Gauge,
      [](const auto& robot, auto now) { return as_value(robot.frame_rate(now)); }},
     {"orbbuf_newest_frame_age_seconds", "Since the newest frame was captured", MetricType::Gauge,

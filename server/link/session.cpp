@@ -220,8 +220,16 @@ void Session::on_sink_done(const std::optional<Error>& error) {
 /// One sink has the job, or one has a part of it.
 bool Session::is_partly_taken() const { return job_->sink > 0 || sinks_[0]->is_partly_taken(); }
 
+void Session::show_losses() const {
+  if (!metrics_) return;
+  std::uint64_t lost = 0;
+  for (const auto& sink : sinks_) lost += sink->lost();
+  metrics_->on_lost(lost);
+}
+
 void Session::show_job() const {
   if (!metrics_) return;
+  show_losses();
   if (job_->frame) {
     metrics_->on_delivered(job_->frame);
   } else {
@@ -297,6 +305,7 @@ void Session::drain() {
 void Session::finish_close() {
   const auto self = shared_from_this();  // `closed` may drop the last reference
   timer_.cancel();
+  show_losses();
   if (metrics_) metrics_->on_ended();
   for (const auto& sink : std::exchange(sinks_, {})) sink->close();
   spdlog::info("{}: {}; next frame {}, {} drop records", name_, to_string(*end_),

@@ -131,6 +131,7 @@ class Session : public std::enable_shared_from_this<Session> {
   bool is_partly_taken() const;
   void show_job() const;
   void note_stats();
+  void show_losses() const;
   void note_failure(const std::optional<Error>& error);
   void on_waiter_gone();
   void settle();

@@ -35,6 +35,8 @@ class RobotMetrics {
   /// The sinks have taken it.
   void on_delivered(FramePtr frame, Time now = Clock::now());
   void on_dropped(std::span<const DropRecord> records, Time now = Clock::now());
+  /// Of those that the sinks have taken: given up since, for the readers of one of them.
+  void on_lost(std::uint64_t total) { lost_ = total; }
   /// A sink fails: nothing more is taken from the robot until on_resumed().
   void on_paused(std::string why) { pause_ = std::move(why); }
   void on_resumed() { pause_.clear(); }
@@ -54,6 +56,7 @@ class RobotMetrics {
   std::uint64_t frames() const { return frames_; }
   std::uint64_t bytes() const { return bytes_; }
   std::uint64_t drops() const { return drops_; }
+  std::uint64_t lost() const { return lost_; }
   /// Frames a second, of the last second or two.
   double frame_rate(Time now) const;
 
@@ -74,6 +77,7 @@ class RobotMetrics {
   std::uint64_t frames_ = 0;
   std::uint64_t bytes_ = 0;
   std::uint64_t drops_ = 0;
+  std::uint64_t lost_ = 0;
   std::optional<wire::Report> report_;
   Time report_time_{};
   FramePtr newest_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <optional>
 
@@ -40,6 +41,9 @@ class FrameSink {
   /// After an error: some of what was to be written is kept all the same, so the call has to be
   /// repeated until it is taken, or the session ends.
   virtual bool is_partly_taken() const { return false; }
+
+  /// Frames that it answered as taken and then gave up, for readers that must not hold the stream.
+  virtual std::uint64_t lost() const { return 0; }
 
   /// Stops waiting for a reader: a call that has not begun to write ends soon, with an
   /// error. What has begun goes on, at the pace of the disk or of the reader.

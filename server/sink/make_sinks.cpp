@@ -13,6 +13,9 @@
 #include "server/recording/session_files.hpp"
 #include "server/recording/session_names.hpp"
 #include "server/sink/record_sink.hpp"
+#ifdef ORBBUF_DDS
+#include "server/sink/dds/dds_sink.hpp"
+#endif
 #ifdef ORBBUF_ROS
 #include "server/sink/ros/ros_sink.hpp"
 #endif
@@ -93,13 +96,25 @@ std::vector<std::shared_ptr<FrameSink>> make_sinks(const SinkSettings& settings,
   }
   const SlamSettings& slam = settings.slam_for(info.robot_id);
   if (slam.is_on()) sinks.push_back(make_slam_sink(slam, info, opened.kept, main, pool));
+#ifdef ORBBUF_DDS
+  if (settings.dds_enabled) sinks.push_back(make_dds_sink(main, info, settings.dds_frame_id));
+#endif
 #ifdef ORBBUF_ROS
-  if (settings.ros_enabled) sinks.push_back(make_ros_sink(main, info));
+  if (settings.ros_enabled) sinks.push_back(make_ros_sink(main, info, settings.ros_frame_id));
 #endif
   return sinks;
 }
 
+void begin_sinks([[maybe_unused]] const SinkSettings& settings) {
+#ifdef ORBBUF_DDS
+  if (settings.dds_enabled) begin_dds();
+#endif
+}
+
 bool end_sinks([[maybe_unused]] const SinkSettings& settings) {
+#ifdef ORBBUF_DDS
+  end_dds();
+#endif
 #ifdef ORBBUF_ROS
   if (settings.ros_enabled) return end_ros();
 #endif

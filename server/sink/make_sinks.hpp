@@ -37,6 +37,9 @@ struct SinkSettings {
   SlamSettings slam;
   std::map<std::string, SlamSettings> slam_of;  ///< robot id -> its own, in place of `slam`
   bool ros_enabled = false;                     ///< requires ORBBUF_ROS
+  bool dds_enabled = false;                     ///< requires ORBBUF_DDS
+  std::string ros_frame_id = "{robot}";         ///< see ros_frame_id()
+  std::string dds_frame_id = "{robot}";         ///< the same
 
   /// Whether sessions are kept on disk.
   bool is_kept() const { return files_enabled || mcap_enabled; }
@@ -47,6 +50,10 @@ struct SinkSettings {
 
 /// For the start: throws std::runtime_error if the folder for files cannot be made or written to.
 void check_sinks(const SinkSettings& settings);
+
+/// What sinks share begins: DDS, if it is enabled. Throws std::runtime_error. Before the first
+/// make_sinks(); end_sinks() has to follow.
+void begin_sinks(const SinkSettings& settings);
 
 /// The syncs of those settings; null if there are none to do.
 std::unique_ptr<GroupCommit> make_group_commit(const SinkSettings& settings,
@@ -72,8 +79,8 @@ std::vector<std::shared_ptr<FrameSink>> make_sinks(const SinkSettings& settings,
                                                    boost::asio::thread_pool& pool,
                                                    GroupCommit* commit = nullptr);
 
-/// When serving is over and no sink is left: what they shared ends, within 1 s. False if it does
-/// not; it may then still run, so no destructor of the process's may.
+/// When serving is over and no sink is left: what they shared ends, in some seconds. False if it
+/// does not; it may then still run, so no destructor of the process's may.
 bool end_sinks(const SinkSettings& settings);
 
 }  // namespace orbbuf

@@ -34,8 +34,8 @@ class Listener {
     const std::string infos = base + "/camera_info";
     subscribers_.push_back(handle_.subscribe<sensor_msgs::CameraInfo>(
         infos, kQueued, [this, base, infos](const sensor_msgs::CameraInfoConstPtr& info) {
-          std::string text = std::to_string(info->width) + "x" + std::to_string(info->height) +
-                             " " + info->distortion_model;
+          std::string text = info->header.frame_id + " " + std::to_string(info->width) + "x" +
+                             std::to_string(info->height) + " " + info->distortion_model;
           for (const double value : {info->K[0], info->K[4], info->K[2], info->K[5], info->P[3]}) {
             text += " " + std::to_string(value);
           }

@@ -58,8 +58,9 @@ last_session() { find "$work/data/$1" -mindepth 1 -maxdepth 1 -printf '%T@ %p\n'
 # Without a master all goes on, and is said once.
 capture a 3 100
 capture b 4 100
-grep -c 'no master' "$work/server.log" | grep -qx 1 || fail 'the missing master is not said once'
+grep -c 'no master at' "$work/server.log" | grep -qx 1 || fail 'the missing master is not said once'
 [ "$(wc -l <"$(last_session b)/times.txt")" -eq 100 ] || fail 'a missing master has cost frames'
+until_line server 'b .*: ros: 100 frames of this session not published: the session is over'
 
 # Nor does one that takes connections and says nothing hold anybody.
 start master rosmaster --core -p "${ROS_MASTER_URI##*:}"
@@ -90,22 +91,22 @@ done
 capture mono-1 2 100
 capture_pairs 2 "$(last_session a)" "$(last_session b)"
 
-# equal BASE SESSION SIDE TX: every frame of the session was heard, and its calibration.
+# equal BASE SESSION SIDE TX FRAME_ID: every frame of the session was heard, and its calibration.
 equal() {
   local sequence time _
   while read -r sequence time _; do
     cmp -s "$work/heard$1/$time.jpg" "$2/$3/$(printf %06d "$sequence").jpg" || return 1
     [ "$(cat "$work/heard$1/$time.info" 2>/dev/null)" = \
-      "160x120 plumb_bob 100.000000 101.000000 80.000000 60.000000 $4" ] || return 1
+      "$5 160x120 plumb_bob 100.000000 101.000000 80.000000 60.000000 $4" ] || return 1
   done <"$2/times.txt"
 }
-for side in '/mono_1 mono-1 images 0.000000' '/ros_2/left 2 images 0.000000' \
-  '/ros_2/right 2 images_right -10.000000'; do
-  read -r base robot folder tx <<<"$side"
+for side in '/mono_1 mono-1 images 0.000000 mono_1' '/ros_2/left 2 images 0.000000 ros_2' \
+  '/ros_2/right 2 images_right -10.000000 ros_2'; do
+  read -r base robot folder tx frame_id <<<"$side"
   session=$(last_session "$robot")
   [ "$(wc -l <"$session/times.txt")" -eq 100 ] || fail "$robot: not 100 frames"
   SECONDS=0
-  until equal "$base" "$session" "$folder" "$tx"; do
+  until equal "$base" "$session" "$folder" "$tx" "$frame_id"; do
     [ $SECONDS -lt 10 ] || fail "$base: what was heard is not what is in $folder"
     sleep 0.2
   done

@@ -52,7 +52,9 @@ TEST(Settings, EveryKeyIsRead) {
                              "mcap.enabled=true",
                              "slam.fifo=/run/{robot}",
                              "slam.format=mjpeg",
-                             "slam.restart=never"});
+                             "slam.restart=never",
+                             "ros.frame_id=camera",
+                             "dds.frame_id={robot}/camera"});
   Settings expected;
   expected.log_level = "debug";
   expected.listen = {{"::1", 80},
@@ -75,7 +77,11 @@ TEST(Settings, EveryKeyIsRead) {
                     FilesSync::kOff,
                     true,
                     {"", "/run/{robot}", PipeFormat::kMjpeg, Restart::kNever, Resume::kLive},
-                    {}};
+                    {},
+                    false,
+                    false,
+                    "camera",
+                    "{robot}/camera"};
   expected.quota = {2ULL * 1024 * 1024 * 1024, std::chrono::hours(720)};
   EXPECT_EQ(got, expected);
 }
@@ -102,6 +108,14 @@ TEST(Settings, ABridgeToRosHasToBeBuilt) {
   EXPECT_TRUE(load({"ros.enabled=true"}).sinks.ros_enabled);
 #else
   EXPECT_THROW(load({"ros.enabled=true"}), ConfigError);
+#endif
+}
+
+TEST(Settings, TopicsOfDdsHaveToBeBuilt) {
+#ifdef ORBBUF_DDS
+  EXPECT_TRUE(load({"dds.enabled=true", "files.enabled=false"}).sinks.dds_enabled);
+#else
+  EXPECT_THROW(load({"dds.enabled=true"}), ConfigError);
 #endif
 }
 

@@ -58,12 +58,11 @@ void RosNode::close() {
   if (std::exchange(is_initialised_, false)) ros::shutdown();
 }
 
-void RosNode::publish(const std::string& base, std::int64_t time_ns, const std::uint8_t* jpeg,
-                      std::size_t bytes, const CameraInfo* camera) {
-  if (!is_connected()) return;
+void RosNode::publish(const std::string& base, const std::string& frame_id, std::int64_t time_ns,
+                      const std::uint8_t* jpeg, std::size_t bytes, const CameraInfo* camera) {
   sensor_msgs::CompressedImage image;
   image.header.stamp = stamp_of(time_ns);
-  image.header.frame_id = base.substr(1);
+  image.header.frame_id = frame_id;
   image.format = "jpeg";
   image.data.assign(jpeg, jpeg + bytes);
   topics_->publish(base, image);
@@ -80,7 +79,7 @@ void RosNode::publish(const std::string& base, std::int64_t time_ns, const std::
   topics_->publish(base, info);
 }
 
-/// Whether there has been a master. Until then nothing of roscpp is called that would wait for one.
+/// Without a master nothing of roscpp is called that would wait for one.
 bool RosNode::is_connected() {
   if (topics_) return true;
   const std::int64_t now_ns =

@@ -22,16 +22,17 @@ class RosNode {
   /// Topics and queues end. May wait for the master, without limit if that has stopped.
   void close();
 
-  /// An image to BASE/image_raw/compressed and, unless `camera` is null, BASE/camera_info. Nothing
-  /// happens while there is no master, which is looked for at most once a second. May block: for
+  /// Whether there has been a master, which is looked for at most once a second. May block: for
   /// minutes if the master's host does not answer, without limit if the master has stopped.
-  void publish(const std::string& base, std::int64_t time_ns, const std::uint8_t* jpeg,
-               std::size_t bytes, const CameraInfo* camera);
+  bool is_connected();
+
+  /// An image to BASE/image_raw/compressed and, unless `camera` is null, BASE/camera_info. Requires
+  /// is_connected(). May block as that does.
+  void publish(const std::string& base, const std::string& frame_id, std::int64_t time_ns,
+               const std::uint8_t* jpeg, std::size_t bytes, const CameraInfo* camera);
 
  private:
   class Topics;
-
-  bool is_connected();
 
   std::unique_ptr<Topics> topics_;  // once there has been a master
   bool is_initialised_ = false;

@@ -3,20 +3,22 @@
 
 #include <spdlog/spdlog.h>
 
-#include <algorithm>
 #include <atomic>
 #include <boost/asio/post.hpp>
 #include <boost/asio/thread_pool.hpp>
-#include <cctype>
 #include <chrono>
 #include <cstddef>
 #include <future>
 #include <optional>
+#include <string>
+#include <string_view>
 #include <utility>
 
 #include "common/log.hpp"
 #include "server/calibration/camera_info.hpp"
+#include "server/sink/losses.hpp"
 #include "server/sink/ros/ros_node.hpp"
+#include "server/sink/ros_name.hpp"
 
 namespace orbbuf {
 namespace {
@@ -25,15 +27,6 @@ namespace asio = boost::asio;
 
 constexpr std::size_t kMostWaitingBytes = std::size_t{64} << 20U;
 constexpr std::chrono::seconds kFarewell{1};
-
-/// A robot's id as the first part of a topic's name.
-std::string topic_of(const std::string& robot_id) {
-  const bool is_letter_first = std::isalpha(static_cast<unsigned char>(robot_id.front())) != 0;
-  std::string name = is_letter_first ? robot_id : "ros_" + robot_id;
-  std::ranges::replace_if(
-      name, [](unsigned char c) { return std::isalnum(c) == 0; }, '_');
-  return "/" + name;
-}
 
 /// The node and the thread it lives on.
 struct Ros {
@@ -54,8 +47,8 @@ Ros& the_ros() {
 
 class RosSink final : public FrameSink {
  public:
-  RosSink(asio::io_context& main, const SessionInfo& info)
-      : main_(main), source_(std::make_shared<Source>(info)) {}
+  RosSink(asio::io_context& main, const SessionInfo& info, std::string_view frame_id)
+      : main_(main), source_(std::make_shared<Source>(info, frame_id)) {}
 
   void async_write(FramePtr frame, Done done) override {
     Ros& ros = the_ros();
@@ -66,6 +59,8 @@ class RosSink final : public FrameSink {
         publish(ros.node, *source, *frame);
         ros.waiting_bytes -= bytes;
       });
+    } else {
+      source_->losses.add("64 MiB of frames wait for the master");
     }
     asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
   }
@@ -74,21 +69,33 @@ class RosSink final : public FrameSink {
     asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
   }
 
+  std::uint64_t lost() const override { return source_->losses.count(); }
+
  private:
   struct Source {
-    explicit Source(const SessionInfo& info)
-        : topic(topic_of(info.robot_id)),
-          cameras(calibrated_cameras(
-              info.calibration, fmt::format("{} {}: published", info.robot_id, info.session_id))) {}
+    Source(const SessionInfo& info, std::string_view frame_pattern)
+        : session(info.robot_id + " " + info.session_id),
+          topic("/" + ros_name(info.robot_id)),
+          frame_id(ros_frame_id(frame_pattern, ros_name(info.robot_id))),
+          cameras(calibrated_cameras(info.calibration, session + ": published")),
+          losses(session + ": ros") {}
 
+    const std::string session;
     const std::string topic;
+    const std::string frame_id;
     const CalibratedCameras cameras;
+    bool is_stereo = false;  // `ros` only
+    Losses losses;
   };
 
-  static void publish(RosNode& node, const Source& source, const EncodedFrame& frame) {
+  static void publish(RosNode& node, Source& source, const EncodedFrame& frame) {
+    if (!node.is_connected()) return source.losses.add("no master");
+    if (frame.is_stereo() && !std::exchange(source.is_stereo, true)) {
+      warn_without_baseline(source.cameras, source.session);
+    }
     const auto image = [&](const std::string& base, std::span<const std::uint8_t> jpeg,
                            const std::optional<CameraInfo>& camera) {
-      node.publish(base, frame.capture_time_ns, jpeg.data(), jpeg.size(),
+      node.publish(base, source.frame_id, frame.capture_time_ns, jpeg.data(), jpeg.size(),
                    camera ? &*camera : nullptr);
     };
     const auto& cameras = source.cameras;
@@ -97,13 +104,14 @@ class RosSink final : public FrameSink {
   }
 
   asio::io_context& main_;
-  const std::shared_ptr<const Source> source_;  // shared with what waits on `ros`
+  const std::shared_ptr<Source> source_;  // shared with what waits on `ros`
 };
 
 }  // namespace
 
-std::shared_ptr<FrameSink> make_ros_sink(asio::io_context& main, const SessionInfo& info) {
-  return std::make_shared<RosSink>(main, info);
+std::shared_ptr<FrameSink> make_ros_sink(asio::io_context& main, const SessionInfo& info,
+                                         std::string_view frame_id) {
+  return std::make_shared<RosSink>(main, info, frame_id);
 }
 
 bool end_ros() {

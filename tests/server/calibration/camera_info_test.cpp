@@ -7,9 +7,12 @@
 #include <string>
 #include <vector>
 
+#include "testing/captured_log.hpp"
+
 namespace orbbuf {
 namespace {
 
+using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::StartsWith;
 
@@ -43,6 +46,16 @@ TEST(CameraInfo, TheRightCameraIsTheLeftOneMovedByTheBaseline) {
   const auto stereo = calibrated_cameras(camera_txt("Pinhole 100 101 80 60 0"));
   EXPECT_EQ(stereo.left->p, (std::array<double, 12>{100, 0, 80, 0, 0, 101, 60, 0, 0, 0, 1, 0}));
   EXPECT_EQ(stereo.right->p, (std::array<double, 12>{100, 0, 80, -50, 0, 101, 60, 0, 0, 0, 1, 0}));
+}
+
+TEST(CameraInfo, AStereoCameraWithoutABaselineIsLogged) {
+  const test::CapturedLog log;
+  warn_without_baseline(calibrated_cameras(camera_txt("Pinhole 100 101 80 60 0")), "r s");
+  warn_without_baseline(calibrated_cameras(camera_txt("FOV 100 101 80 60 0.9", "")), "r s");
+  warn_without_baseline(calibrated_cameras(""), "r s");
+  EXPECT_TRUE(log.lines().empty());
+  warn_without_baseline(calibrated_cameras(camera_txt("Pinhole 100 101 80 60 0", "")), "r s");
+  EXPECT_THAT(log.lines(), ElementsAre(HasSubstr("r s: no camera_info of the right camera")));
 }
 
 TEST(CameraInfo, NothingIsMadeUp) {

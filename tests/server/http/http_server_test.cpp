@@ -128,6 +128,7 @@ TEST_F(HttpServerTest, MetricsAreTheSameStats) {
   for (const char* line :
        {"orbbuf_session_info{robot=\"r\",session=\"s\"} 1", "orbbuf_robot_connected{robot=\"r\"} 1",
         "orbbuf_frames_total{robot=\"r\"} 2", "orbbuf_drop_records_total{robot=\"r\"} 1",
+        "orbbuf_unpublished_frames_total{robot=\"r\"} 0",
         "orbbuf_robot_captured_total{robot=\"r\"} 3", "orbbuf_robot_dropped_total{robot=\"r\"} 1",
         "orbbuf_robot_buffer_capacity_frames{robot=\"r\"} 25",
         "orbbuf_robot_round_trip_seconds{robot=\"r\"} 0.04"}) {

@@ -24,6 +24,7 @@ class FakeSink : public FrameSink {
     done_ = std::move(done);
   }
   void note_stats(const wire::Stats& stats) override { notes.push_back(stats.captured); }
+  std::uint64_t lost() const override { return lost_frames; }
   void cancel() override { is_cancelled = true; }
   void async_drain(const SessionClosing& last, std::function<void()> drained) override {
     closing = last;
@@ -56,6 +57,7 @@ class FakeSink : public FrameSink {
   std::vector<Sequence> frames;
   std::vector<Sequence> drops;
   std::vector<std::uint64_t> notes;
+  std::uint64_t lost_frames = 0;
   bool is_cancelled = false;
   bool is_closed = false;
   bool is_draining = false;
@@ -110,6 +112,22 @@ class SessionTest : public test::EventLoop {
 TEST_F(SessionTest, BeginsWhereTheSinkThatRemembersStands) {
   make({std::make_shared<FakeSink>(wire::Position{12, 3}), sink_});
   EXPECT_EQ(peer_->welcome, (wire::Position{12, 3}));
+}
+
+TEST_F(SessionTest, LostFramesOfAllSinksAreShown) {
+  const auto second = std::make_shared<FakeSink>();
+  make({sink_, second});
+  const auto metrics = std::make_shared<RobotMetrics>(session_->info());
+  session_->show(metrics);
+  sink_->lost_frames = 2;
+  second->lost_frames = 3;
+  write(0);
+  sink_->answer();
+  second->answer();
+  EXPECT_EQ(metrics->lost(), 5U);
+  second->lost_frames = 4;
+  session_->close(SessionEnd::kBye);
+  EXPECT_EQ(metrics->lost(), 6U);
 }
 
 TEST_F(SessionTest, AFrameIsTakenWhenAllSinksHaveIt) {

@@ -1,0 +1,179 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sink/dds/dds_camera.hpp"
+
+#include <dds/dds.h>
+#include <ros_messages.h>  // made of ros_messages.idl by idlc
+#include <spdlog/fmt/fmt.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cstdlib>
+#include <memory>
+#include <stdexcept>
+#include <string_view>
+#include <utility>
+
+namespace orbbuf {
+namespace {
+
+using Qos = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
+
+constexpr dds_duration_t kLongestWrite = DDS_MSECS(100);
+constexpr int kRetries = 9;  // up to 1 s
+constexpr std::int64_t kNsPerSecond = 1'000'000'000;
+
+dds_domainid_t domain_id() {
+  const char* text = std::getenv("ROS_DOMAIN_ID");
+  if (text == nullptr || *text == '\0') return 0;
+  constexpr dds_domainid_t kMost = 232;  // beyond, its ports are above 65535
+  const std::string_view digits(text);
+  dds_domainid_t id = 0;
+  const auto [end, failed] = std::from_chars(digits.begin(), digits.end(), id);
+  if (failed != std::errc() || end != digits.end() || id > kMost) {
+    throw std::runtime_error(
+        fmt::format("dds: ROS_DOMAIN_ID is \"{}\"; set a number from 0 to {}", text, kMost));
+  }
+  return id;
+}
+
+dds_entity_t require(dds_entity_t entity, std::string_view attempt) {
+  if (entity >= 0) return entity;
+  throw std::runtime_error(fmt::format("dds: cannot {}: {}", attempt, dds_strretcode(-entity)));
+}
+
+/// What ROS 2's default readers ask for: with XCDR1, whatever Cyclone would choose. KEEP_ALL, which
+/// readers of any history match: with KEEP_LAST Cyclone overwrites without an error what a slow
+/// reader lacks.
+Qos topic_qos() {
+  Qos qos(dds_create_qos(), &dds_delete_qos);
+  const dds_data_representation_id_t xcdr1 = DDS_DATA_REPRESENTATION_XCDR1;
+  dds_qset_data_representation(qos.get(), 1, &xcdr1);
+  dds_qset_reliability(qos.get(), DDS_RELIABILITY_RELIABLE, kLongestWrite);
+  dds_qset_history(qos.get(), DDS_HISTORY_KEEP_ALL, 0);
+  return qos;
+}
+
+dds_entity_t make_writer(const DdsParticipant& participant, dds_entity_t publisher,
+                         const dds_topic_descriptor_t& type, const std::string& name,
+                         bool is_latched) {
+  const Qos qos = topic_qos();
+  if (is_latched) {
+    dds_qset_durability(qos.get(), DDS_DURABILITY_TRANSIENT_LOCAL);
+    dds_qset_durability_service(qos.get(), 0, DDS_HISTORY_KEEP_LAST, 1, DDS_LENGTH_UNLIMITED,
+                                DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED);
+  }
+  const dds_entity_t topic =
+      require(dds_create_topic(participant.entity(), &type, name.c_str(), nullptr, nullptr),
+              "make the topic " + name);
+  dds_qset_writer_data_lifecycle(qos.get(), false);
+  const dds_entity_t writer = dds_create_writer(publisher, topic, qos.get(), nullptr);
+  dds_delete(topic);  // the writer keeps it
+  return require(writer, "write to the topic " + name);
+}
+
+/// Nothing of a message is changed by writing it; C has no const sequences.
+dds_sequence_octet bytes_of(std::span<const std::uint8_t> data) {
+  const auto size = static_cast<std::uint32_t>(data.size());
+  return {size, size, const_cast<std::uint8_t*>(data.data()), false};
+}
+
+/// ROS 2 counts seconds from 1970 on in 31 bits.
+std_msgs_msg_dds__Header_ header_of(std::int64_t time_ns, const std::string& frame_id) {
+  constexpr std::int64_t kLatest = 0x7FFF'FFFFLL * kNsPerSecond;
+  const std::int64_t time = std::clamp<std::int64_t>(time_ns, 0, kLatest);
+  return {{static_cast<std::int32_t>(time / kNsPerSecond),
+           static_cast<std::uint32_t>(time % kNsPerSecond)},
+          const_cast<char*>(frame_id.c_str())};
+}
+
+sensor_msgs_msg_dds__CameraInfo_ message_of(const CameraInfo& camera,
+                                            const std_msgs_msg_dds__Header_& header) {
+  sensor_msgs_msg_dds__CameraInfo_ info{};
+  info.header = header;
+  info.height = camera.height_px;
+  info.width = camera.width_px;
+  info.distortion_model = const_cast<char*>(camera.distortion_model.c_str());
+  const auto size = static_cast<std::uint32_t>(camera.distortion.size());
+  info.d = {size, size, const_cast<double*>(camera.distortion.data()), false};
+  std::ranges::copy(camera.k, info.k);
+  info.r[0] = info.r[4] = info.r[8] = 1;
+  std::ranges::copy(camera.p, info.p);
+  return info;
+}
+
+}  // namespace
+
+DdsParticipant::DdsParticipant()
+    : entity_(require(dds_create_participant(domain_id(), nullptr, nullptr),
+                      "join the domain (see CYCLONEDDS_URI and the network interfaces)")) {}
+
+DdsParticipant::~DdsParticipant() { dds_delete(entity_); }
+
+DdsCamera::DdsCamera(const DdsParticipant& participant, const std::string& base,
+                     std::string frame_id)
+    : frame_id_(std::move(frame_id)),
+      publisher_(require(dds_create_publisher(participant.entity(), nullptr, nullptr),
+                         "make a publisher")) {
+  const auto writer = [&](const dds_topic_descriptor_t& type, std::string_view name,
+                          bool is_latched) {
+    return Writer{
+        make_writer(participant, publisher_, type, fmt::format("rt/{}/{}", base, name), is_latched),
+        kRetries};
+  };
+  try {
+    compressed_ = writer(sensor_msgs_msg_dds__CompressedImage__desc, "image_raw/compressed", false);
+    raw_ = writer(sensor_msgs_msg_dds__Image__desc, "image_raw", false);
+    info_ = writer(sensor_msgs_msg_dds__CameraInfo__desc, "camera_info", true);
+  } catch (...) {
+    dds_delete(publisher_);
+    throw;
+  }
+}
+
+DdsCamera::~DdsCamera() { dds_delete(publisher_); }
+
+std::optional<Error> DdsCamera::write(Writer& writer, const void* message) {
+  dds_return_t status = dds_write(writer.entity, message);
+  while (status == DDS_RETCODE_TIMEOUT && writer.retries > 0) {
+    --writer.retries;
+    status = dds_write(writer.entity, message);
+  }
+  if (status == DDS_RETCODE_TIMEOUT) return Error{"a reader is slow or does not answer"};
+  if (status != DDS_RETCODE_OK) return Error{dds_strretcode(-status)};
+  writer.retries = kRetries;
+  return std::nullopt;
+}
+
+std::optional<Error> DdsCamera::publish(std::int64_t time_ns, std::span<const std::uint8_t> jpeg,
+                                        const CameraInfo* camera) {
+  sensor_msgs_msg_dds__CompressedImage_ image{};
+  image.header = header_of(time_ns, frame_id_);
+  std::string format = "jpeg";
+  image.format = format.data();
+  image.data = bytes_of(jpeg);
+  if (camera != nullptr) {
+    const auto info = message_of(*camera, image.header);
+    if (auto error = write(info_, &info)) return error;
+  }
+  return write(compressed_, &image);
+}
+
+std::optional<Error> DdsCamera::publish_raw(std::int64_t time_ns, const GrayImage& gray) {
+  sensor_msgs_msg_dds__Image_ image{};
+  image.header = header_of(time_ns, frame_id_);
+  image.height = static_cast<std::uint32_t>(gray.height_px);
+  image.width = static_cast<std::uint32_t>(gray.width_px);
+  std::string encoding = "mono8";
+  image.encoding = encoding.data();
+  image.step = image.width;
+  image.data = bytes_of(gray.pixels);
+  return write(raw_, &image);
+}
+
+bool DdsCamera::has_raw_reader() const {
+  dds_publication_matched_status_t matched{};
+  return dds_get_publication_matched_status(raw_.entity, &matched) == DDS_RETCODE_OK &&
+         matched.current_count > 0;
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+
+#include "common/error.hpp"
+#include "common/jpeg.hpp"
+#include "server/calibration/camera_info.hpp"
+
+namespace orbbuf {
+
+/// This process as other DDS programs see it. Cyclone DDS runs threads of its own.
+class DdsParticipant {
+ public:
+  /// In the domain $ROS_DOMAIN_ID (without it 0); $CYCLONEDDS_URI configures Cyclone DDS. Throws
+  /// std::runtime_error if there is no network interface, or one of these is wrong.
+  DdsParticipant();
+  /// Waits up to 1 s (Cyclone's LingerDuration) for readers that lack messages.
+  ~DdsParticipant();
+  DdsParticipant(const DdsParticipant&) = delete;
+  DdsParticipant& operator=(const DdsParticipant&) = delete;
+
+  int entity() const { return entity_; }
+
+ private:
+  int entity_;
+};
+
+/// The ROS 2 topics of one camera:
+///
+///   BASE/image_raw/compressed  sensor_msgs/msg/CompressedImage
+///   BASE/image_raw             sensor_msgs/msg/Image, mono8
+///   BASE/camera_info           sensor_msgs/msg/CameraInfo, latched: a reader that asks for
+///                              durability `transient local` gets the last one, too
+///
+/// All are reliable. A reader that is slow holds up to about 500 kB (Cyclone's WhcHigh); a call
+/// then waits for it, up to 1 s, and is refused; the calls after that wait up to 100 ms, until one
+/// succeeds. Such a reader delays the others as well, until it reads or its lease is over.
+/// Thread-bound: one object per thread; it must not outlive the participant.
+class DdsCamera {
+ public:
+  /// base: as ROS 2 writes it, without a first slash: `turtlebot1/left`. Throws std::runtime_error.
+  DdsCamera(const DdsParticipant& participant, const std::string& base, std::string frame_id);
+  ~DdsCamera();
+  DdsCamera(const DdsCamera&) = delete;
+  DdsCamera& operator=(const DdsCamera&) = delete;
+
+  /// An image and, unless `camera` is null, its camera_info with the same stamp. After an error
+  /// readers may have one of the two.
+  std::optional<Error> publish(std::int64_t time_ns, std::span<const std::uint8_t> jpeg,
+                               const CameraInfo* camera);
+  std::optional<Error> publish_raw(std::int64_t time_ns, const GrayImage& image);
+  bool has_raw_reader() const;
+
+ private:
+  struct Writer {
+    int entity = 0;
+    int retries = 0;  // left, since the last success
+  };
+
+  static std::optional<Error> write(Writer& writer, const void* message);
+
+  const std::string frame_id_;
+  int publisher_;  // owns the writers
+  Writer compressed_;
+  Writer raw_;
+  Writer info_;
+};
+
+}  // namespace orbbuf

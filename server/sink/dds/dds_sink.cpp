@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sink/dds/dds_sink.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <atomic>
+#include <boost/asio/post.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <chrono>
+#include <cstddef>
+#include <exception>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <thread>
+#include <utility>
+
+#include "common/jpeg.hpp"
+#include "common/log.hpp"
+#include "server/calibration/camera_info.hpp"
+#include "server/sink/dds/dds_camera.hpp"
+#include "server/sink/losses.hpp"
+#include "server/sink/ros_name.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace asio = boost::asio;
+using Clock = std::chrono::steady_clock;
+
+constexpr std::size_t kMostQueuedBytes = std::size_t{64} << 20U;
+constexpr std::chrono::seconds kDiscovery{1};
+constexpr std::chrono::seconds kLastSecond{1};
+
+/// What all sinks share.
+struct Dds {
+  Dds() {
+    asio::post(thread, [] { name_this_thread("dds"); });
+  }
+  bool is_over() const { return Clock::now() > end.load(); }
+
+  const DdsParticipant participant;
+  const Clock::time_point begin = Clock::now() + kDiscovery;
+  std::atomic<Clock::time_point> end{Clock::time_point::max()};
+  std::atomic<std::size_t> waiting_bytes{0};  // of the frames that `dds` has not come to
+  JpegCodec codec;                            // `dds` only
+  asio::thread_pool thread{1};                // last: its work uses the others
+};
+
+std::unique_ptr<Dds>& the_dds() {
+  static std::unique_ptr<Dds> dds;
+  return dds;
+}
+
+/// A session's topics. On `dds` only, but for `losses`.
+class Topics {
+ public:
+  Topics(const SessionInfo& info, std::string_view frame_id)
+      : losses(fmt::format("{} {}: dds", info.robot_id, info.session_id)),
+        session_(info.robot_id + " " + info.session_id),
+        name_(ros_name(info.robot_id)),
+        frame_id_(ros_frame_id(frame_id, name_)),
+        cameras_(calibrated_cameras(info.calibration, session_ + ": published")) {
+    if (name_ != info.robot_id) {
+      spdlog::info("{}: ROS 2 allows letters, digits and _ in a topic's name: publishing on /{}",
+                   info.robot_id, name_);
+    }
+  }
+
+  void open(bool is_stereo) {
+    if (left_ && is_stereo == (right_ != nullptr)) return;
+    const DdsParticipant& participant = the_dds()->participant;
+    right_.reset();
+    left_.reset();
+    left_ =
+        std::make_unique<DdsCamera>(participant, is_stereo ? name_ + "/left" : name_, frame_id_);
+    if (is_stereo) right_ = std::make_unique<DdsCamera>(participant, name_ + "/right", frame_id_);
+    if (is_stereo) warn_without_baseline(cameras_, session_);
+  }
+  void open() { open(cameras_.right.has_value()); }
+
+  std::optional<Error> publish(const EncodedFrame& frame) {
+    open(frame.is_stereo());
+    const auto time_ns = frame.capture_time_ns;
+    auto error = publish(*left_, time_ns, frame.left(), cameras_.left);
+    if (!error && right_) error = publish(*right_, time_ns, frame.right(), cameras_.right);
+    return error;
+  }
+
+  Losses losses;
+
+ private:
+  static std::optional<Error> publish(DdsCamera& camera, std::int64_t time_ns,
+                                      std::span<const std::uint8_t> jpeg,
+                                      const std::optional<CameraInfo>& info) {
+    if (auto error = camera.publish(time_ns, jpeg, info ? &*info : nullptr)) return error;
+    if (!camera.has_raw_reader()) return std::nullopt;
+    const auto image = the_dds()->codec.decode_gray(jpeg, 1);
+    if (!image) return image.error();
+    return camera.publish_raw(time_ns, image.value());
+  }
+
+  const std::string session_;
+  const std::string name_;
+  const std::string frame_id_;
+  const CalibratedCameras cameras_;
+  std::unique_ptr<DdsCamera> left_;   // or the only one
+  std::unique_ptr<DdsCamera> right_;  // null: not stereo
+};
+
+/// On `dds`. DDS's errors are reasons of losses, whatever they are.
+void publish(Topics& topics, const EncodedFrame& frame) {
+  std::this_thread::sleep_until(the_dds()->begin);
+  if (the_dds()->is_over()) return topics.losses.add("the server stops");
+  try {
+    if (const auto error = topics.publish(frame)) topics.losses.add(error->text);
+  } catch (const std::exception& error) {
+    topics.losses.add(error.what());
+  }
+}
+
+class DdsSink final : public FrameSink {
+ public:
+  DdsSink(asio::io_context& main, const SessionInfo& info, std::string_view frame_id)
+      : main_(main), topics_(std::make_shared<Topics>(info, frame_id)) {
+    asio::post(the_dds()->thread, [topics = topics_] {
+      try {
+        topics->open();
+      } catch (const std::exception&) {  // the first frame tries again, and says why
+      }
+    });
+  }
+  ~DdsSink() override {
+    asio::post(the_dds()->thread, [topics = std::move(topics_)] {});  // they end there
+  }
+  DdsSink(const DdsSink&) = delete;
+  DdsSink& operator=(const DdsSink&) = delete;
+
+  void async_write(FramePtr frame, Done done) override {
+    Dds& dds = *the_dds();
+    const std::size_t bytes = frame->jpeg.size();
+    if (dds.waiting_bytes + bytes <= kMostQueuedBytes) {
+      dds.waiting_bytes += bytes;
+      asio::post(dds.thread, [&dds, bytes, topics = topics_, frame = std::move(frame)] {
+        publish(*topics, *frame);
+        dds.waiting_bytes -= bytes;
+      });
+    } else {
+      topics_->losses.add("64 MiB of frames wait for DDS");
+    }
+    asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
+  }
+
+  void async_write_drops(wire::Dropped /*dropped*/, Done done) override {
+    asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
+  }
+
+  std::uint64_t lost() const override { return topics_->losses.count(); }
+
+ private:
+  asio::io_context& main_;
+  std::shared_ptr<Topics> topics_;  // shared with what waits on `dds`
+};
+
+}  // namespace
+
+void begin_dds() { the_dds() = std::make_unique<Dds>(); }
+
+std::shared_ptr<FrameSink> make_dds_sink(asio::io_context& main, const SessionInfo& info,
+                                         std::string_view frame_id) {
+  return std::make_shared<DdsSink>(main, info, frame_id);
+}
+
+void end_dds() {
+  if (!the_dds()) return;
+  the_dds()->end = Clock::now() + kLastSecond;
+  the_dds()->thread.join();
+  the_dds().reset();
+}
+
+}  // namespace orbbuf

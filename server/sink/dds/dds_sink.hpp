@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <memory>
+#include <string_view>
+
+#include "server/recording/session_info.hpp"
+#include "server/sink/frame_sink.hpp"
+
+namespace orbbuf {
+
+/// Makes this process known to DDS, so that its readers are known before the first session. Throws
+/// std::runtime_error. Once, before the first make_dds_sink().
+void begin_dds();
+
+/// A sink that publishes a session's frames by DDS as ROS 2 does, under their capture times, to the
+/// topics of DdsCamera: /ROBOT/..., or /ROBOT/left/... and /ROBOT/right/... of stereo frames, with
+/// the name that ros_name() makes of the robot's id. `frame_id`, as ros_frame_id() takes it, is of
+/// all messages.
+/// The topics exist from the session's begin to its end. A calibration with a baseline tells that
+/// it is stereo; without one the first frame does, and the topics may change with it.
+///
+/// It never pauses the stream: it answers each frame at once. One thread, `dds`, of all the
+/// sinks publishes, and decodes images for readers of raw ones. Up to 64 MiB of all sessions wait
+/// for it. A frame that finds them full, or that DDS refuses, is given up: counted in lost(), and
+/// logged at most every 10 s. Without readers nothing waits and nothing is lost. For a second after
+/// begin_dds() frames wait, so that readers can find this process. Drop records are not published.
+std::shared_ptr<FrameSink> make_dds_sink(boost::asio::io_context& main, const SessionInfo& info,
+                                         std::string_view frame_id);
+
+/// Publishes what waits, for at most 1 s, counts the rest as lost, and leaves DDS: with a reader
+/// that does not answer, some seconds later. On `main`, when no sink is left. Harmless without
+/// begin_dds().
+void end_dds();
+
+}  // namespace orbbuf

@@ -1,0 +1,183 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# What orbbuf-server publishes by DDS, as readers of Cyclone DDS and of Fast DDS receive it, in a network namespace of
+# its own (which takes root, or a kernel that lets users make them): run.sh BUILD.
+set -euo pipefail
+if [ -z "${ORBBUF_OWN_NAMESPACE-}" ]; then
+  ORBBUF_OWN_NAMESPACE=1 exec unshare --net --map-root-user "$0" "$@"
+fi
+build=$(cd "$1" && pwd)
+work=$(mktemp -d)
+pids=()
+cleanup() {
+  for pid in "${pids[@]}"; do kill -TERM "$pid" || true; kill -CONT "$pid" || true; done 2>/dev/null
+  wait
+  rm -rf "$work"
+}
+trap cleanup EXIT
+fail() { echo "dds: $*" >&2 && tail -n 20 "$work"/*.log >&2 && exit 1; }
+
+# DDS finds its peers by multicast on v0; the robot's link is on lo, which can be cut.
+ip link set lo up
+ip link add v0 type veth peer name v1
+ip address add 10.99.0.1/24 dev v0
+ip link set v0 up
+ip link set v1 up
+nft add table inet link
+nft add chain inet link input '{ type filter hook input priority 0; }'
+export ROS_DOMAIN_ID=0
+
+start() { # NAME COMMAND...
+  "${@:2}" >"$work/$1.log" 2>&1 &
+  pids+=("$!")
+}
+until_true() { # WHAT COMMAND...
+  SECONDS=0
+  until "${@:2}"; do
+    [ $SECONDS -lt 60 ] || fail "not within a minute: $1"
+    sleep 0.05
+  done
+}
+says() { grep -sq -- "$2" "$work/$1.log"; } # NAME TEXT
+
+serve() { # NAME ADDRESS
+  start "$1" "$build/server/orbbuf-server" --set "listen.address=$2" --set "files.path=$work/data" \
+    --set dds.enabled=true --set http.address=127.0.0.1:8080
+  server=${pids[-1]}
+  until_true "$1 listens" says "$1" 'listening on'
+  address=$(sed -n 's/.*listening on //p' "$work/$1.log" | head -n 1)
+}
+end_server() {
+  kill -TERM "$server"
+  wait "$server" || fail "the server ended with $?"
+}
+camera='camera.calibration="RadTan 100 101 80 60 -0.1 0.01 0.001 -0.001\n160 120\nnone\n160 120\n0.1\n"'
+robot=("$build/daemon/orbbufd" --set buffer.policy=drop-oldest --set buffer.capacity=1000)
+capture() { # ID SEED FRAMES RATE [SETTING]
+  start "robot-$1" "${robot[@]}" --set "robot.id=$1" --set "link.server=$address" --set source.kind=generated \
+    --set source.width=160 --set source.height=120 --set "source.fps=$4" --set "source.seed=$2" \
+    --set "source.frames=$3" ${5+--set "$5"}
+}
+session_of() { find "$work/data/$1" -mindepth 1 -maxdepth 1 -printf '%T@ %p\n' | sort -n | tail -n 1 | cut -d' ' -f2; }
+has_frames() { [ "$(cat "$work/data/$1"/*/times.txt 2>/dev/null | wc -l)" -ge "$2" ]; } # ROBOT COUNT
+
+# received READER BASE SESSION FOLDER: how many of the session's frames it has, byte for byte.
+received() {
+  local sequence time _ count=0
+  while read -r sequence time _; do
+    ! cmp -s "$work/$1/$2/$time.jpg" "$3/$4/$(printf %06d "$sequence").jpg" || count=$((count + 1))
+  done <"$3/times.txt"
+  echo "$count"
+}
+received_all() { [ "$(received "$@")" -eq "$(wc -l <"$3/times.txt")" ]; }
+received_some() { local time; read -r _ time _ <"$3/times.txt" && [ -e "$work/$1/$2/$time.jpg" ]; } # READER BASE SESSION
+# has_all SESSION COUNT: it has each frame, but for those that a busy machine's robot skipped, at most a tenth.
+has_all() {
+  local frames drops=0
+  frames=$(wc -l <"$1/times.txt")
+  [ ! -e "$1/drops.csv" ] || drops=$(tail -n +2 "$1/drops.csv" | wc -l)
+  [ $((frames + drops)) -eq "$2" ] && [ "$frames" -ge $(($2 * 9 / 10)) ]
+}
+metrics() {
+  exec 3<>/dev/tcp/127.0.0.1/8080
+  printf 'GET /metrics HTTP/1.1\r\nHost: 127.0.0.1:8080\r\nConnection: close\r\n\r\n' >&3
+  cat <&3
+  exec 3>&-
+}
+has_another() { [ "$(session_of "$1")" != "$2" ]; } # ROBOT SESSION
+
+readers=(cyclone-reliable cyclone-best-effort fast-reliable fast-best-effort)
+read_with() { # NAME PROGRAM MODE BASE...
+  start "$1" "$build/tests/$2" "$work/$1" "${@:3}"
+  until_true "$1 is ready" says "$1" ready
+}
+for mode in reliable best-effort; do
+  read_with "cyclone-$mode" orbbuf-dds-reader "$mode" mono_1 ros_2/left ros_2/right
+  [ $mode = best-effort ] || reliable=${pids[-1]}
+  read_with "fast-$mode" orbbuf-fast-dds-reader "$mode" mono_1 ros_2/left ros_2/right
+done
+
+# 500 frames, through a link that is cut and a server that is started anew.
+serve server 127.0.0.1:0
+capture mono-1 1 500 50 "$camera"
+one=${pids[-1]}
+until_true 'frames arrive' has_frames mono-1 100
+nft add rule inet link input tcp dport "${address##*:}" drop
+sleep 2 # the outage
+nft flush chain inet link input
+until_true 'frames arrive after the outage' has_frames mono-1 250
+end_server
+serve server-again "$address"
+wait "$one" || fail "mono-1 ended with $?"
+session=$(session_of mono-1)
+has_all "$session" 500 || fail 'the server has not 500 frames'
+frames=$(wc -l <"$session/times.txt")
+for reader in "${readers[@]}"; do
+  case $reader in
+    *-reliable) until_true "$reader has all" received_all "$reader" mono_1 "$session" images ;;
+  esac
+  count=$(received "$reader" mono_1 "$session" images)
+  echo "dds: $reader: $count of $frames frames, byte for byte, through an outage and a restart of the server"
+  [ "$count" -ge 250 ] || fail "$reader: $count of $frames frames"
+done
+grep -q 'mono-1: ROS 2 allows .* publishing on /mono_1' "$work/server.log" || fail 'the changed name is not logged'
+
+# Stereo, each image with its calibration and its pixels; a late reader gets the last calibration.
+capture a 3 100 100 source.realtime=false
+wait "${pids[-1]}"
+capture b 4 100 100 source.realtime=false
+wait "${pids[-1]}"
+a=$(session_of a)
+start robot-2 "${robot[@]}" --set robot.id=2 --set "link.server=$address" --set "$camera" --set source.kind=folder \
+  --set source.realtime=false --set "source.path=$a/images" --set "source.path_right=$(session_of b)/images"
+wait "${pids[-1]}" || fail "2 ended with $?"
+session=$(session_of 2)
+[ "$(wc -l <"$session/times.txt")" -eq 100 ] || fail '2: not 100 frames'
+has_calibration() { # READER BASE TX
+  local time _
+  while read -r _ time _; do
+    [ "$(cat "$work/$1/$2/$time.info" 2>/dev/null)" = \
+      "ros_2 160x120 plumb_bob 100.000000 101.000000 80.000000 60.000000 $3" ] || return 1
+    [ "$(stat -c %s "$work/$1/$2/$time.raw" 2>/dev/null)" -eq $((160 * 120)) ] || return 1
+  done <"$session/times.txt"
+}
+for side in 'left images 0.000000' 'right images_right -10.000000'; do
+  read -r side folder tx <<<"$side"
+  until_true "all $side images" received_all cyclone-reliable "ros_2/$side" "$session" "$folder"
+  until_true "all $side images, Fast DDS" received_all fast-reliable "ros_2/$side" "$session" "$folder"
+  until_true "all $side calibrations and raw images" has_calibration cyclone-reliable "ros_2/$side" "$tx"
+  echo "dds: ros_2/$side: 100 frames, each with its stamp, its bytes, its calibration and its raw image"
+done
+
+# A late reader gets the last calibration, and no image, from a robot that sends nothing more.
+capture c 6 100000 50 "$camera"
+robot_c=${pids[-1]}
+until_true 'frames arrive' has_frames c 50
+kill -STOP "$robot_c"
+read_with latched orbbuf-dds-reader latched c
+until_true 'the late reader has a calibration' says latched 'receiving c .info'
+kill -TERM "$robot_c"
+kill -CONT "$robot_c"
+wait "$robot_c" || fail "c ended with $?"
+echo 'dds: a late reader got the last calibration'
+
+# A reader that has stopped costs frames on DDS, which are counted, but holds neither the robot nor the files.
+session=$(session_of mono-1)
+capture mono-1 5 300 50 source.width=1280
+one=${pids[-1]}
+until_true 'the session begins' has_another mono-1 "$session"
+session=$(session_of mono-1)
+until_true 'the reader has frames of it' received_some cyclone-reliable mono_1 "$session"
+kill -STOP "$reliable"
+wait "$one" || fail "mono-1 ended with $?"
+has_all "$session" 300 || fail 'a reader that has stopped has cost frames'
+until_true 'frames that were not published are logged' says server-again 'mono-1 .* frames of this session not published'
+kill -CONT "$reliable"
+metrics >"$work/metrics.log"
+grep -q 'orbbuf_unpublished_frames_total{robot="mono-1"} [1-9]' "$work/metrics.log" || fail 'the metrics do not count them'
+until_true 'the last number is logged' says server-again 'not published: the session is over'
+echo "dds: a reader that stopped: $(wc -l <"$session/times.txt") of 300 frames recorded;$(sed -n 's/.*dds: \(.*\) of this.*the session is over/ \1/p' "$work/server-again.log" | tail -n 1) not published"
+capture mono-1 6 50 50
+wait "${pids[-1]}" || fail "mono-1 ended with $?"
+until_true 'the other reader has all that follows' received_all fast-reliable mono_1 "$(session_of mono-1)" images
+end_server

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sink/ros_name.hpp"
+
+#include <gtest/gtest.h>
+
+namespace orbbuf {
+namespace {
+
+TEST(RosName, KeepsLettersDigitsAndUnderscores) { EXPECT_EQ(ros_name("Robot_1a"), "Robot_1a"); }
+
+TEST(RosName, HasAnUnderscoreForEveryOtherCharacter) {
+  EXPECT_EQ(ros_name("lab-3.cam"), "lab_3_cam");
+}
+
+TEST(RosName, BeginsWithALetter) {
+  EXPECT_EQ(ros_name("2"), "ros_2");
+  EXPECT_EQ(ros_name("_a"), "ros__a");
+}
+
+TEST(RosFrameId, HasTheNameInPlaceOfRobot) {
+  EXPECT_EQ(ros_frame_id("{robot}", "a"), "a");
+  EXPECT_EQ(ros_frame_id("{robot}/camera", "a"), "a/camera");
+  EXPECT_EQ(ros_frame_id("camera", "a"), "camera");
+}
+
+}  // namespace
+}  // namespace orbbuf
