@@ -41,7 +41,7 @@ void Sender::on_connected(const wire::Position& position) {
 }
 
 bool Sender::can_be_at(const wire::Position& position) const {
-  return position.next_sequence <= written_end_ && position.next_drop <= drops_.next_drop();
+  return position.next_sequence <= written_end_ && position.next_drop <= written_drops_end_;
 }
 
 void Sender::on_disconnected() {
@@ -78,7 +78,9 @@ void Sender::write_next() {
     written_end_ = std::max(written_end_, frame->sequence + 1);
     link_.write(std::move(frame));
   } else if (drops_.has_unsent()) {
-    link_.write(wire::encode(drops_.take_unsent()));
+    const wire::Dropped dropped = drops_.take_unsent();
+    written_drops_end_ = std::max(written_drops_end_, dropped.first_drop + dropped.records.size());
+    link_.write(wire::encode(dropped));
   } else if (done_ && !is_bye_sent_ && is_settled()) {
     say_bye();
   }

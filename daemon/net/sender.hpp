@@ -76,6 +76,7 @@ class Sender final : private ServerLink::Owner {
   boost::asio::steady_timer report_timer_;
   bool is_drops_turn_ = false;
   Sequence written_end_ = 0;  // beyond the newest frame that was ever written
+  std::uint64_t written_drops_end_ = 0;
   bool is_refusal_logged_ = false;
   bool is_bye_sent_ = false;
   std::function<void(bool)> done_;  // set: finishing

@@ -258,6 +258,15 @@ TEST_F(SenderTest, WhatWasNeverSentIsNotTakenForDelivered) {
   EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 1U);
 }
 
+TEST_F(SenderTest, ADropRecordThatWasNeverSentIsNotTakenForDelivered) {
+  start();
+  push(0, 7);  // three more than fit
+  server_.welcome({0, 1});
+  server_.welcome({});
+  const Message message = server_.read(Type::kDropped);
+  EXPECT_EQ(wire::parse_dropped(message.header, message.body).value().first_drop, 0U);
+}
+
 TEST_F(SenderTest, TheLastStatsComeJustBeforeTheBye) {
   push(0, 1);
   start();
