@@ -179,8 +179,6 @@ void read_link(ConfigReader& config, LinkSettings& link) {
       config.duration("link.connect_timeout", link.connect_timeout, milliseconds(10), hours(1));
   link.stall_timeout =
       config.duration("link.stall_timeout", link.stall_timeout, milliseconds(100), hours(1));
-  link.ack_timeout =
-      config.duration("link.ack_timeout", link.ack_timeout, milliseconds(100), hours(24));
   link.drain_timeout =
       config.duration("link.drain_timeout", link.drain_timeout, milliseconds(0), hours(24));
   link.unsent_bytes = config.bytes("link.unsent", link.unsent_bytes, 1024, 1 << 30);

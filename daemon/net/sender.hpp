@@ -48,7 +48,6 @@ class Sender final : private ServerLink::Owner {
  private:
   void on_connected(const wire::Position& position) override;
   bool can_be_at(const wire::Position& position) const override;
-  bool is_ack_due() const override { return buffer_.stats().in_flight > 0; }
   void on_disconnected() override;
   void on_ack(const wire::Ack& ack) override;
   void on_bye(const wire::Position& position) override;

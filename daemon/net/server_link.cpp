@@ -281,8 +281,6 @@ void ServerLink::on_welcome(const wire::Position& position) {
   last_error_.clear();
   known_errors_.clear();
   connection_watch_.restart(Clock::now());
-  is_frame_on_way_ = false;
-  answer_time_ = Clock::now();
   const auto progress = connection_->progress();
   segment_size_.on_welcome(progress ? progress->acked_bytes : 0);
   spdlog::info("link: connected to {}{}{}; its record of this session reaches frame {}",
@@ -291,10 +289,7 @@ void ServerLink::on_welcome(const wire::Position& position) {
   owner_.on_connected(position);
 }
 
-void ServerLink::on_ack(const wire::Ack& ack) {
-  answer_time_ = Clock::now();
-  owner_.on_ack(ack);
-}
+void ServerLink::on_ack(const wire::Ack& ack) { owner_.on_ack(ack); }
 
 void ServerLink::on_bye(const wire::Position& position) { owner_.on_bye(position); }
 
@@ -351,8 +346,7 @@ void ServerLink::check_connection() {
   connection_watch_.look(progress, Clock::now());
   if (connection_watch_.is_moving()) {
     if (progress) pace_.on_round_trip(progress->least_round_trip);
-    on_recovered();
-    return check_acks(progress);
+    return on_recovered();
   }
   if (state_ == State::kStalled || !connection_watch_.is_stalled()) return;
   state_ = State::kStalled;
@@ -364,23 +358,6 @@ void ServerLink::check_connection() {
   interfaces_.on_stall();
   begin_outage();
   attempt_at(Clock::now());
-}
-
-/// The peer's kernel may take all and its program nothing. While a frame is on its way, be it for
-/// minutes on a slow link, there is nothing to acknowledge. A report on its way is no excuse.
-void ServerLink::check_acks(const std::optional<TcpProgress>& progress) {
-  const auto now = Clock::now();
-  if (!progress || (is_writable() && !progress->is_waiting() && progress->unsent_bytes == 0)) {
-    is_frame_on_way_ = false;
-  }
-  if (is_frame_on_way_ || !owner_.is_ack_due()) {
-    answer_time_ = now;
-  } else if (now - answer_time_ >= settings_.ack_timeout) {
-    const auto silent = connection_;
-    silent->close();
-    on_connection_lost(*silent, {fmt::format("the server has acknowledged no frame for {:.1f} s",
-                                             to_seconds(now - answer_time_))});
-  }
 }
 
 /// Once another has said hello the server may have left this one for it: then the candidate is seen

@@ -44,9 +44,6 @@ struct LinkSettings {
   /// Beside a connection whose kernel has sent something and seen none of it acknowledged for this
   /// long (or three round trips, if that is longer) others are tried.
   std::chrono::nanoseconds stall_timeout = std::chrono::milliseconds(300);
-  /// A connection whose kernel has delivered all, and on which the server has said nothing for this
-  /// long although frames are in flight, is replaced.
-  std::chrono::nanoseconds ack_timeout = std::chrono::seconds(60);
   /// At the end: how long to go on delivering what waits.
   std::chrono::nanoseconds drain_timeout = std::chrono::seconds(10);
   /// What the kernel may hold unsent: frames in there are beyond the policy.
@@ -59,8 +56,7 @@ struct LinkSettings {
 /// | state         | connection     | attempts | the next state, and when                         |
 /// |---------------|----------------|----------|--------------------------------------------------|
 /// | kConnecting   | none           | yes      | kConnected: the server welcomes one              |
-/// | kConnected    | the link's own | a probe  | kConnecting: the connection breaks, or the       |
-/// |               |                |          | server acknowledges no frame for ack_timeout     |
+/// | kConnected    | the link's own | a probe  | kConnecting: the connection breaks               |
 /// |               |                |          | kStalled: the server's kernel acknowledges       |
 /// |               |                |          | nothing for stall_timeout                        |
 /// | kStalled      | the link's own | yes      | kConnected, on the old connection: it recovers   |
@@ -101,8 +97,6 @@ class ServerLink final : private ServerConnection::Owner {
     virtual void on_connected(const wire::Position& position) = 0;
     /// False if a server's record cannot reach `position`, since not so much was ever written.
     virtual bool can_be_at(const wire::Position& position) const = 0;
-    /// Whether there are frames that the server has yet to acknowledge.
-    virtual bool is_ack_due() const = 0;
     /// The connection broke.
     virtual void on_disconnected() = 0;
     virtual void on_ack(const wire::Ack& ack) = 0;
@@ -141,10 +135,7 @@ class ServerLink final : private ServerConnection::Owner {
   std::uint32_t max_frame_bytes() const { return connection_ ? connection_->max_frame_bytes() : 0; }
   /// Requires is_writable().
   void write(std::vector<std::uint8_t> message) { connection_->write(std::move(message)); }
-  void write(FramePtr frame) {
-    is_frame_on_way_ = true;
-    connection_->write(std::move(frame));
-  }
+  void write(FramePtr frame) { connection_->write(std::move(frame)); }
 
   /// What the kernel says of the connection; nothing without one.
   std::optional<TcpProgress> progress() const;
@@ -187,7 +178,6 @@ class ServerLink final : private ServerConnection::Owner {
   void check_attempts();
   void check_candidate();
   void check_connection();
-  void check_acks(const std::optional<TcpProgress>& progress);
   void on_recovered();
 
   boost::asio::io_context& io_;
@@ -199,8 +189,6 @@ class ServerLink final : private ServerConnection::Owner {
   State state_ = State::kConnecting;
   std::shared_ptr<ServerConnection> connection_;  // the one that was welcome; null without
   StallWatch connection_watch_;
-  bool is_frame_on_way_ = false;   // the last one, to the server's kernel
-  Clock::time_point answer_time_;  // when the server last said something, or had nothing to say
   std::shared_ptr<ServerConnection> candidate_;  // to be welcome: TCP is there; null without
   StallWatch candidate_watch_;
   Clock::time_point step_time_;    // when the candidate began its present step

@@ -61,7 +61,6 @@ TEST(Settings, SampleFileHoldsEveryKeyWithItsDefault) {
   EXPECT_EQ(sample.link.attempt_interval, fallback.link.attempt_interval);
   EXPECT_EQ(sample.link.connect_timeout, fallback.link.connect_timeout);
   EXPECT_EQ(sample.link.stall_timeout, fallback.link.stall_timeout);
-  EXPECT_EQ(sample.link.ack_timeout, fallback.link.ack_timeout);
   EXPECT_EQ(sample.link.drain_timeout, fallback.link.drain_timeout);
   EXPECT_EQ(sample.link.unsent_bytes, fallback.link.unsent_bytes);
   EXPECT_EQ(sample.link.tls, fallback.link.tls);
@@ -72,7 +71,7 @@ TEST(Settings, EveryValueReachesItsPlace) {
       with({"log.level=debug", "robot.id=front", "source.kind=folder", "source.path=/data",
             "source.realtime=false", "source.loop=true", "jpeg.color=true", "features.pixels=50000",
             "buffer.policy=uniform", "link.server=[::1]:9", "link.stall_timeout=250 ms",
-            "link.ack_timeout=90 s", "link.attempt_interval=70 ms", "link.unsent=1 MiB",
+            "link.attempt_interval=70 ms", "link.unsent=1 MiB",
             "link.interfaces=[\"wlan0\", \"10.0.0.7\"]", "link.return_after=20 s"});
   EXPECT_EQ(s.log_level, "debug");
   EXPECT_EQ(s.robot_id, "front");
@@ -86,7 +85,6 @@ TEST(Settings, EveryValueReachesItsPlace) {
   EXPECT_EQ(s.buffer.policy, "uniform");
   EXPECT_EQ(s.link.server, (Address{"::1", 9}));
   EXPECT_EQ(s.link.stall_timeout, std::chrono::milliseconds(250));
-  EXPECT_EQ(s.link.ack_timeout, std::chrono::seconds(90));
   EXPECT_EQ(s.link.attempt_interval, std::chrono::milliseconds(70));
   EXPECT_EQ(s.link.unsent_bytes, 1U << 20);
   EXPECT_EQ(s.link.interfaces, (std::vector<std::string>{"wlan0", "10.0.0.7"}));

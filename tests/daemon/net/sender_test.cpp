@@ -96,18 +96,6 @@ TEST_F(SenderTest, UnacknowledgedFramesComeAgainOnTheNextConnection) {
   EXPECT_EQ(buffer_.stats().acknowledged, 2U);
 }
 
-TEST_F(SenderTest, AServerThatReadsAndNeverAcknowledgesIsLeftForANewConnection) {
-  link_.ack_timeout = std::chrono::milliseconds(100);
-  push(0, 1);
-  start();
-  server_.welcome({});
-  for (int i = 0; i < 2; ++i) server_.read(Type::kFrame);
-  server_.accept_beside();  // the old one is open, and silent
-  server_.read(Type::kHello);
-  server_.send(wire::encode(wire::Welcome{wire::kProtocolVersion, {1, 0}}));
-  EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 1U);
-}
-
 TEST_F(SenderTest, DropsAreReportedNumberedAndAgainUntilAcknowledged) {
   start();
   push(0, 7);  // three more than fit: 0, 1 and 2 go

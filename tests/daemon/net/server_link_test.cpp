@@ -3,7 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include <atomic>
 #include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/packaged_task.hpp>
 #include <boost/asio/post.hpp>
@@ -33,21 +32,10 @@ class RecordingOwner final : public ServerLink::Owner {
   bool can_be_at(const wire::Position& position) const override {
     return position.next_sequence < kNeverWritten;
   }
-  bool is_ack_due() const override {
-    ++questions_;
-    questions_.notify_all();
-    return is_ack_due_;
-  }
   void on_disconnected() override { add("disconnected", {}); }
   void on_ack(const wire::Ack& ack) override { add("ack", ack.position); }
   void on_bye(const wire::Position& position) override { add("bye", position); }
   void on_writable() override { add("writable", {}); }
-
-  std::atomic<bool> is_ack_due_ = false;
-  /// Until the link has asked so often whether an acknowledgement is due.
-  void wait_for_questions(int count) const {
-    for (int now = questions_; now < count; now = questions_) questions_.wait(now);
-  }
 
   /// The next call, as "connected 7 3".
   std::string next() {
@@ -66,7 +54,6 @@ class RecordingOwner final : public ServerLink::Owner {
     called_.notify_all();
   }
 
-  mutable std::atomic<int> questions_ = 0;
   std::mutex mutex_;
   std::condition_variable called_;
   std::deque<std::string> calls_;
@@ -159,22 +146,6 @@ TEST_F(ServerLinkTest, ABrokenConnectionIsMadeAnew) {
   EXPECT_EQ(owner_.next(), "disconnected 0 0");
   server_.welcome({});
   expect_connected();
-}
-
-TEST_F(ServerLinkTest, AServerThatReadsAndNeverAcknowledgesIsLeft) {
-  const test::CapturedLog log;
-  settings_.ack_timeout = std::chrono::milliseconds(100);
-  start();
-  server_.welcome({});
-  expect_connected();
-  owner_.wait_for_questions(5);  // more than ack_timeout, with nothing to acknowledge
-  EXPECT_EQ(state(), ServerLink::State::kConnected);
-  owner_.is_ack_due_ = true;
-  EXPECT_EQ(owner_.next(), "disconnected 0 0");
-  owner_.is_ack_due_ = false;
-  server_.welcome({});
-  expect_connected();
-  EXPECT_EQ(log.lines("lost: the server has acknowledged no frame for ").size(), 1U);
 }
 
 TEST_F(ServerLinkTest, ServerThatNeverAnswersIsTriedAgain) {
