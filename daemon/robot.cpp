@@ -44,7 +44,6 @@ class Robot {
   OrbExtractor extractor_;
   FrameBuffer buffer_;
   DropLog drops_;
-  const wire::Hello hello_;
   Sender sender_;
   Pipeline pipeline_;
   asio::steady_timer report_timer_{io_};
@@ -92,17 +91,14 @@ Robot::Robot(const Settings& settings)
                           [this](const EncodedFrame& frame, FeatureSet& features) {
                             extractor_.extract(frame, features);
                           })),
-      hello_(make_hello(settings)),
-      sender_(io_, settings.link, hello_, buffer_, drops_),
+      drops_(settings.buffer.drop_log),
+      sender_(io_, settings.link, make_hello(settings), buffer_, drops_),
       pipeline_(
           std::move(source_), settings.jpeg, buffer_,
           {[this] { asio::post(io_, [this] { sender_.wake(); }); },
            [this](bool failed) { asio::post(io_, [this, failed] { on_source_ended(failed); }); }}),
       health_(service_),
-      is_camera_(settings.source.kind == "v4l2" || settings.source.kind == "libcamera") {
-  // When nothing is left that could fail: a start that fails is no session.
-  drops_.keep_in(DropFile(settings.buffer.drop_log, hello_.session_id));
-}
+      is_camera_(settings.source.kind == "v4l2" || settings.source.kind == "libcamera") {}
 
 bool Robot::run() {
   await_signal();

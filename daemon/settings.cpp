@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
-#include <cstdlib>
 #include <ctime>
 #include <limits>
 #include <random>
@@ -124,12 +123,6 @@ void read_images(ConfigReader& config, Settings& settings) {
       static_cast<int>(config.integer("features.pixels", features.pixels, 10'000, 100'000'000));
 }
 
-/// A folder in the one that systemd keeps for the robot.
-std::filesystem::path default_drop_log() {
-  const char* const state = std::getenv("STATE_DIRECTORY");
-  return state != nullptr ? std::filesystem::path(state) / "drops" : std::filesystem::path();
-}
-
 void read_buffer(ConfigReader& config, BufferSettings& buffer) {
   buffer.policy = config.choice("buffer.policy", buffer.policy, kPolicies);
   if (buffer.policy == "orbbuf" && !OrbExtractor::is_built()) {
@@ -141,9 +134,7 @@ void read_buffer(ConfigReader& config, BufferSettings& buffer) {
   buffer.capacity = static_cast<std::size_t>(
       config.integer("buffer.capacity", static_cast<std::int64_t>(buffer.capacity), 3, 100000));
   buffer.seed = static_cast<std::uint64_t>(config.integer("buffer.seed", 1, 0, kMaxInteger));
-  buffer.drop_log = config.text("buffer.drop_log", "auto") == "auto"
-                        ? default_drop_log()
-                        : config.path("buffer.drop_log", {});
+  buffer.drop_log = config.path("buffer.drop_log", buffer.drop_log);
 }
 
 void read_plan(ConfigReader& config, PlanSettings& plan) {

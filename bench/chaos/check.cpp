@@ -40,7 +40,6 @@ std::vector<fs::path> sorted_files(const fs::path& folder) {
 std::vector<std::string> drop_lines(const fs::path& file) {
   std::vector<std::string> all = lines(file);
   if (!all.empty()) all.erase(all.begin());
-  std::erase_if(all, [](const std::string& line) { return line.starts_with('#'); });
   return all;
 }
 

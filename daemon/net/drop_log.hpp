@@ -3,29 +3,26 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <filesystem>
+#include <fstream>
 #include <span>
-#include <utility>
 
 #include "common/drop_record.hpp"
 #include "common/wire.hpp"
-#include "daemon/net/drop_file.hpp"
 #include "daemon/net/drop_queue.hpp"
 
 namespace orbbuf {
 
 /// The session's drop records on their way into the server's record: numbered as they come, kept
-/// until acknowledged, sent again on a new connection. Also the robot's own copy of them, `file`,
-/// to which each is written before it is sent. Thread-bound to `main`.
+/// until acknowledged, sent again on a new connection. Also the robot's own copy, a CSV file that
+/// ends up equal to the server's drops.csv. Thread-bound to `main`.
 /// Memory: 1.5 MB; what waits beyond that is in a file (DropQueue).
 class DropLog {
  public:
-  /// From here on. Without: none.
-  void keep_in(DropFile file) { file_ = std::move(file); }
+  /// `file`: written anew; empty for none. Throws std::runtime_error if it cannot be created.
+  explicit DropLog(std::filesystem::path file);
 
   void add(std::span<const DropRecord> records);
-  /// See DropFile.
-  void note(const wire::Stats& stats) { file_.note(stats); }
-  void end(const wire::Stats& stats) { file_.end(stats); }
 
   /// A new connection begins: the server has the records below `next_drop`; the rest is sent again.
   void rewind(std::uint64_t next_drop);
@@ -41,7 +38,8 @@ class DropLog {
   bool is_settled() const { return records_.size() == 0; }
 
  private:
-  DropFile file_;
+  std::filesystem::path path_;
+  std::ofstream file_;
   DropQueue records_;        // not yet acknowledged
   std::uint64_t first_ = 0;  // number of the oldest of records_
   std::size_t sent_ = 0;     // how many of records_ this connection has sent

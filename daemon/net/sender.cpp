@@ -149,9 +149,7 @@ void Sender::report_each_second() {
     if (!error && link_.state() != ServerLink::State::kClosed) report_each_second();
   });
   if (!reporter_.is_time(Clock::now())) return;
-  collect_drops();
   const wire::Stats stats = buffer_.stats();
-  drops_.note(stats);
   reporter_.look(Clock::now(), stats, link_.progress());
   spdlog::info(
       "captured {} skipped {} failed {} dropped {} acknowledged {} waiting {} in flight {}{}",
@@ -191,7 +189,6 @@ void Sender::end(bool complete) {
   report_timer_.cancel();
   buffer_.give_up();
   collect_drops();
-  drops_.end(buffer_.stats());
   std::exchange(done_, nullptr)(complete);
 }
 

@@ -3,8 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include <cstdlib>
-
 #include "common/config.hpp"
 #include "common/wire.hpp"
 #include "testing/temporary_folder.hpp"
@@ -153,16 +151,6 @@ TEST(Settings, CalibrationOfFourLinesIsKeptAsItIs) {
   const std::string calibration = "Pinhole 1 2 3 4 0\n640 480\nnone\n640 480\n";
   test::write_file(folder / "c.toml", "[camera]\ncalibration = '''\n" + calibration + "'''\n");
   EXPECT_EQ(load_settings(folder / "c.toml", {}).calibration, calibration);
-}
-
-TEST(Settings, DropLogIsInTheFolderThatSystemdKeeps) {
-  ASSERT_EQ(setenv("STATE_DIRECTORY", "/var/lib/robot", 1), 0);  // NOLINT(concurrency-mt-unsafe)
-  EXPECT_EQ(with({}).buffer.drop_log, "/var/lib/robot/drops");
-  EXPECT_EQ(with({"buffer.drop_log=auto"}).buffer.drop_log, "/var/lib/robot/drops");
-  EXPECT_EQ(with({"buffer.drop_log=\"\""}).buffer.drop_log, "");
-  EXPECT_EQ(with({"buffer.drop_log=logs"}).buffer.drop_log, "logs");
-  ASSERT_EQ(unsetenv("STATE_DIRECTORY"), 0);  // NOLINT(concurrency-mt-unsafe)
-  EXPECT_EQ(with({"buffer.drop_log=auto"}).buffer.drop_log, "");
 }
 
 TEST(Settings, SessionIdsAreValid) {

@@ -61,7 +61,7 @@ class SenderTest : public ::testing::Test {
   LinkSettings link_;
   test::ScriptedServer server_;
   FrameBuffer buffer_{{5}, std::make_unique<DropOldestPolicy>()};
-  DropLog drops_;
+  DropLog drops_{{}};
   asio::io_context io_;
   std::unique_ptr<Sender> sender_;
   std::promise<void> has_ended_;
