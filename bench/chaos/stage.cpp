@@ -125,7 +125,7 @@ void Stage::start_robot(Robot& robot) {
   const std::size_t n = sessions_.size();
   Session session;
   session.log = work_ / fmt::format("robot-{}.log", n);
-  session.drop_log = work_ / fmt::format("drops-{}.csv", n);
+  const fs::path drops = work_ / fmt::format("drops-{}", n);
   Words command = hosts_.on_robot() + Words{programs_.robot.string()};
   for (const std::string& setting :
        {"robot.id=" + robot.id, "link.server=" + robot.address + ":" + port_,
@@ -134,7 +134,7 @@ void Stage::start_robot(Robot& robot) {
         std::string("source.loop=true"),
         "buffer.policy=" + std::string(kPolicies.at(n % kPolicies.size())),
         fmt::format("buffer.capacity={}", kCapacities.at(n % kCapacities.size())),
-        "buffer.drop_log=" + session.drop_log.string()}) {
+        "buffer.drop_log=" + drops.string()}) {
     command.insert(command.end(), {"--set", setting});
   }
   if (links_ == 2) {
@@ -147,6 +147,7 @@ void Stage::start_robot(Robot& robot) {
   const std::string id = after(*line, ", session ");
   session.name = robot.id + " " + id.substr(0, id.find(','));
   session.files = work_ / "out" / robot.id / id.substr(0, id.find(','));
+  session.drop_log = drops / (id.substr(0, id.find(',')) + ".csv");
   robot.session = n;
   sessions_.push_back(session);
 }

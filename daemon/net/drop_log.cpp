@@ -1,35 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/net/drop_log.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
-#include <cerrno>
 #include <iterator>
-#include <utility>
-
-#include "common/error.hpp"
 
 namespace orbbuf {
 
-DropLog::DropLog(std::filesystem::path file) : path_(std::move(file)) {
-  if (path_.empty()) return;
-  file_.open(path_, std::ios::trunc);
-  if (!(file_ << kDropCsvHeader << std::endl)) {
-    throw_system_error("cannot write the drop log " + path_.string());
-  }
-}
-
-void DropLog::add(std::span<const DropRecord> records) {
-  records_.push(records);
-  if (records.empty() || !file_.is_open()) return;
-  for (const DropRecord& record : records) file_ << to_csv(record) << '\n';
-  if (!file_.flush()) {
-    spdlog::error("{}; the robot's own drop log ends here",
-                  system_error("cannot write the drop log " + path_.string(), errno).text);
-    file_.close();
-  }
-}
+void DropLog::add(std::span<const DropRecord> records) { records_.push(records); }
 
 void DropLog::rewind(std::uint64_t next_drop) {
   sent_ = 0;

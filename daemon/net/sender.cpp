@@ -20,9 +20,10 @@ constexpr std::chrono::seconds kByeTimeout{2};
 }  // namespace
 
 Sender::Sender(boost::asio::io_context& io, const LinkSettings& settings, wire::Hello hello,
-               FrameBuffer& buffer, DropLog& drops)
+               FrameBuffer& buffer, DropLog& drops, SessionLog& log)
     : buffer_(buffer),
       drops_(drops),
+      log_(log),
       drain_timeout_(settings.drain_timeout),
       link_(io, settings, std::move(hello), static_cast<ServerLink::Owner&>(*this)),
       drain_timer_(io),
@@ -37,6 +38,7 @@ void Sender::start() {
 void Sender::on_connected(const wire::Position& position) {
   on_disconnected();  // from the connection that this one replaces, if there is one
   buffer_.resume(position.next_sequence);
+  confirmed_ = position.next_sequence;
   drops_.rewind(position.next_drop);
 }
 
@@ -54,6 +56,7 @@ void Sender::on_ack(const wire::Ack& ack) {
   const auto& position = ack.position;
   rate_.on_received(Clock::now(), ack.received.value_or(position.next_sequence), round_trip());
   buffer_.acknowledge(position.next_sequence);
+  confirmed_ = std::max(confirmed_, position.next_sequence);
   drops_.acknowledge(position.next_drop);
   wake();
 }
@@ -116,6 +119,11 @@ bool Sender::is_too_large(const EncodedFrame& frame) {
 void Sender::collect_drops() {
   buffer_.collect_drops(collected_);
   drops_.add(collected_);
+  log_.add(collected_);
+}
+
+void Sender::note_state() {
+  log_.note(buffer_.stats().captured, {confirmed_, drops_.acknowledged()});
 }
 
 bool Sender::is_settled() const {
@@ -157,6 +165,7 @@ void Sender::report_each_second() {
       : link_.is_stalled()  ? ", stalled"
                             : "");
   wake();
+  note_state();
 }
 
 void Sender::finish(std::function<void(bool)> done) {
@@ -187,6 +196,8 @@ void Sender::end(bool complete) {
   report_timer_.cancel();
   buffer_.give_up();
   collect_drops();
+  note_state();
+  if (complete) log_.end();
   std::exchange(done_, nullptr)(complete);
 }
 

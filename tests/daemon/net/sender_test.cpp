@@ -27,7 +27,7 @@ class SenderTest : public ::testing::Test {
     wire::Hello hello;
     hello.robot_id = "r";
     hello.session_id = "s";
-    sender_ = std::make_unique<Sender>(io_, link_, hello, buffer_, drops_);
+    sender_ = std::make_unique<Sender>(io_, link_, hello, buffer_, drops_, log_);
     sender_->start();
     main_ = std::jthread([this] {
       io_.run();
@@ -61,7 +61,8 @@ class SenderTest : public ::testing::Test {
   LinkSettings link_;
   test::ScriptedServer server_;
   FrameBuffer buffer_{{5}, std::make_unique<DropOldestPolicy>()};
-  DropLog drops_{{}};
+  DropLog drops_;
+  SessionLog log_{{}, "r", "s"};
   asio::io_context io_;
   std::unique_ptr<Sender> sender_;
   std::promise<void> has_ended_;
