@@ -24,6 +24,7 @@ namespace {
 
 using std::chrono::hours;
 using std::chrono::milliseconds;
+using std::chrono::seconds;
 
 constexpr auto kSourceFormats = [] {
   std::array<std::string_view, kCameraFormats.size() + 1> formats = {"auto"};
@@ -178,6 +179,7 @@ void read_link(ConfigReader& config, LinkSettings& link) {
       config.duration("link.connect_timeout", link.connect_timeout, milliseconds(10), hours(1));
   link.stall_timeout =
       config.duration("link.stall_timeout", link.stall_timeout, milliseconds(100), hours(1));
+  link.ack_timeout = config.duration("link.ack_timeout", link.ack_timeout, seconds(1), hours(24));
   link.drain_timeout =
       config.duration("link.drain_timeout", link.drain_timeout, milliseconds(0), hours(24));
   link.unsent_bytes = config.bytes("link.unsent", link.unsent_bytes, 1024, 1 << 30);

@@ -61,6 +61,7 @@ TEST(Settings, SampleFileHoldsEveryKeyWithItsDefault) {
   EXPECT_EQ(sample.link.attempt_interval, fallback.link.attempt_interval);
   EXPECT_EQ(sample.link.connect_timeout, fallback.link.connect_timeout);
   EXPECT_EQ(sample.link.stall_timeout, fallback.link.stall_timeout);
+  EXPECT_EQ(sample.link.ack_timeout, fallback.link.ack_timeout);
   EXPECT_EQ(sample.link.drain_timeout, fallback.link.drain_timeout);
   EXPECT_EQ(sample.link.unsent_bytes, fallback.link.unsent_bytes);
   EXPECT_EQ(sample.link.tls, fallback.link.tls);

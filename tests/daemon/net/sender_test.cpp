@@ -210,6 +210,20 @@ TEST_F(SenderTest, ServerThatNeverAnswersIsTriedAgain) {
   EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 0U);
 }
 
+TEST_F(SenderTest, ServerThatReadsAndNeverAcknowledgesIsLeftAndTriedAgain) {
+  link_.ack_timeout = std::chrono::milliseconds(200);
+  push(0, 1);
+  start();
+  for (int connection = 0; connection < 2; ++connection) {
+    server_.welcome({});
+    EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 0U);
+    EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 1U);
+    while (server_.read_any()) {
+    }
+  }
+  EXPECT_EQ(buffer_.stats().captured, 2U);
+}
+
 TEST_F(SenderTest, ServerThatTalksNonsenseIsLeftAndTriedAgain) {
   push(0, 0);
   start();
