@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <vector>
 
 namespace orbbuf {
 
@@ -10,12 +11,23 @@ void DropLog::add(std::span<const DropRecord> records) { records_.push(records);
 
 void DropLog::rewind(std::uint64_t next_drop) {
   sent_ = 0;
+  if (next_drop < first_) {
+    const auto count = std::min<std::uint64_t>(first_ - next_drop, kept_.size());
+    const auto begin = kept_.end() - static_cast<std::ptrdiff_t>(count);
+    records_.put_back(std::vector<DropRecord>(begin, kept_.end()));
+    kept_.erase(begin, kept_.end());
+    first_ -= count;
+  }
   acknowledge(next_drop);
 }
 
 void DropLog::acknowledge(std::uint64_t next_drop) {
   if (next_drop <= first_) return;
   const auto count = std::min(next_drop - first_, records_.size());
+  const auto& oldest = records_.oldest();
+  const auto here = static_cast<std::ptrdiff_t>(std::min<std::uint64_t>(count, oldest.size()));
+  kept_.insert(kept_.end(), oldest.begin(), oldest.begin() + here);
+  while (kept_.size() > kMostKept) kept_.pop_front();
   records_.pop(count);
   first_ += count;
   sent_ -= static_cast<std::size_t>(std::min<std::uint64_t>(sent_, count));

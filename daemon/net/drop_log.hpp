@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <span>
 
 #include "common/drop_record.hpp"
@@ -16,9 +17,12 @@ namespace orbbuf {
 /// Memory: 1.5 MB; what waits beyond that is in a file (DropQueue).
 class DropLog {
  public:
+  static constexpr std::size_t kMostKept = 16384;
+
   void add(std::span<const DropRecord> records);
 
-  /// A new connection begins: the server has the records below `next_drop`; the rest is sent again.
+  /// A new connection begins: the server has the records below `next_drop`; the rest is sent again,
+  /// even acknowledged ones, if they are among the newest kMostKept of these.
   void rewind(std::uint64_t next_drop);
   /// The server has the records below `next_drop`.
   void acknowledge(std::uint64_t next_drop);
@@ -34,9 +38,10 @@ class DropLog {
   bool is_settled() const { return records_.size() == 0; }
 
  private:
-  DropQueue records_;        // not yet acknowledged
-  std::uint64_t first_ = 0;  // number of the oldest of records_
-  std::size_t sent_ = 0;     // how many of records_ this connection has sent
+  DropQueue records_;            // not yet acknowledged
+  std::deque<DropRecord> kept_;  // acknowledged, the newest last
+  std::uint64_t first_ = 0;      // number of the oldest of records_
+  std::size_t sent_ = 0;         // how many of records_ this connection has sent
 };
 
 }  // namespace orbbuf

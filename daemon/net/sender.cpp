@@ -38,6 +38,12 @@ void Sender::start() {
 void Sender::on_connected(const wire::Position& position) {
   on_disconnected();  // from the connection that this one replaces, if there is one
   buffer_.resume(position.next_sequence);
+  if (position.next_sequence < confirmed_) {
+    spdlog::error(
+        "link: the server has lost frames that it had acknowledged, from {} to {}: the drop record "
+        "names those of the newest {} as lost",
+        position.next_sequence, confirmed_ - 1, FrameBuffer::kMostRemembered);
+  }
   confirmed_ = position.next_sequence;
   drops_.rewind(position.next_drop);
 }

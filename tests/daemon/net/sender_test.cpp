@@ -210,6 +210,27 @@ TEST_F(SenderTest, ServerThatNeverAnswersIsTriedAgain) {
   EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 0U);
 }
 
+TEST_F(SenderTest, WhatTheServerHadAcknowledgedAndLostIsNamed) {
+  push(0, 2);
+  start();
+  server_.welcome({});
+  for (Sequence sequence = 0; sequence < 3; ++sequence) {
+    server_.read(Type::kFrame);
+    server_.ack({sequence + 1, 0});
+  }
+  push(3, 3);
+  server_.read(Type::kFrame);  // so the acknowledgements have arrived
+  server_.close();
+  server_.welcome({1, 0});
+  const Message message = server_.read(Type::kDropped);
+  const wire::Dropped dropped = wire::parse_dropped(message.header, message.body).value();
+  EXPECT_EQ(dropped.records,
+            (std::vector<DropRecord>{{1, 1000, DropReason::kLost}, {2, 2000, DropReason::kLost}}));
+  const wire::Stats stats = buffer_.stats();
+  EXPECT_EQ(stats.acknowledged, 1U);
+  EXPECT_EQ(stats.dropped, 2U);
+}
+
 TEST_F(SenderTest, ServerThatReadsAndNeverAcknowledgesIsLeftAndTriedAgain) {
   link_.ack_timeout = std::chrono::milliseconds(200);
   push(0, 1);
