@@ -88,15 +88,16 @@ std::vector<Found> find_sessions(const fs::path& folder) {
 
 /// Makes room for one more session.
 void remove_oldest(const fs::path& folder) {
-  const auto found = find_sessions(folder);
+  auto found = find_sessions(folder);
+  std::reverse(found.begin(), found.end());
   std::uint64_t bytes = 0;
   std::size_t kept = 0;
-  for (auto session = found.rbegin(); session != found.rend(); ++session) {
-    bytes += session->bytes;
+  for (const Found& session : found) {
+    bytes += session.bytes;
     if (++kept < SessionLog::kMostSessions && bytes <= SessionLog::kMostBytes) continue;
     std::error_code ignored;  // the next start tries again
-    fs::remove(session->records(), ignored);
-    fs::remove(session->state, ignored);
+    fs::remove(session.records(), ignored);
+    fs::remove(session.state, ignored);
   }
 }
 
