@@ -71,7 +71,7 @@ run() { # POLICY
   done
   "${on_robot[@]}" "$build/daemon/orbbufd" --set robot.id=demo --set "link.server=$address:$port" \
     --set "source.frames=$FRAMES" --set "source.fps=$FPS" --set "buffer.policy=$policy" \
-    --set "buffer.drop_log=$work/drops-$policy.csv" 2>"$work/robot-$policy.log" &
+    --set "buffer.drop_log=$work/drops-$policy" 2>"$work/robot-$policy.log" &
   local robot_pid=$! && pids+=("$robot_pid")
   until grep -q 'source: ' "$work/robot-$policy.log"; do # capture time begins here
     kill -0 "$robot_pid" 2>/dev/null || { cat "$work/robot-$policy.log" && exit 1; }
@@ -93,7 +93,7 @@ run() { # POLICY
   kill "$server_pid" && wait "$server_pid"
   grep -E 'link:|session ended' "$work/robot-$policy.log" | sed 's/^[^ ]* /  /'
   # Without a drop the server keeps no record of drops.
-  ! grep -q '^[0-9]' "$work/drops-$policy.csv" || cmp -s "$work/drops-$policy.csv" "$work/$policy"/demo/*/drops.csv ||
+  ! grep -q '^[0-9]' "$work/drops-$policy"/*.csv || cmp -s "$work/drops-$policy"/*.csv "$work/$policy"/demo/*/drops.csv ||
     { echo "demo: the server's drop record differs from the robot's own" >&2 && exit 1; }
 }
 

@@ -9,8 +9,9 @@ namespace orbbuf {
 namespace {
 
 std::optional<DropReason> parse_reason(std::string_view text) {
-  for (const auto reason : {DropReason::kPolicy, DropReason::kBusy, DropReason::kFailed,
-                            DropReason::kShutdown, DropReason::kRefused, DropReason::kUnknown}) {
+  for (const auto reason :
+       {DropReason::kPolicy, DropReason::kBusy, DropReason::kFailed, DropReason::kShutdown,
+        DropReason::kRefused, DropReason::kUnknown, DropReason::kLost}) {
     if (to_string(reason) == text) return reason;
   }
   return std::nullopt;
@@ -32,6 +33,8 @@ std::string_view to_string(DropReason reason) {
       return "refused";
     case DropReason::kUnknown:
       return "unknown";
+    case DropReason::kLost:
+      return "lost";
   }
   return "";
 }

@@ -18,6 +18,7 @@ enum class DropReason : std::uint8_t {
   kShutdown = 4,  ///< still undelivered when the daemon had to stop
   kRefused = 5,   ///< larger than the server accepts: wire::Welcome::max_frame_bytes
   kUnknown = 6,   ///< sent and not acknowledged when the daemon had to stop: the server may have it
+  kLost = 7,      ///< acknowledged, but the server does not have it any more
 };
 
 /// DropRecord::similarity if the neighbours were not compared.
@@ -37,7 +38,7 @@ struct DropRecord {
 /// The first line of a drop record file, without the line end: `sequence,reason,capture_time_s`.
 inline constexpr std::string_view kDropCsvHeader = "sequence,reason,capture_time_s";
 
-/// One word: `policy`, `busy`, `failed`, `shutdown`, `refused` or `unknown`.
+/// One word: `policy`, `busy`, `failed`, `shutdown`, `refused`, `unknown` or `lost`.
 std::string_view to_string(DropReason reason);
 
 /// One line of a drop record file, without the line end: `17,policy,1.633012000`.

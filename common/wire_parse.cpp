@@ -155,7 +155,7 @@ DropRecord take_drop_record(Body& in) {
   const auto reason = in.take<std::uint8_t>();
   in.require(record.sequence < kEndOfNumbers, "sequence number out of range");
   if (reason < static_cast<std::uint8_t>(DropReason::kPolicy) ||
-      reason > static_cast<std::uint8_t>(DropReason::kUnknown)) {
+      reason > static_cast<std::uint8_t>(DropReason::kLost)) {
     in.require(false, fmt::format("unknown drop reason {}", reason));
   } else {
     record.reason = static_cast<DropReason>(reason);

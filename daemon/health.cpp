@@ -40,7 +40,7 @@ void Health::tell(const wire::Report& report, const Sender& sender) {
   const double seconds = duration<double>(now - std::exchange(reported_time_, now)).count();
   const wire::Stats before = std::exchange(reported_, stats);
   const auto rate = [seconds](std::uint64_t from, std::uint64_t to) {
-    return static_cast<double>(to - from) / seconds;
+    return static_cast<double>(to - std::min(from, to)) / seconds;
   };
   service_.status(fmt::format(
       "{:.1f} frames/s captured, {:.1f} delivered; buffer {} of {}; link {}",

@@ -43,7 +43,9 @@ class Robot {
   std::unique_ptr<FrameSource> source_;   // until pipeline_ has it
   OrbExtractor extractor_;
   FrameBuffer buffer_;
+  const wire::Hello hello_;
   DropLog drops_;
+  SessionLog log_;
   Sender sender_;
   Pipeline pipeline_;
   asio::steady_timer report_timer_{io_};
@@ -65,6 +67,14 @@ wire::Hello make_hello(const Settings& settings) {
   spdlog::info("robot {}, session {}, policy {}, server {}", hello.robot_id, hello.session_id,
                settings.buffer.policy, to_string(settings.link.server));
   return hello;
+}
+
+/// Of sessions that a signal or a power cut has ended, or that no server was there for.
+void report_earlier_sessions(const std::filesystem::path& drop_log) {
+  for (const EarlierSession& earlier : find_earlier_sessions(drop_log)) {
+    if (const std::string what = describe(earlier); !what.empty()) spdlog::warn("{}", what);
+    settle(earlier);
+  }
 }
 
 std::unique_ptr<FrameSource> open_source(const SourceSettings& settings) {
@@ -91,14 +101,17 @@ Robot::Robot(const Settings& settings)
                           [this](const EncodedFrame& frame, FeatureSet& features) {
                             extractor_.extract(frame, features);
                           })),
-      drops_(settings.buffer.drop_log),
-      sender_(io_, settings.link, make_hello(settings), buffer_, drops_),
+      hello_(make_hello(settings)),
+      log_(settings.buffer.drop_log, hello_.robot_id, hello_.session_id),
+      sender_(io_, settings.link, hello_, buffer_, drops_, log_),
       pipeline_(
           std::move(source_), settings.jpeg, buffer_,
           {[this] { asio::post(io_, [this] { sender_.wake(); }); },
            [this](bool failed) { asio::post(io_, [this, failed] { on_source_ended(failed); }); }}),
       health_(service_),
-      is_camera_(settings.source.kind == "v4l2" || settings.source.kind == "libcamera") {}
+      is_camera_(settings.source.kind == "v4l2" || settings.source.kind == "libcamera") {
+  report_earlier_sessions(settings.buffer.drop_log);
+}
 
 bool Robot::run() {
   await_signal();

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cstdlib>
 #include <ctime>
 #include <limits>
 #include <random>
@@ -23,6 +24,7 @@ namespace {
 
 using std::chrono::hours;
 using std::chrono::milliseconds;
+using std::chrono::seconds;
 
 constexpr auto kSourceFormats = [] {
   std::array<std::string_view, kCameraFormats.size() + 1> formats = {"auto"};
@@ -123,6 +125,12 @@ void read_images(ConfigReader& config, Settings& settings) {
       static_cast<int>(config.integer("features.pixels", features.pixels, 10'000, 100'000'000));
 }
 
+/// In the folder that systemd gives the service; a run by hand keeps none.
+std::filesystem::path default_drop_log() {
+  const char* const state = std::getenv("STATE_DIRECTORY");
+  return state == nullptr ? std::filesystem::path() : std::filesystem::path(state) / "drops";
+}
+
 void read_buffer(ConfigReader& config, BufferSettings& buffer) {
   buffer.policy = config.choice("buffer.policy", buffer.policy, kPolicies);
   if (buffer.policy == "orbbuf" && !OrbExtractor::is_built()) {
@@ -134,7 +142,8 @@ void read_buffer(ConfigReader& config, BufferSettings& buffer) {
   buffer.capacity = static_cast<std::size_t>(
       config.integer("buffer.capacity", static_cast<std::int64_t>(buffer.capacity), 3, 100000));
   buffer.seed = static_cast<std::uint64_t>(config.integer("buffer.seed", 1, 0, kMaxInteger));
-  buffer.drop_log = config.path("buffer.drop_log", buffer.drop_log);
+  const bool is_default = config.text("buffer.drop_log", "auto") == "auto";
+  buffer.drop_log = is_default ? default_drop_log() : config.path("buffer.drop_log", {});
 }
 
 void read_plan(ConfigReader& config, PlanSettings& plan) {
@@ -170,6 +179,7 @@ void read_link(ConfigReader& config, LinkSettings& link) {
       config.duration("link.connect_timeout", link.connect_timeout, milliseconds(10), hours(1));
   link.stall_timeout =
       config.duration("link.stall_timeout", link.stall_timeout, milliseconds(100), hours(1));
+  link.ack_timeout = config.duration("link.ack_timeout", link.ack_timeout, seconds(1), hours(24));
   link.drain_timeout =
       config.duration("link.drain_timeout", link.drain_timeout, milliseconds(0), hours(24));
   link.unsent_bytes = config.bytes("link.unsent", link.unsent_bytes, 1024, 1 << 30);

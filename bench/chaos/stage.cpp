@@ -144,7 +144,7 @@ void Stage::start_robot(Robot& robot) {
   const std::size_t n = sessions_.size();
   Session session;
   session.log = work_ / fmt::format("robot-{}.log", n);
-  session.drop_log = work_ / fmt::format("drops-{}.csv", n);
+  const fs::path drops = work_ / fmt::format("drops-{}", n);
   Words settings{"robot.id=" + robot.id,
                  "link.server=" + robot.address + ":" + port_,
                  "link.drain_timeout=1 min",
@@ -154,7 +154,7 @@ void Stage::start_robot(Robot& robot) {
                  "source.loop=true",
                  "buffer.policy=" + std::string(kPolicies.at(n % kPolicies.size())),
                  fmt::format("buffer.capacity={}", kCapacities.at(n % kCapacities.size())),
-                 "buffer.drop_log=" + session.drop_log.string()};
+                 "buffer.drop_log=" + drops.string()};
   if (links_ == 2) {
     settings = settings + Words{R"(link.interfaces=["wire", "wire2"])", "link.return_after=1 s"};
   }
@@ -166,6 +166,7 @@ void Stage::start_robot(Robot& robot) {
   const std::string id = after(*line, ", session ");
   session.name = robot.id + " " + id.substr(0, id.find(','));
   session.files = work_ / "out" / robot.id / id.substr(0, id.find(','));
+  session.drop_log = drops / (id.substr(0, id.find(',')) + ".csv");
   robot.session = n;
   sessions_.push_back(session);
 }

@@ -155,16 +155,17 @@ Outcome soak(const Options& options, const Namespaces& hosts) {
   const std::string address = word_after(line_of(server, "listening on "), "listening on ");
   orbbuf::chaos::Session session;
   session.log = options.work / "robot.log";
-  session.drop_log = options.work / "drops.csv";
+  const std::filesystem::path drops = options.work / "drops";
   Words robot_command = hosts.on_robot();
   robot_command.push_back(options.robot);
   Process robot(
       set(robot_command,
           {"robot.id=r", "link.server=" + address, "link.drain_timeout=1 min",
            "source.fps=" + std::to_string(options.fps), "source.width=320", "source.height=240",
-           "source.frames=1000000000", "buffer.drop_log=" + session.drop_log.string()}));
+           "source.frames=1000000000", "buffer.drop_log=" + drops.string()}));
   session.name = word_after(line_of(robot, ", session "), ", session ");
   session.files = options.work / "out" / "r" / session.name;
+  session.drop_log = drops / (session.name + ".csv");
   line_of(robot, "connected to ");
 
   Outages outages(hosts, options.seed);

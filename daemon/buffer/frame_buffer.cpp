@@ -39,6 +39,7 @@ FrameBuffer::FrameBuffer(BufferLimits limits, std::unique_ptr<DropPolicy> policy
   const std::size_t expected = std::min(limits_.frames, kMostReserved);
   waiting_.reserve(expected + 1);
   view_.waiting.reserve(expected + 1);
+  delivered_.reserve(kMostRemembered);
 }
 
 void FrameBuffer::on_captured() {
@@ -62,6 +63,7 @@ void FrameBuffer::on_lost(const DropRecord& record) {
     case DropReason::kShutdown:
     case DropReason::kRefused:
     case DropReason::kUnknown:
+    case DropReason::kLost:
       ++counts_.dropped;
       break;
   }
@@ -163,6 +165,7 @@ void FrameBuffer::return_in_flight() {
 void FrameBuffer::resume(Sequence next) {
   const std::lock_guard lock(mutex_);
   assert(in_flight_.empty());
+  lose_delivered(next);
   // Frames that were taken are older than all that were not, so they are first in line.
   auto first = waiting_.begin();
   for (; first != waiting_.end() && first->was_taken && first->frame->sequence < next; ++first) {
@@ -300,8 +303,33 @@ void FrameBuffer::drop(Entry& entry, std::uint16_t similarity) {
   }
 }
 
+/// Names the frames from `next` on that were acknowledged: the server has lost them.
+void FrameBuffer::lose_delivered(Sequence next) {
+  const auto by_sequence = [](const Delivered& one, const Delivered& other) {
+    return one.sequence < other.sequence;
+  };
+  const auto is_lost = [next](const Delivered& frame) { return frame.sequence >= next; };
+  if (std::none_of(delivered_.begin(), delivered_.end(), is_lost)) return;
+  std::sort(delivered_.begin(), delivered_.end(), by_sequence);
+  oldest_delivered_ = 0;
+  const auto first = std::find_if(delivered_.begin(), delivered_.end(), is_lost);
+  for (auto frame = first; frame != delivered_.end(); ++frame) {
+    final_drops_.push_back({frame->sequence, frame->capture_time_ns, DropReason::kLost});
+    --counts_.acknowledged;
+    ++counts_.dropped;
+  }
+  delivered_.erase(first, delivered_.end());
+}
+
 void FrameBuffer::count_delivered(Entry& entry) {
   ++counts_.acknowledged;
+  const Delivered delivered{entry.frame->sequence, entry.frame->capture_time_ns};
+  if (delivered_.size() < kMostRemembered) {
+    delivered_.push_back(delivered);
+  } else {
+    delivered_[oldest_delivered_] = delivered;
+    oldest_delivered_ = (oldest_delivered_ + 1) % kMostRemembered;
+  }
   if (!last_acknowledged_.frame || last_acknowledged_.frame->sequence < entry.frame->sequence) {
     last_acknowledged_ = std::move(entry);
   }

@@ -56,6 +56,8 @@ struct BufferLimits {
 class FrameBuffer {
  public:
   static constexpr std::size_t kMostInFlight = 32;
+  /// Acknowledged frames that resume() can name: eleven minutes of 25 a second, 256 KiB.
+  static constexpr std::size_t kMostRemembered = 16384;
 
   /// limits.frames >= 3, since a policy compares the two neighbours of a frame. Throws
   /// std::invalid_argument below that. `planner` may be null: frames are then taken in order.
@@ -89,6 +91,8 @@ class FrameBuffer {
   void return_in_flight();
   /// `main`: the server of a new connection has every frame below `next` that was ever taken.
   /// Returned frames below `next` leave; unconfirmed drops below it are undone, others confirmed.
+  /// Acknowledged frames from `next` on are dropped as kLost, if they are among the newest
+  /// kMostRemembered: the server has lost them.
   void resume(Sequence next);
 
   /// `main`: the drops that became final since the last call, in that order. Overwrites `drops`,
@@ -114,6 +118,11 @@ class FrameBuffer {
     bool was_taken = false;  ///< by a connection that broke; the server may have it
   };
 
+  struct Delivered {
+    Sequence sequence;
+    std::int64_t capture_time_ns;
+  };
+
   struct Drop {
     Entry entry;
     std::uint16_t similarity;  ///< DropRecord's
@@ -129,6 +138,7 @@ class FrameBuffer {
   void drop_if_waiting(const FramePtr& victim, std::uint16_t similarity);
   void drop(Entry& entry, std::uint16_t similarity);
   void count_delivered(Entry& entry);
+  void lose_delivered(Sequence next);
 
   const BufferLimits limits_;
   const std::unique_ptr<DropPolicy> policy_;  // worker only
@@ -142,7 +152,9 @@ class FrameBuffer {
   std::vector<Entry> waiting_;                  // some dozens at most; with a planner, thousands
   std::size_t waiting_bytes_ = 0;               // of their JPEGs
   std::vector<Entry> in_flight_;
-  std::size_t in_flight_bytes_ = 0;  // of their JPEGs
+  std::size_t in_flight_bytes_ = 0;   // of their JPEGs
+  std::vector<Delivered> delivered_;  // the newest acknowledged ones; a ring once it is full
+  std::size_t oldest_delivered_ = 0;  // in the ring
   Entry last_acknowledged_;  // the newest of them: the head's neighbour when none is in flight
   std::optional<std::int64_t> last_capture_time_ns_;  // of the last push
   double last_position_s_ = 0;                        // of the same

@@ -1,44 +1,33 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/net/drop_log.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
-#include <cerrno>
 #include <iterator>
-#include <utility>
-
-#include "common/error.hpp"
+#include <vector>
 
 namespace orbbuf {
 
-DropLog::DropLog(std::filesystem::path file) : path_(std::move(file)) {
-  if (path_.empty()) return;
-  file_.open(path_, std::ios::trunc);
-  if (!(file_ << kDropCsvHeader << std::endl)) {
-    throw_system_error("cannot write the drop log " + path_.string());
-  }
-}
-
-void DropLog::add(std::span<const DropRecord> records) {
-  records_.push(records);
-  if (records.empty() || !file_.is_open()) return;
-  for (const DropRecord& record : records) file_ << to_csv(record) << '\n';
-  if (!file_.flush()) {
-    spdlog::error("{}; the robot's own drop log ends here",
-                  system_error("cannot write the drop log " + path_.string(), errno).text);
-    file_.close();
-  }
-}
+void DropLog::add(std::span<const DropRecord> records) { records_.push(records); }
 
 void DropLog::rewind(std::uint64_t next_drop) {
   sent_ = 0;
+  if (next_drop < first_) {
+    const auto count = std::min<std::uint64_t>(first_ - next_drop, kept_.size());
+    const auto begin = kept_.end() - static_cast<std::ptrdiff_t>(count);
+    records_.put_back(std::vector<DropRecord>(begin, kept_.end()));
+    kept_.erase(begin, kept_.end());
+    first_ -= count;
+  }
   acknowledge(next_drop);
 }
 
 void DropLog::acknowledge(std::uint64_t next_drop) {
   if (next_drop <= first_) return;
   const auto count = std::min(next_drop - first_, records_.size());
+  const auto& oldest = records_.oldest();
+  const auto here = static_cast<std::ptrdiff_t>(std::min<std::uint64_t>(count, oldest.size()));
+  kept_.insert(kept_.end(), oldest.begin(), oldest.begin() + here);
+  while (kept_.size() > kMostKept) kept_.pop_front();
   records_.pop(count);
   first_ += count;
   sent_ -= static_cast<std::size_t>(std::min<std::uint64_t>(sent_, count));

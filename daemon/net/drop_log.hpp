@@ -3,8 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <filesystem>
-#include <fstream>
+#include <deque>
 #include <span>
 
 #include "common/drop_record.hpp"
@@ -14,17 +13,16 @@
 namespace orbbuf {
 
 /// The session's drop records on their way into the server's record: numbered as they come, kept
-/// until acknowledged, sent again on a new connection. Also the robot's own copy, a CSV file that
-/// ends up equal to the server's drops.csv. Thread-bound to `main`.
+/// until acknowledged, sent again on a new connection. Thread-bound to `main`.
 /// Memory: 1.5 MB; what waits beyond that is in a file (DropQueue).
 class DropLog {
  public:
-  /// `file`: written anew; empty for none. Throws std::runtime_error if it cannot be created.
-  explicit DropLog(std::filesystem::path file);
+  static constexpr std::size_t kMostKept = 16384;
 
   void add(std::span<const DropRecord> records);
 
-  /// A new connection begins: the server has the records below `next_drop`; the rest is sent again.
+  /// A new connection begins: the server has the records below `next_drop`; the rest is sent again,
+  /// even acknowledged ones, if they are among the newest kMostKept of these.
   void rewind(std::uint64_t next_drop);
   /// The server has the records below `next_drop`.
   void acknowledge(std::uint64_t next_drop);
@@ -35,14 +33,15 @@ class DropLog {
 
   /// Number of the record after the last one.
   std::uint64_t next_drop() const { return first_ + records_.size(); }
+  /// Number of the oldest one that is not acknowledged.
+  std::uint64_t acknowledged() const { return first_; }
   bool is_settled() const { return records_.size() == 0; }
 
  private:
-  std::filesystem::path path_;
-  std::ofstream file_;
-  DropQueue records_;        // not yet acknowledged
-  std::uint64_t first_ = 0;  // number of the oldest of records_
-  std::size_t sent_ = 0;     // how many of records_ this connection has sent
+  DropQueue records_;            // not yet acknowledged
+  std::deque<DropRecord> kept_;  // acknowledged, the newest last
+  std::uint64_t first_ = 0;      // number of the oldest of records_
+  std::size_t sent_ = 0;         // how many of records_ this connection has sent
 };
 
 }  // namespace orbbuf

@@ -33,7 +33,8 @@ std::filesystem::path DropQueue::default_folder() {
 
 void DropQueue::push(std::span<const DropRecord> records) {
   if (in_file() == 0 && newest_.empty()) {
-    const auto count = std::min(records.size(), most_in_memory_ - oldest_.size());
+    const auto count =
+        std::min(records.size(), most_in_memory_ - std::min(oldest_.size(), most_in_memory_));
     oldest_.insert(oldest_.end(), records.begin(),
                    records.begin() + static_cast<std::ptrdiff_t>(count));
     records = records.subspan(count);

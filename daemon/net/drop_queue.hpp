@@ -25,6 +25,10 @@ class DropQueue {
                      std::size_t most_in_memory = kMostInMemory);
 
   void push(std::span<const DropRecord> records);
+  /// Adds older ones than the oldest. They stay in memory.
+  void put_back(std::span<const DropRecord> records) {
+    oldest_.insert(oldest_.begin(), records.begin(), records.end());
+  }
   /// Removes the oldest `count`, at most size().
   void pop(std::uint64_t count);
 

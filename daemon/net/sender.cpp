@@ -20,9 +20,10 @@ constexpr std::chrono::seconds kByeTimeout{2};
 }  // namespace
 
 Sender::Sender(boost::asio::io_context& io, const LinkSettings& settings, wire::Hello hello,
-               FrameBuffer& buffer, DropLog& drops)
+               FrameBuffer& buffer, DropLog& drops, SessionLog& log)
     : buffer_(buffer),
       drops_(drops),
+      log_(log),
       drain_timeout_(settings.drain_timeout),
       link_(io, settings, std::move(hello), static_cast<ServerLink::Owner&>(*this)),
       drain_timer_(io),
@@ -37,6 +38,13 @@ void Sender::start() {
 void Sender::on_connected(const wire::Position& position) {
   on_disconnected();  // from the connection that this one replaces, if there is one
   buffer_.resume(position.next_sequence);
+  if (position.next_sequence < confirmed_) {
+    spdlog::error(
+        "link: the server has lost frames that it had acknowledged, from {} to {}: the drop record "
+        "names those of the newest {} as lost",
+        position.next_sequence, confirmed_ - 1, FrameBuffer::kMostRemembered);
+  }
+  confirmed_ = position.next_sequence;
   drops_.rewind(position.next_drop);
 }
 
@@ -54,6 +62,7 @@ void Sender::on_ack(const wire::Ack& ack) {
   const auto& position = ack.position;
   rate_.on_received(Clock::now(), ack.received.value_or(position.next_sequence), round_trip());
   buffer_.acknowledge(position.next_sequence);
+  confirmed_ = std::max(confirmed_, position.next_sequence);
   drops_.acknowledge(position.next_drop);
   wake();
 }
@@ -118,6 +127,11 @@ bool Sender::is_too_large(const EncodedFrame& frame) {
 void Sender::collect_drops() {
   buffer_.collect_drops(collected_);
   drops_.add(collected_);
+  log_.add(collected_);
+}
+
+void Sender::note_state() {
+  log_.note(buffer_.stats().captured, {confirmed_, drops_.acknowledged()});
 }
 
 bool Sender::is_settled() const {
@@ -159,6 +173,7 @@ void Sender::report_each_second() {
       : link_.is_stalled()  ? ", stalled"
                             : "");
   wake();
+  note_state();
 }
 
 void Sender::finish(std::function<void(bool)> done) {
@@ -189,6 +204,8 @@ void Sender::end(bool complete) {
   report_timer_.cancel();
   buffer_.give_up();
   collect_drops();
+  note_state();
+  if (complete) log_.end();
   std::exchange(done_, nullptr)(complete);
 }
 

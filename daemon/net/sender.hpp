@@ -16,6 +16,7 @@
 #include "daemon/net/link_rate.hpp"
 #include "daemon/net/reporter.hpp"
 #include "daemon/net/server_link.hpp"
+#include "daemon/net/session_log.hpp"
 
 namespace orbbuf {
 
@@ -28,10 +29,10 @@ namespace orbbuf {
 /// record is sent until acknowledged. Thread-bound to `main`, the thread that runs the io_context.
 class Sender final : private ServerLink::Owner {
  public:
-  /// `buffer` and `drops` must outlive the sender. Nothing happens before start(). Throws
+  /// `buffer`, `drops` and `log` must outlive the sender. Nothing happens before start(). Throws
   /// std::runtime_error if the keys of settings.tls cannot be used.
   Sender(boost::asio::io_context& io, const LinkSettings& settings, wire::Hello hello,
-         FrameBuffer& buffer, DropLog& drops);
+         FrameBuffer& buffer, DropLog& drops, SessionLog& log);
 
   void start();
 
@@ -58,6 +59,7 @@ class Sender final : private ServerLink::Owner {
   FramePtr take_frame();
   bool is_too_large(const EncodedFrame& frame);
   void collect_drops();
+  void note_state();
   bool is_settled() const;
   std::chrono::nanoseconds round_trip() const;
   std::vector<std::uint8_t> next_report();
@@ -67,6 +69,7 @@ class Sender final : private ServerLink::Owner {
 
   FrameBuffer& buffer_;
   DropLog& drops_;
+  SessionLog& log_;
   std::vector<DropRecord> collected_;  // on their way from buffer_ to drops_
   const std::chrono::nanoseconds drain_timeout_;
   ServerLink link_;
@@ -75,6 +78,7 @@ class Sender final : private ServerLink::Owner {
   boost::asio::steady_timer drain_timer_;
   boost::asio::steady_timer report_timer_;
   bool is_drops_turn_ = false;
+  Sequence confirmed_ = 0;    // the server has, or had, all below it
   Sequence written_end_ = 0;  // beyond the newest frame that was ever written
   std::uint64_t written_drops_end_ = 0;
   bool is_refusal_logged_ = false;

@@ -54,6 +54,7 @@ ServerLink::ServerLink(asio::io_context& io, LinkSettings settings, wire::Hello 
       hello_(std::move(hello)),
       owner_(owner),
       connection_watch_(settings_.stall_timeout),
+      ack_watch_(settings_.ack_timeout),
       candidate_watch_(settings_.stall_timeout),
       interfaces_(settings_.interfaces, settings_.return_after),
       pace_(settings_.attempt_interval / interfaces_.count(), kMostAttempts * interfaces_.count(),
@@ -281,6 +282,7 @@ void ServerLink::on_welcome(const wire::Position& position) {
   last_error_.clear();
   known_errors_.clear();
   connection_watch_.restart(Clock::now());
+  ack_watch_.restart();
   const auto progress = connection_->progress();
   segment_size_.on_welcome(progress ? progress->acked_bytes : 0);
   spdlog::info("link: connected to {}{}{}; its record of this session reaches frame {}",
@@ -289,7 +291,10 @@ void ServerLink::on_welcome(const wire::Position& position) {
   owner_.on_connected(position);
 }
 
-void ServerLink::on_ack(const wire::Ack& ack) { owner_.on_ack(ack); }
+void ServerLink::on_ack(const wire::Ack& ack) {
+  ack_watch_.on_ack(ack);
+  owner_.on_ack(ack);
+}
 
 void ServerLink::on_bye(const wire::Position& position) { owner_.on_bye(position); }
 
@@ -343,6 +348,8 @@ void ServerLink::check_attempts() {
 
 void ServerLink::check_connection() {
   const auto progress = connection_->progress();
+  ack_watch_.look(progress, Clock::now());
+  if (ack_watch_.is_silent()) return on_silence();
   connection_watch_.look(progress, Clock::now());
   if (connection_watch_.is_moving()) {
     if (progress) pace_.on_round_trip(progress->least_round_trip);
@@ -358,6 +365,13 @@ void ServerLink::check_connection() {
   interfaces_.on_stall();
   begin_outage();
   attempt_at(Clock::now());
+}
+
+void ServerLink::on_silence() {
+  const auto silent = connection_;
+  silent->close();
+  on_connection_lost(*silent, {fmt::format("the server has acknowledged no frame for {:.1f} s",
+                                           to_seconds(ack_watch_.silent_for()))});
 }
 
 /// Once another has said hello the server may have left this one for it: then the candidate is seen

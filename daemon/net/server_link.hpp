@@ -15,6 +15,7 @@
 #include "common/address.hpp"
 #include "common/net/tls.hpp"
 #include "common/wire.hpp"
+#include "daemon/net/ack_watch.hpp"
 #include "daemon/net/attempt_pace.hpp"
 #include "daemon/net/link_interfaces.hpp"
 #include "daemon/net/name_lookup.hpp"
@@ -44,6 +45,9 @@ struct LinkSettings {
   /// Beside a connection whose kernel has sent something and seen none of it acknowledged for this
   /// long (or three round trips, if that is longer) others are tried.
   std::chrono::nanoseconds stall_timeout = std::chrono::milliseconds(300);
+  /// A connection whose server acknowledges none of the frames that its kernel has taken is
+  /// replaced after this long.
+  std::chrono::nanoseconds ack_timeout = std::chrono::seconds(60);
   /// At the end: how long to go on delivering what waits.
   std::chrono::nanoseconds drain_timeout = std::chrono::seconds(10);
   /// What the kernel may hold unsent: frames in there are beyond the policy.
@@ -56,7 +60,8 @@ struct LinkSettings {
 /// | state         | connection     | attempts | the next state, and when                         |
 /// |---------------|----------------|----------|--------------------------------------------------|
 /// | kConnecting   | none           | yes      | kConnected: the server welcomes one              |
-/// | kConnected    | the link's own | a probe  | kConnecting: the connection breaks               |
+/// | kConnected    | the link's own | a probe  | kConnecting: the connection breaks, or the       |
+/// |               |                |          | server acknowledges no frame for ack_timeout     |
 /// |               |                |          | kStalled: the server's kernel acknowledges       |
 /// |               |                |          | nothing for stall_timeout                        |
 /// | kStalled      | the link's own | yes      | kConnected, on the old connection: it recovers   |
@@ -135,7 +140,10 @@ class ServerLink final : private ServerConnection::Owner {
   std::uint32_t max_frame_bytes() const { return connection_ ? connection_->max_frame_bytes() : 0; }
   /// Requires is_writable().
   void write(std::vector<std::uint8_t> message) { connection_->write(std::move(message)); }
-  void write(FramePtr frame) { connection_->write(std::move(frame)); }
+  void write(FramePtr frame) {
+    ack_watch_.on_frame(frame->sequence);
+    connection_->write(std::move(frame));
+  }
 
   /// What the kernel says of the connection; nothing without one.
   std::optional<TcpProgress> progress() const;
@@ -178,6 +186,7 @@ class ServerLink final : private ServerConnection::Owner {
   void check_attempts();
   void check_candidate();
   void check_connection();
+  void on_silence();
   void on_recovered();
 
   boost::asio::io_context& io_;
@@ -189,6 +198,7 @@ class ServerLink final : private ServerConnection::Owner {
   State state_ = State::kConnecting;
   std::shared_ptr<ServerConnection> connection_;  // the one that was welcome; null without
   StallWatch connection_watch_;
+  AckWatch ack_watch_;
   std::shared_ptr<ServerConnection> candidate_;  // to be welcome: TCP is there; null without
   StallWatch candidate_watch_;
   Clock::time_point step_time_;    // when the candidate began its present step

@@ -201,6 +201,7 @@ void Session::on_sink_done(const std::optional<Error>& error) {
   note_failure(error);
   if (error) {
     if (events_.sink_failed) events_.sink_failed();
+    if (const auto peer = peer_.lock()) peer->on_kept();  // a sign of life
     retry_.expires_after(kRetry);
     retry_.async_wait([self = shared_from_this()](const error_code& failed) {
       if (!failed && self->job_ && !self->is_sink_busy_) self->call_sink();

@@ -24,7 +24,8 @@ class SessionPeer {
   virtual ~SessionPeer() = default;
   /// The session is yours and stands at `position`: welcome the robot.
   virtual void on_attached(wire::Position position) = 0;
-  /// What was taken so far may be acknowledged: Session::kept().
+  /// What was taken so far may be acknowledged: Session::kept(). Also when that has not moved,
+  /// while a sink fails: the robot must not take the server for a dead one.
   virtual void on_kept() = 0;
   /// The session is another connection's now, or the robot began a new one.
   virtual void on_replaced() = 0;

@@ -16,14 +16,15 @@ TEST(DropRecord, CsvLineNamesFrameReasonAndTime) {
 }
 
 TEST(DropRecord, CsvLinesAreReadBack) {
-  for (const auto reason : {DropReason::kPolicy, DropReason::kBusy, DropReason::kFailed,
-                            DropReason::kShutdown, DropReason::kRefused, DropReason::kUnknown}) {
+  for (const auto reason :
+       {DropReason::kPolicy, DropReason::kBusy, DropReason::kFailed, DropReason::kShutdown,
+        DropReason::kRefused, DropReason::kUnknown, DropReason::kLost}) {
     const DropRecord drop{std::numeric_limits<Sequence>::max(), -5, reason};
     EXPECT_EQ(drop_from_csv(to_csv(drop)), drop);
   }
   for (const char* line :
        {"", "17", "17,policy", "17,policy,1.633012", "-17,policy,1.633012000",
-        "17,lost,1.633012000", "17,policy,1.633012000,", "17,busy,policy,1.633012000"}) {
+        "17,gone,1.633012000", "17,policy,1.633012000,", "17,busy,policy,1.633012000"}) {
     EXPECT_FALSE(drop_from_csv(line)) << line;
   }
 }

@@ -189,8 +189,8 @@ TEST(WireParse, DroppedFieldsAreChecked) {
             "dropped: 76 bytes are not 5 records");
   EXPECT_EQ(fault_of(altered(Type::kDropped, 26, std::uint8_t{0})),
             "dropped: unknown drop reason 0");
-  EXPECT_EQ(fault_of(altered(Type::kDropped, 26, std::uint8_t{7})),
-            "dropped: unknown drop reason 7");
+  EXPECT_EQ(fault_of(altered(Type::kDropped, 26, std::uint8_t{8})),
+            "dropped: unknown drop reason 8");
   EXPECT_EQ(fault_of(altered(Type::kDropped, 0, ~std::uint64_t{0})),
             "dropped: drop record number out of range");
   EXPECT_EQ(fault_of(altered(Type::kDropped, 10, ~std::uint64_t{0})),

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cstdlib>
+
 #include "common/config.hpp"
 #include "common/wire.hpp"
 #include "testing/temporary_folder.hpp"
@@ -59,9 +61,19 @@ TEST(Settings, SampleFileHoldsEveryKeyWithItsDefault) {
   EXPECT_EQ(sample.link.attempt_interval, fallback.link.attempt_interval);
   EXPECT_EQ(sample.link.connect_timeout, fallback.link.connect_timeout);
   EXPECT_EQ(sample.link.stall_timeout, fallback.link.stall_timeout);
+  EXPECT_EQ(sample.link.ack_timeout, fallback.link.ack_timeout);
   EXPECT_EQ(sample.link.drain_timeout, fallback.link.drain_timeout);
   EXPECT_EQ(sample.link.unsent_bytes, fallback.link.unsent_bytes);
   EXPECT_EQ(sample.link.tls, fallback.link.tls);
+}
+
+TEST(Settings, DropLogIsInTheServicesStateFolder) {
+  EXPECT_EQ(with({}).buffer.drop_log, "");
+  ::setenv("STATE_DIRECTORY", "/var/lib/robot", 1);
+  EXPECT_EQ(with({}).buffer.drop_log, "/var/lib/robot/drops");
+  EXPECT_EQ(with({"buffer.drop_log="}).buffer.drop_log, "");
+  EXPECT_EQ(with({"buffer.drop_log=/tmp/drops"}).buffer.drop_log, "/tmp/drops");
+  ::unsetenv("STATE_DIRECTORY");
 }
 
 TEST(Settings, EveryValueReachesItsPlace) {

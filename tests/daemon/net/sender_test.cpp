@@ -27,7 +27,7 @@ class SenderTest : public ::testing::Test {
     wire::Hello hello;
     hello.robot_id = "r";
     hello.session_id = "s";
-    sender_ = std::make_unique<Sender>(io_, link_, hello, buffer_, drops_);
+    sender_ = std::make_unique<Sender>(io_, link_, hello, buffer_, drops_, log_);
     sender_->start();
     main_ = std::jthread([this] {
       io_.run();
@@ -61,7 +61,8 @@ class SenderTest : public ::testing::Test {
   LinkSettings link_;
   test::ScriptedServer server_;
   FrameBuffer buffer_{{5}, std::make_unique<DropOldestPolicy>()};
-  DropLog drops_{{}};
+  DropLog drops_;
+  SessionLog log_{{}, "r", "s"};
   asio::io_context io_;
   std::unique_ptr<Sender> sender_;
   std::promise<void> has_ended_;
@@ -207,6 +208,41 @@ TEST_F(SenderTest, ServerThatNeverAnswersIsTriedAgain) {
   server_.accept();
   server_.welcome({});
   EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 0U);
+}
+
+TEST_F(SenderTest, WhatTheServerHadAcknowledgedAndLostIsNamed) {
+  push(0, 2);
+  start();
+  server_.welcome({});
+  for (Sequence sequence = 0; sequence < 3; ++sequence) {
+    server_.read(Type::kFrame);
+    server_.ack({sequence + 1, 0});
+  }
+  push(3, 3);
+  server_.read(Type::kFrame);  // so the acknowledgements have arrived
+  server_.close();
+  server_.welcome({1, 0});
+  const Message message = server_.read(Type::kDropped);
+  const wire::Dropped dropped = wire::parse_dropped(message.header, message.body).value();
+  EXPECT_EQ(dropped.records,
+            (std::vector<DropRecord>{{1, 1000, DropReason::kLost}, {2, 2000, DropReason::kLost}}));
+  const wire::Stats stats = buffer_.stats();
+  EXPECT_EQ(stats.acknowledged, 1U);
+  EXPECT_EQ(stats.dropped, 2U);
+}
+
+TEST_F(SenderTest, ServerThatReadsAndNeverAcknowledgesIsLeftAndTriedAgain) {
+  link_.ack_timeout = std::chrono::milliseconds(200);
+  push(0, 1);
+  start();
+  for (int connection = 0; connection < 2; ++connection) {
+    server_.welcome({});
+    EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 0U);
+    EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 1U);
+    while (server_.read_any()) {
+    }
+  }
+  EXPECT_EQ(buffer_.stats().captured, 2U);
 }
 
 TEST_F(SenderTest, ServerThatTalksNonsenseIsLeftAndTriedAgain) {

@@ -294,6 +294,8 @@ TEST_F(SessionTest, AFailingSinkHoldsTheStreamAndIsLoggedOnceEachWay) {
   sink_->answer(Error{"no space"});
   ASSERT_TRUE(run_until_busy(*sink_));
   EXPECT_EQ(taken_, 0);
+  EXPECT_EQ(peer_->kept, 2) << "the robot is to know that the server lives";
+  EXPECT_EQ(session_->kept(), wire::Position{});
   sink_->answer();
   EXPECT_EQ(taken_, 1);
   EXPECT_EQ(sink_->frames, (Sequences{0, 0, 0}));
