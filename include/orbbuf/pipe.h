@@ -49,7 +49,8 @@ struct orbbuf_image {
   const uint8_t* data;    /* PGM: grayscale, row after row without gaps; JPEG: a whole JPEG file */
   size_t size;            /* of data, in bytes */
   uint64_t missed;        /* frames of the session that the stream has not, since the one before */
-  double age; /* seconds from capture to the server's write, by the clocks of both machines */
+  double age; /* seconds from capture to the server's write, by the clocks of both machines; of a
+                 replay, whose times are the recording's, 0 */
 };
 
 struct orbbuf_reader {

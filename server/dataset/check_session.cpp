@@ -86,9 +86,9 @@ class Check {
     const std::uint64_t known = delivered_.size() + dropped_.size();
     if (has_ended && stats && stats->captured > next) {
       problem("frames {} to {} were neither delivered nor dropped", next, stats->captured - 1);
-    } else if (!has_ended && stats) {
-      problem("not ended: up to {} frames unaccounted for",
-              stats->captured > known ? stats->captured - known : 0);
+    } else if (!has_ended && stats && stats->captured > known) {
+      problem("not ended: up to {} frames unaccounted for at the robot's last report",
+              stats->captured - known);
     } else if (!has_ended) {
       problem("not ended: it is not known how many frames are missing at the end");
     }

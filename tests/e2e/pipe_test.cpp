@@ -50,7 +50,7 @@ std::string jpeg_size(const Record& record, std::size_t frame, const std::string
   const auto folder = record.folder / (camera == "right" ? "images_right" : "images");
   const std::string lines = "seq=" + std::to_string(frame) + "\nt=" + record.times[frame] +
                             (camera.empty() ? "" : "\ncamera=" + camera) +
-                            "\nage=0.000\nsession=" + record.folder.filename().string() + "\n";
+                            "\nsession=" + record.folder.filename().string() + "\n";
   return std::to_string(read_file(folder / name).size() + 4 + lines.size()) + " bytes";
 }
 

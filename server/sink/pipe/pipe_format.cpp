@@ -35,8 +35,8 @@ std::string head_lines(const EncodedFrame& frame, Camera camera, const PipeNote&
     lines += fmt::format("{}camera={}\n", prefix, camera == Camera::kLeft ? "left" : "right");
   }
   if (note.missed > 0) lines += fmt::format("{}missed={}\n", prefix, note.missed);
-  return lines + fmt::format("{0}age={1:.3f}\n{0}session={2}\n", prefix, to_seconds(note.age),
-                             note.session);
+  if (note.age) lines += fmt::format("{}age={:.3f}\n", prefix, to_seconds(*note.age));
+  return lines + fmt::format("{}session={}\n", prefix, note.session);
 }
 
 /// All images of `frame`, each by `add(out, image, camera)`, which returns why it cannot.

@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,7 +19,8 @@ namespace orbbuf {
 ///   t=1.640000000      seconds, nine decimals
 ///   camera=left        or right; of stereo frames only, left image first
 ///   missed=12          frames of the session, since the last one in this pipe; absent: none
-///   age=0.061          seconds from capture to here, by the clocks of robot and server
+///   age=0.061          seconds from capture to here, by the clocks of robot and server; absent
+///                      if that is a day or more, as of a replay with the times of its recording
 ///   session=ID
 enum class PipeFormat : std::uint8_t {
   kPgm,    ///< binary P5 after binary P5, each line a comment of its own, after "# "
@@ -29,7 +31,7 @@ enum class PipeFormat : std::uint8_t {
 struct PipeNote {
   std::string session;
   std::uint64_t missed = 0;
-  std::chrono::nanoseconds age{};
+  std::optional<std::chrono::nanoseconds> age;
 };
 
 /// Decodes: 2 to 3 ms for 1241x376, twice that for a pair. An error if an image does not.

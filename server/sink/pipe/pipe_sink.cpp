@@ -209,7 +209,9 @@ PipeNote PipeSink::note_of(const EncodedFrame& frame) const {
   if (last_written_ && frame.sequence > *last_written_) {
     missed = frame.sequence - *last_written_ - 1;
   }
-  return {session_id_, missed, now_() - std::chrono::nanoseconds(frame.capture_time_ns)};
+  const auto age = now_() - std::chrono::nanoseconds(frame.capture_time_ns);
+  const bool is_of_today = std::chrono::abs(age) < std::chrono::hours(24);
+  return {session_id_, missed, is_of_today ? std::optional(age) : std::nullopt};
 }
 
 void PipeSink::on_encoded(const FramePtr& frame, Result<Block> block) {

@@ -72,7 +72,8 @@ TEST_F(CheckSession, SaysThatASessionHasNotEnded) {
   EXPECT_THAT(problems(), ElementsAre("not ended: it is not known how many frames are missing at "
                                       "the end"));
   ASSERT_FALSE(files.finish({false, wire::Stats{25, 1, 1, 1, 8, 14, 0}}));
-  EXPECT_THAT(problems(), ElementsAre("not ended: up to 14 frames unaccounted for"));
+  EXPECT_THAT(problems(), ElementsAre("not ended: up to 14 frames unaccounted for at the "
+                                      "robot's last report"));
 }
 
 TEST_F(CheckSession, NamesTheFramesAtTheEndThatNeverCame) {

@@ -96,6 +96,16 @@ TEST_F(PipeSinkTest, MjpegIsOneJpegAfterTheOtherAndTellsWhatIsMissing) {
             in_pipe(0) + in_pipe(3, 50, 2));
 }
 
+TEST_F(PipeSinkTest, AReplayWithTheTimesOfItsRecordingTellsNoAge) {
+  const UniqueFd end = reader();
+  auto& out = fifo_sink(PipeFormat::kPgm);
+  EncodedFrame frame = *jpeg_frame_ptr(41, 24, 10);
+  frame.capture_time_ns = -24LL * 3600 * 1'000'000'000 + 100'000'000'000;
+  EXPECT_FALSE(write(out, std::make_shared<EncodedFrame>(std::move(frame))));
+  const std::string head = "P5\n# seq=41\n# t=-86300.000000000\n# session=session\n24 10\n255\n";
+  EXPECT_EQ(read(end, head.size()), head);
+}
+
 TEST_F(PipeSinkTest, PgmTellsSequenceAndTimeAndHoldsThePixels) {
   const UniqueFd end = reader();
   auto& out = fifo_sink(PipeFormat::kPgm);
