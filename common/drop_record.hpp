@@ -17,8 +17,10 @@ enum class DropReason : std::uint8_t {
   kFailed = 3,    ///< the image could not be read or encoded
   kShutdown = 4,  ///< still undelivered when the daemon had to stop
   kRefused = 5,   ///< larger than the server accepts: wire::Welcome::max_frame_bytes
-  kUnknown = 6,   ///< sent and not acknowledged when the daemon had to stop: the server may have it
-  kLost = 7,      ///< acknowledged, but the server does not have it any more
+  kUnknown =
+      6,      ///< sent and not acknowledged when the daemon had to stop (the server may have it),
+              ///< or captured by a daemon that was killed, which left no more than its number
+  kLost = 7,  ///< acknowledged, but the server does not have it any more
 };
 
 /// DropRecord::similarity if the neighbours were not compared.

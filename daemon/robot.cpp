@@ -51,6 +51,7 @@ class Robot {
   asio::steady_timer report_timer_{io_};
   Health health_;
   ClockWatch clock_watch_;
+  const std::filesystem::path drop_log_;
   const bool is_camera_;      // else the times are the source's
   bool is_stopping_ = false;  // by a signal
   bool source_failed_ = false;
@@ -69,12 +70,13 @@ wire::Hello make_hello(const Settings& settings) {
   return hello;
 }
 
-/// Of sessions that a signal or a power cut has ended, or that no server was there for.
-void report_earlier_sessions(const std::filesystem::path& drop_log) {
-  for (const EarlierSession& earlier : find_earlier_sessions(drop_log)) {
+/// Those that a signal or a power cut has ended, or that no server was there for.
+std::vector<EarlierSession> report_earlier_sessions(const std::filesystem::path& drop_log) {
+  auto sessions = find_earlier_sessions(drop_log);
+  for (const EarlierSession& earlier : sessions) {
     if (const std::string what = describe(earlier); !what.empty()) spdlog::warn("{}", what);
-    settle(earlier);
   }
+  return sessions;
 }
 
 std::unique_ptr<FrameSource> open_source(const SourceSettings& settings) {
@@ -109,14 +111,13 @@ Robot::Robot(const Settings& settings)
           {[this] { asio::post(io_, [this] { sender_.wake(); }); },
            [this](bool failed) { asio::post(io_, [this, failed] { on_source_ended(failed); }); }}),
       health_(service_),
-      is_camera_(settings.source.kind == "v4l2" || settings.source.kind == "libcamera") {
-  report_earlier_sessions(settings.buffer.drop_log);
-}
+      drop_log_(settings.buffer.drop_log),
+      is_camera_(settings.source.kind == "v4l2" || settings.source.kind == "libcamera") {}
 
 bool Robot::run() {
   await_signal();
   await_reload();
-  sender_.start();
+  sender_.start(report_earlier_sessions(drop_log_));
   pipeline_.start();
   report();
   io_.run();

@@ -240,6 +240,11 @@ wire::Report FrameBuffer::report() const {
   return {current_stats(), static_cast<std::uint32_t>(std::min(capacity, kMost)), waiting_bytes_};
 }
 
+std::int64_t FrameBuffer::last_capture_time_ns() const {
+  const std::lock_guard lock(mutex_);
+  return last_capture_time_ns_.value_or(0);
+}
+
 wire::Stats FrameBuffer::current_stats() const {
   wire::Stats stats = counts_;
   stats.waiting = waiting_.size() + entering_;

@@ -110,6 +110,8 @@ class FrameBuffer {
   /// Any thread. A consistent snapshot of the stats, the capacity and the waiting bytes; nothing of
   /// the link. If bytes are the limit, the capacity is the limit in frames of the mean size.
   wire::Report report() const;
+  /// Any thread. Capture time of the newest frame that was pushed; 0 before the first.
+  std::int64_t last_capture_time_ns() const;
 
  private:
   struct Entry {

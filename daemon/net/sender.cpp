@@ -25,13 +25,16 @@ Sender::Sender(boost::asio::io_context& io, const LinkSettings& settings, wire::
       drops_(drops),
       log_(log),
       drain_timeout_(settings.drain_timeout),
-      link_(io, settings, std::move(hello), static_cast<ServerLink::Owner&>(*this)),
+      link_(io, settings, hello, static_cast<ServerLink::Owner&>(*this)),
+      earlier_(io, link_),
+      hello_(std::move(hello)),
       drain_timer_(io),
       report_timer_(io) {}
 
-void Sender::start() {
+void Sender::start(std::vector<EarlierSession> earlier) {
   reporter_.start(Clock::now());
   link_.start();
+  earlier_.start(hello_, std::move(earlier), [this] { link_.switch_to(hello_, *this); });
   report_each_second();
 }
 
@@ -73,7 +76,7 @@ void Sender::on_bye(const wire::Position& /*position*/) {
 }
 
 void Sender::wake() {
-  if (link_.is_writable()) return write_next();
+  if (!earlier_.is_active() && link_.is_writable()) return write_next();
   collect_drops();  // so that the buffer does not keep those of a long outage
 }
 
@@ -131,8 +134,11 @@ void Sender::collect_drops() {
 }
 
 void Sender::note_state() {
-  log_.note(buffer_.stats().captured, {confirmed_, drops_.acknowledged()});
+  log_.note(buffer_.stats().captured, buffer_.last_capture_time_ns(),
+            {confirmed_, drops_.acknowledged()});
 }
+
+bool Sender::is_connected() const { return link_.is_connected() && !earlier_.is_active(); }
 
 bool Sender::is_settled() const {
   const wire::Stats stats = buffer_.stats();
@@ -169,9 +175,9 @@ void Sender::report_each_second() {
       "captured {} skipped {} failed {} dropped {} acknowledged {} waiting {} in flight {}{}",
       stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged, stats.waiting,
       stats.in_flight,
-      !link_.is_connected() ? ", no connection"
-      : link_.is_stalled()  ? ", stalled"
-                            : "");
+      !is_connected()      ? ", no connection"
+      : link_.is_stalled() ? ", stalled"
+                           : "");
   wake();
   note_state();
 }
@@ -189,7 +195,7 @@ void Sender::give_up_waiting() {
   const wire::Stats stats = buffer_.stats();
   spdlog::warn("link: {} frames are still undelivered after {} s", stats.waiting + stats.in_flight,
                to_seconds(drain_timeout_));
-  if (!link_.is_connected()) return end(false);
+  if (!is_connected()) return end(false);
   buffer_.give_up_waiting();
   drain_timer_.expires_after(kByeTimeout);
   drain_timer_.async_wait([this](const error_code& error) {
@@ -199,13 +205,14 @@ void Sender::give_up_waiting() {
 }
 
 void Sender::end(bool complete) {
+  earlier_.stop();
   link_.close();
   drain_timer_.cancel();
   report_timer_.cancel();
   buffer_.give_up();
   collect_drops();
   note_state();
-  if (complete) log_.end();
+  log_.end(complete);
   std::exchange(done_, nullptr)(complete);
 }
 

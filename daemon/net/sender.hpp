@@ -13,6 +13,7 @@
 #include "common/wire.hpp"
 #include "daemon/buffer/frame_buffer.hpp"
 #include "daemon/net/drop_log.hpp"
+#include "daemon/net/earlier_sessions.hpp"
 #include "daemon/net/link_rate.hpp"
 #include "daemon/net/reporter.hpp"
 #include "daemon/net/server_link.hpp"
@@ -34,7 +35,8 @@ class Sender final : private ServerLink::Owner {
   Sender(boost::asio::io_context& io, const LinkSettings& settings, wire::Hello hello,
          FrameBuffer& buffer, DropLog& drops, SessionLog& log);
 
-  void start();
+  /// First the server gets what it lacks of `earlier` sessions.
+  void start(std::vector<EarlierSession> earlier = {});
 
   /// There may be something new to send.
   void wake();
@@ -60,6 +62,7 @@ class Sender final : private ServerLink::Owner {
   bool is_too_large(const EncodedFrame& frame);
   void collect_drops();
   void note_state();
+  bool is_connected() const;
   bool is_settled() const;
   std::chrono::nanoseconds round_trip() const;
   std::vector<std::uint8_t> next_report();
@@ -73,6 +76,8 @@ class Sender final : private ServerLink::Owner {
   std::vector<DropRecord> collected_;  // on their way from buffer_ to drops_
   const std::chrono::nanoseconds drain_timeout_;
   ServerLink link_;
+  EarlierSessions earlier_;
+  const wire::Hello hello_;
   LinkRate rate_;
   Reporter reporter_;
   boost::asio::steady_timer drain_timer_;

@@ -52,7 +52,7 @@ ServerLink::ServerLink(asio::io_context& io, LinkSettings settings, wire::Hello 
       settings_(std::move(settings)),
       tls_(make_tls_context(settings_.tls)),
       hello_(std::move(hello)),
-      owner_(owner),
+      owner_(&owner),
       connection_watch_(settings_.stall_timeout),
       ack_watch_(settings_.ack_timeout),
       candidate_watch_(settings_.stall_timeout),
@@ -81,17 +81,32 @@ void ServerLink::start() {
   watch();
 }
 
+void ServerLink::switch_to(wire::Hello hello, Owner& owner) {
+  hello_ = std::move(hello);
+  owner_ = &owner;
+  close_connections();
+  state_ = State::kConnecting;
+  known_errors_.clear();
+  pace_.on_welcome();  // a refusal was of the other session
+  begin_outage();
+  attempt_at(Clock::now());
+}
+
 void ServerLink::reload_tls() {
   if (auto context = reload_tls_context(settings_.tls)) tls_ = std::move(context);
 }
 
-void ServerLink::close() {
-  state_ = State::kClosed;
+void ServerLink::close_connections() {
   close_attempts();
   for (auto* open : {&candidate_, &connection_}) {
     if (*open) (*open)->close();
     open->reset();
   }
+}
+
+void ServerLink::close() {
+  state_ = State::kClosed;
+  close_connections();
   watch_timer_.cancel();
   news_.stop();
 }
@@ -213,6 +228,7 @@ void ServerLink::on_candidate_failed(const Error& why) {
   if (was_refused) pace_.on_refused(Clock::now());
   note_failure(why);
   attempt_at(pace_.next(Clock::now()));
+  if (was_refused) owner_->on_refused();
 }
 
 /// The stream is where it was. It says nothing about attempts to come: something else may have
@@ -227,7 +243,7 @@ void ServerLink::on_connection_lost(const ServerConnection& from, const Error& w
   const bool was_refused = from.was_refused();
   connection_.reset();
   const bool was_stalled = std::exchange(state_, State::kConnecting) == State::kStalled;
-  owner_.on_disconnected();
+  owner_->on_disconnected();
   spdlog::log(was_stalled || candidate_ ? spdlog::level::info : spdlog::level::warn,
               "link: connection to {}{} lost: {}", to_string(settings_.server), from.way().over(),
               why.text);
@@ -262,7 +278,7 @@ void ServerLink::promote(const ServerConnection& from) {
 }
 
 std::optional<Error> ServerLink::refusal_of(const wire::Position& position) {
-  if (owner_.can_be_at(position)) return std::nullopt;
+  if (owner_->can_be_at(position)) return std::nullopt;
   return Error{
       fmt::format("the server's record of this session reaches frame {} and drop record {}, which "
                   "this robot has "
@@ -288,17 +304,17 @@ void ServerLink::on_welcome(const wire::Position& position) {
   spdlog::info("link: connected to {}{}{}; its record of this session reaches frame {}",
                to_string(settings_.server), tls_ ? " over TLS" : "", connection_->way().over(),
                position.next_sequence);
-  owner_.on_connected(position);
+  owner_->on_connected(position);
 }
 
 void ServerLink::on_ack(const wire::Ack& ack) {
   ack_watch_.on_ack(ack);
-  owner_.on_ack(ack);
+  owner_->on_ack(ack);
 }
 
-void ServerLink::on_bye(const wire::Position& position) { owner_.on_bye(position); }
+void ServerLink::on_bye(const wire::Position& position) { owner_->on_bye(position); }
 
-void ServerLink::on_writable() { owner_.on_writable(); }
+void ServerLink::on_writable() { owner_->on_writable(); }
 
 void ServerLink::watch() {
   watch_timer_.expires_after(kWatchInterval);

@@ -94,7 +94,7 @@ class ServerLink final : private ServerConnection::Owner {
 
   enum class State : std::uint8_t { kConnecting, kConnected, kStalled, kClosed };
 
-  /// Called from the io_context only, never from within a call to the link.
+  /// What the link serves. Called from the io_context only, never from within a call to the link.
   class Owner {
    public:
     /// A new connection, in the place of the one before if there was one: what was written to that
@@ -104,6 +104,8 @@ class ServerLink final : private ServerConnection::Owner {
     virtual bool can_be_at(const wire::Position& position) const = 0;
     /// The connection broke.
     virtual void on_disconnected() = 0;
+    /// The server answered a hello, and not with a welcome. The link goes on trying.
+    virtual void on_refused() {}
     virtual void on_ack(const wire::Ack& ack) = 0;
     /// The server's last message on this connection: its record reaches `position`.
     virtual void on_bye(const wire::Position& position) = 0;
@@ -120,6 +122,8 @@ class ServerLink final : private ServerConnection::Owner {
   ~ServerLink();
 
   void start();
+  /// From here on for another session: what is connected is closed, and the link connects again.
+  void switch_to(wire::Hello hello, Owner& owner);
   /// Ends connection and attempts at once. No more calls to the owner.
   void close();
 
@@ -173,6 +177,7 @@ class ServerLink final : private ServerConnection::Owner {
   void make_room();
   void give_up(std::vector<Attempt>::iterator attempt);
   void close_attempts();
+  void close_connections();
   void look_up();
   void on_found(const Result<NameLookup::Endpoints>& endpoints);
   void on_network_change();
@@ -192,8 +197,8 @@ class ServerLink final : private ServerConnection::Owner {
   boost::asio::io_context& io_;
   const LinkSettings settings_;
   std::unique_ptr<TlsContext> tls_;  // null: plain TCP
-  const wire::Hello hello_;
-  Owner& owner_;
+  wire::Hello hello_;
+  Owner* owner_;
 
   State state_ = State::kConnecting;
   std::shared_ptr<ServerConnection> connection_;  // the one that was welcome; null without

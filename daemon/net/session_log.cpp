@@ -26,9 +26,12 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::chrono::seconds kSyncInterval{10};
-constexpr std::string_view kStateHeader = "state,robot,captured,next_sequence,next_drop\n";
+constexpr std::string_view kStateHeader =
+    "state,robot,captured,last_capture_ns,next_sequence,next_drop\n";
 constexpr std::string_view kStateExtension = ".state";
 constexpr std::string_view kRecordsExtension = ".csv";
+
+constexpr std::array<std::string_view, 3> kStages = {"open ", "ended", "done "};  // by Stage
 
 UniqueFd open_file(const fs::path& path, int flags) {
   constexpr mode_t kMode = 0644;
@@ -119,8 +122,9 @@ bool put(int file, std::string_view state) {
 
 std::string to_csv(const SessionState& state) {
   const auto& [next_sequence, next_drop] = state.confirmed;
-  return fmt::format("{}{},{},{:020},{:020},{:020}\n", kStateHeader,
-                     state.is_open ? "open" : "done", state.robot_id, state.captured, next_sequence,
+  return fmt::format("{}{},{},{:020},{:020},{:020},{:020}\n", kStateHeader,
+                     kStages[static_cast<std::size_t>(state.stage)], state.robot_id, state.captured,
+                     std::max<std::int64_t>(state.last_capture_time_ns, 0), next_sequence,
                      next_drop);
 }
 
@@ -134,16 +138,21 @@ std::optional<SessionState> state_from_csv(std::string_view text) {
     fields.push_back(text.substr(0, comma));
     if (comma != std::string_view::npos) text.remove_prefix(comma + 1);
   }
-  constexpr std::size_t kFields = 5;
-  if (fields.size() != kFields || (fields[0] != "open" && fields[0] != "done")) return std::nullopt;
-  SessionState state;
-  state.is_open = fields[0] == "open";
-  state.robot_id = fields[1];
+  constexpr std::size_t kFields = 6;
+  if (fields.size() != kFields) return std::nullopt;
+  const auto stage = std::find(kStages.begin(), kStages.end(), fields[0]);
   const auto captured = parse_digits(fields[2]);
-  const auto next_sequence = parse_digits(fields[3]);
-  const auto next_drop = parse_digits(fields[4]);
-  if (!captured || !next_sequence || !next_drop) return std::nullopt;
+  const auto last_capture_ns = parse_digits(fields[3]);
+  const auto next_sequence = parse_digits(fields[4]);
+  const auto next_drop = parse_digits(fields[5]);
+  if (stage == kStages.end() || !captured || !last_capture_ns || !next_sequence || !next_drop) {
+    return std::nullopt;
+  }
+  SessionState state;
+  state.stage = static_cast<SessionState::Stage>(stage - kStages.begin());
+  state.robot_id = fields[1];
   state.captured = *captured;
+  state.last_capture_time_ns = static_cast<std::int64_t>(*last_capture_ns);
   state.confirmed = {*next_sequence, *next_drop};
   return state;
 }
@@ -186,15 +195,17 @@ void SessionLog::add(std::span<const DropRecord> records) {
   changed_.notify_one();
 }
 
-void SessionLog::note(std::uint64_t captured, const wire::Position& confirmed) {
+void SessionLog::note(std::uint64_t captured, std::int64_t last_capture_time_ns,
+                      const wire::Position& confirmed) {
   if (captured == state_.captured && confirmed == state_.confirmed) return;
   state_.captured = captured;
+  state_.last_capture_time_ns = last_capture_time_ns;
   state_.confirmed = confirmed;
   wake();
 }
 
-void SessionLog::end() {
-  state_.is_open = false;
+void SessionLog::end(bool complete) {
+  state_.stage = complete ? SessionState::Stage::kDone : SessionState::Stage::kEnded;
   wake();
 }
 
@@ -248,7 +259,8 @@ std::vector<EarlierSession> find_earlier_sessions(const fs::path& folder) {
   if (folder.empty()) return earlier;
   for (const Found& found : find_sessions(folder)) {
     const auto state = state_from_csv(read_all(found.state));
-    if (!state || !state->is_open || !wire::is_valid_id(state->robot_id)) continue;
+    if (!state || state->stage == SessionState::Stage::kDone) continue;
+    if (!wire::is_valid_id(state->robot_id)) continue;
     const fs::path records = found.records();
     earlier.push_back({records, found.state.stem().string(), *state, read_records(records)});
   }
@@ -270,7 +282,7 @@ std::string describe(const EarlierSession& session) {
 
 void settle(const EarlierSession& session) {
   SessionState state = session.state;
-  state.is_open = false;
+  state.stage = SessionState::Stage::kDone;
   const UniqueFd file =
       open_file(fs::path(session.file).replace_extension(kStateExtension), O_WRONLY);
   if (file && put(file.get(), to_csv(state))) return;

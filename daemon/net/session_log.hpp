@@ -22,10 +22,17 @@ namespace orbbuf {
 
 /// How far a session has come, as the robot knows: the file SESSION.state of its own record.
 struct SessionState {
-  bool is_open = true;  ///< false: no next start has to report it
+  enum class Stage : std::uint8_t {
+    kOpen,   ///< the process lives, or was killed: the rest is as it was a second before
+    kEnded,  ///< in an orderly way, but the server lacks a part of the record
+    kDone,   ///< no next start has to tell the server of it
+  };
+
+  Stage stage = Stage::kOpen;
   std::string robot_id;
-  std::uint64_t captured = 0;  ///< at least so many frames
-  wire::Position confirmed;    ///< acknowledged by the server
+  std::uint64_t captured = 0;             ///< frames; of an open session at least so many
+  std::int64_t last_capture_time_ns = 0;  ///< not before 1970
+  wire::Position confirmed;               ///< acknowledged by the server
 
   friend bool operator==(const SessionState&, const SessionState&) = default;
 };
@@ -58,9 +65,10 @@ class SessionLog {
   SessionLog& operator=(const SessionLog&) = delete;
 
   void add(std::span<const DropRecord> records);
-  void note(std::uint64_t captured, const wire::Position& confirmed);
-  /// The server has the whole record: the next start has nothing to report.
-  void end();
+  void note(std::uint64_t captured, std::int64_t last_capture_time_ns,
+            const wire::Position& confirmed);
+  /// Nothing more comes. `complete`: the server has the whole record.
+  void end(bool complete);
 
  private:
   void wake();
@@ -83,7 +91,7 @@ class SessionLog {
   std::jthread writer_;
 };
 
-/// A session of an earlier process that has not ended, or not to the server's knowledge.
+/// A session of an earlier process that the server has not seen to its end.
 struct EarlierSession {
   std::filesystem::path file;  ///< SESSION.csv
   std::string session_id;
@@ -98,7 +106,7 @@ std::vector<EarlierSession> find_earlier_sessions(const std::filesystem::path& f
 /// empty if all is confirmed.
 std::string describe(const EarlierSession& session);
 
-/// Nothing more is to be reported of it.
+/// The next start has nothing to tell of it.
 void settle(const EarlierSession& session);
 
 }  // namespace orbbuf

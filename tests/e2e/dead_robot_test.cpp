@@ -34,6 +34,37 @@ TEST(DeadRobot, FramesThatTheServerDidNotConfirmAreNamedAtTheNextStart) {
   EXPECT_GT(std::stoull(first.substr(first.find("to ") + 3)), record.delivered.back() + 20)
       << *line;
   EXPECT_NE(line->find((folder / "drops" / (session + ".csv")).string()), std::string::npos);
+
+  const Server again(folder / "out", {}, server.address());
+  ASSERT_TRUE(next.wait_for_line("session " + session + ": the server has its "));
+  ASSERT_TRUE(next.wait_for_lines("connected to", 2));  // now with its own session
+  const Finished check = run({ORBBUF_SERVER, "check", record.folder});
+  EXPECT_NE(check.output.find("not ended"), std::string::npos) << check.output;
+  const std::string drops = read_file(record.folder / "drops.csv");
+  const std::string last = first.substr(first.find("to ") + 3);
+  EXPECT_NE(drops.find("\n" + std::to_string(std::stoull(last)) + ",unknown,"), std::string::npos)
+      << drops;
+}
+
+TEST(DeadRobot, ARobotThatEndsWithoutItsServerCompletesTheRecordAtTheNextStart) {
+  const TemporaryFolder folder;
+  const std::string drop_log = "buffer.drop_log=" + (folder / "drops").string();
+  Server server(folder / "out");
+  Process robot(robot_command(kRobot, server.address(),
+                              {drop_log, "source.frames=1000000", "link.drain_timeout=0.1 s"}));
+  ASSERT_TRUE(robot.wait_for_lines("] captured ", 2)) << robot.output();
+  server.process().signal(SIGKILL);
+  ASSERT_TRUE(robot.wait_for_line(", no connection")) << robot.output();
+  robot.signal(SIGTERM);
+  robot.wait();
+  const auto session = read_record(folder / "out", kRobot).folder;
+  EXPECT_NE(run({ORBBUF_SERVER, "check", session}).status, 0);
+
+  const Server again(folder / "out", {}, server.address());
+  const Finished next = run(robot_command(kRobot, server.address(), {drop_log, "source.frames=3"}));
+  EXPECT_EQ(next.status, 0) << next.output;
+  const Finished check = run({ORBBUF_SERVER, "check", session});
+  EXPECT_EQ(check.status, 0) << check.output << next.output;
 }
 
 }  // namespace

@@ -23,7 +23,7 @@ std::vector<DropRecord> policy_drops(Sequence first, std::size_t count) {
 void die_in_session(const std::filesystem::path& folder, const std::string& session) {
   SessionLog log(folder, "r", session);
   log.add(policy_drops(7, 1));
-  log.note(10, {7, 0});
+  log.note(10, 9000, {7, 0});
 }
 
 TEST(SessionLog, RecordsAreWrittenAsTheServerWritesThem) {
@@ -33,9 +33,9 @@ TEST(SessionLog, RecordsAreWrittenAsTheServerWritesThem) {
 }
 
 TEST(SessionLog, StateIsReadBack) {
-  const SessionState state{false, "tb3", 500, {450, 12}};
+  const SessionState state{SessionState::Stage::kEnded, "tb3", 500, 1'640'000'000'000, {450, 12}};
   EXPECT_EQ(state_from_csv(to_csv(state)), state);
-  EXPECT_EQ(to_csv(state).size(), to_csv(SessionState{true, "tb3", 0, {}}).size());
+  EXPECT_EQ(to_csv(state).size(), to_csv({SessionState::Stage::kOpen, "tb3", 0, 0, {}}).size());
   EXPECT_EQ(state_from_csv(""), std::nullopt);
   EXPECT_EQ(state_from_csv(to_csv(state).substr(0, 70)), std::nullopt);
 }
@@ -59,8 +59,8 @@ TEST(SessionLog, SessionThatTheServerHasWholeIsNotReported) {
   const test::TemporaryFolder folder;
   {
     SessionLog log(folder.path(), "r", "s");
-    log.note(10, {10, 0});
-    log.end();
+    log.note(10, 9000, {10, 0});
+    log.end(true);
   }
   EXPECT_TRUE(find_earlier_sessions(folder.path()).empty());
 }
@@ -118,7 +118,7 @@ TEST(SessionLog, FolderThatCannotBeMadeIsAWarning) {
   {
     SessionLog log("/proc/nowhere", "r", "s");
     log.add(policy_drops(0, 1));
-    log.note(1, {});
+    log.note(1, 0, {});
   }
   EXPECT_EQ(captured.lines(),
             std::vector<std::string>{
