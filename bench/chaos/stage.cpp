@@ -144,7 +144,7 @@ void Stage::start_robot(Robot& robot) {
   const std::size_t n = sessions_.size();
   Session session;
   session.log = work_ / fmt::format("robot-{}.log", n);
-  const fs::path drops = work_ / fmt::format("drops-{}", n);
+  const fs::path drops = work_ / ("drops-" + robot.id);  // the next one tells what this one cannot
   Words settings{"robot.id=" + robot.id,
                  "link.server=" + robot.address + ":" + port_,
                  "link.drain_timeout=1 min",

@@ -7,9 +7,11 @@
 //                                 standard input: a line for each, TIME BYTES NUMBER
 //   watch FOLDER                  the same line, and the file's name, for each file that is renamed
 //                                 into FOLDER
-//   path NEAR FAR SECONDS [TRACE] two network interfaces, and the packets between them, each of
+//   path NEAR FAR SECONDS [TRACE | REORDER REPEAT FLIP]
+//                                 two network interfaces, and the packets between them, each of
 //                                 which takes that long; from NEAR to FAR only at the times of a
-//                                 trace of mahimahi's, after a queue of 500 kB
+//                                 trace of mahimahi's, after a queue of 500 kB; or with these
+//                                 shares of PacketFaults
 // TIME is in seconds of the system's clock. Each runs until it is killed.
 #include <arpa/inet.h>
 #include <sys/inotify.h>
@@ -134,16 +136,20 @@ int run(std::vector<std::string> words) {
     read(std::stod(words[1]));
   } else if (words.size() == 2 && words[0] == "watch") {
     watch(words[1]);
-  } else if ((words.size() == 4 || words.size() == 5) && words[0] == "path") {
+  } else if ((words.size() == 4 || words.size() == 5 || words.size() == 7) && words[0] == "path") {
+    orbbuf::bench::PacketFaults faults;
+    if (words.size() == 7) {
+      faults = {std::stod(words[4]), std::stod(words[5]), std::stod(words[6])};
+    }
     orbbuf::bench::carry_packets(words[1], words[2],
                                  std::chrono::duration_cast<std::chrono::nanoseconds>(
                                      std::chrono::duration<double>(std::stod(words[3]))),
-                                 words.size() == 5 ? words[4] : "");
+                                 words.size() == 5 ? words[4] : "", faults);
   } else {
     std::fputs(
         "usage: orbbuf-link-peer send ADDRESS PORT BYTES FPS [mptcp] | receive ADDRESS PORT "
         "[mptcp] | "
-        "read FPS | watch FOLDER | path NEAR FAR SECONDS [TRACE]\n",
+        "read FPS | watch FOLDER | path NEAR FAR SECONDS [TRACE | REORDER REPEAT FLIP]\n",
         stderr);
     return 2;
   }

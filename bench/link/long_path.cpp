@@ -14,6 +14,7 @@
 #include <deque>
 #include <fstream>
 #include <optional>
+#include <random>
 #include <stdexcept>
 #include <utility>
 #include <vector>
@@ -29,6 +30,8 @@ constexpr std::size_t kLargestPacket = 65536;
 
 constexpr std::size_t kHeldBytes = 500'000;      // 2 s at 2 Mbit/s
 constexpr std::size_t kOpportunityBytes = 1500;  // as mahimahi has it
+constexpr std::chrono::milliseconds kReorderDelay{10};
+constexpr std::size_t kHeaderBytes = 60;  // of IPv4 and TCP, with our options or fewer
 
 using Bytes = std::vector<char>;
 
@@ -72,8 +75,9 @@ class Opportunities {
 /// Packets between two interfaces, of which those from the first may wait for a recorded link.
 class Path {
  public:
-  Path(const std::array<int, 2>& ends, std::chrono::nanoseconds delay, const std::string& trace)
-      : ends_(ends), delay_(delay) {
+  Path(const std::array<int, 2>& ends, std::chrono::nanoseconds delay, const std::string& trace,
+       const PacketFaults& faults)
+      : ends_(ends), delay_(delay), faults_(faults) {
     if (!trace.empty()) opportunities_.emplace(trace);
   }
 
@@ -106,7 +110,7 @@ class Path {
       if (size <= 0) return;
       Bytes packet(bytes.data(), bytes.data() + size);
       if (end == 1 || !opportunities_) {
-        on_the_way_.push_back({Clock::now() + delay_, ends_[1 - end], std::move(packet)});
+        send({Clock::now() + delay_, ends_[1 - end], std::move(packet)});
       } else if (held_bytes_ + packet.size() <= kHeldBytes) {
         held_bytes_ += packet.size();
         held_.push_back(std::move(packet));
@@ -123,10 +127,38 @@ class Path {
       for (; !held_.empty() && held_.front().size() <= room_; held_.pop_front()) {
         room_ -= held_.front().size();
         held_bytes_ -= held_.front().size();
-        on_the_way_.push_back({now + delay_, ends_[1], std::move(held_.front())});
+        send({now + delay_, ends_[1], std::move(held_.front())});
       }
       if (held_.empty()) room_ = 0;
     }
+  }
+
+  bool happens(double share) { return share > 0 && chance_(random_) < share; }
+
+  void send(Packet packet) {
+    if (packet.bytes.size() > 2 * kHeaderBytes && happens(faults_.flip)) flip(packet.bytes);
+    if (happens(faults_.reorder)) packet.due += kReorderDelay;
+    if (happens(faults_.repeat)) put(packet);
+    put(std::move(packet));
+  }
+
+  /// In the order of time.
+  void put(Packet packet) {
+    const auto later = std::upper_bound(
+        on_the_way_.begin(), on_the_way_.end(), packet.due,
+        [](Clock::time_point due, const Packet& other) { return due < other.due; });
+    on_the_way_.insert(later, std::move(packet));
+  }
+
+  /// At even offsets from the TCP header, whose length is a multiple of four.
+  void flip(Bytes& bytes) {
+    const std::size_t words = (bytes.size() - kHeaderBytes) / 2;
+    std::uniform_int_distribution<std::size_t> any(0, words - 1);
+    const auto at = [&](std::size_t word) {
+      return bytes.begin() + static_cast<std::ptrdiff_t>(kHeaderBytes + 2 * word);
+    };
+    const auto one = at(any(random_));
+    std::swap_ranges(one, one + 2, at(any(random_)));
   }
 
   void deliver() {
@@ -140,6 +172,9 @@ class Path {
 
   const std::array<int, 2> ends_;
   const std::chrono::nanoseconds delay_;
+  const PacketFaults faults_;
+  std::minstd_rand random_;
+  std::uniform_real_distribution<double> chance_{0, 1};
   std::optional<Opportunities> opportunities_;
   std::deque<Bytes> held_;  // from the first end, until the recorded link takes it
   std::size_t held_bytes_ = 0;
@@ -150,8 +185,9 @@ class Path {
 }  // namespace
 
 void carry_packets(const std::string& near_end, const std::string& far_end,
-                   std::chrono::nanoseconds delay, const std::string& trace) {
-  Path path({make_interface(near_end), make_interface(far_end)}, delay, trace);
+                   std::chrono::nanoseconds delay, const std::string& trace,
+                   const PacketFaults& faults) {
+  Path path({make_interface(near_end), make_interface(far_end)}, delay, trace, faults);
   std::fprintf(stderr, "path from %s to %s\n", near_end.c_str(), far_end.c_str());
   for (;;) path.step();
 }

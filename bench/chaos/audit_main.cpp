@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+// What became of every frame of one session, from what the robot and the server have left: the
+// check of ./dev bench chaos, and beside it the recording. Prints what is wrong, and a line of
+// counts.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <set>
+#include <stdexcept>
+
+#include "bench/chaos/check.hpp"
+#include "bench/run_program.hpp"
+
+namespace {
+
+namespace fs = std::filesystem;
+using orbbuf::chaos::CheckResult;
+
+std::string read(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+std::vector<std::string> read_sources(const fs::path& folder) {
+  std::vector<fs::path> files;
+  for (const auto& entry : fs::directory_iterator(folder)) files.push_back(entry.path());
+  std::ranges::sort(files);
+  std::vector<std::string> all;
+  for (const fs::path& file : files) all.push_back(read(file));
+  return all;
+}
+
+/// The messages of an MCAP file without compression, by the specification alone.
+class Recording {
+ public:
+  explicit Recording(const std::string& bytes) : bytes_(bytes) {
+    constexpr std::size_t kMagicBytes = 8;
+    for (std::size_t at = kMagicBytes; at + kMagicBytes < bytes.size();) at = record(at);
+  }
+  /// Of the channels whose topics end in that: by their sequence numbers.
+  std::multimap<std::uint32_t, std::string> messages(const std::string& topic) const {
+    std::multimap<std::uint32_t, std::string> found;
+    for (const auto& [channel, name] : topics_) {
+      if (!name.ends_with(topic)) continue;
+      const auto of_channel = messages_.find(channel);
+      if (of_channel != messages_.end()) {
+        found.insert(of_channel->second.begin(), of_channel->second.end());
+      }
+    }
+    return found;
+  }
+
+ private:
+  static constexpr char kChannel = 4;
+  static constexpr char kMessage = 5;
+  static constexpr char kChunk = 6;
+
+  template <class Number>
+  Number number(std::size_t at) const {
+    if (at + sizeof(Number) > bytes_.size()) throw std::runtime_error("the recording ends early");
+    Number value{};
+    std::memcpy(&value, bytes_.data() + at, sizeof value);
+    return value;
+  }
+  std::string text(std::size_t at) const {
+    return bytes_.substr(at + 4, number<std::uint32_t>(at));
+  }
+
+  /// Returns where the next one begins; a chunk's records follow as if they were the file's.
+  std::size_t record(std::size_t at) {
+    constexpr std::size_t kHeadBytes = 9;
+    constexpr std::size_t kMessageHeadBytes = 22;
+    constexpr std::size_t kChunkHeadBytes = 28;
+    const char kind = bytes_.at(at);
+    const auto size = static_cast<std::size_t>(number<std::uint64_t>(at + 1));
+    const std::size_t body = at + kHeadBytes;
+    if (kind == kChunk) {
+      const std::string compression = text(body + kChunkHeadBytes);
+      if (!compression.empty()) throw std::runtime_error("the recording is compressed");
+      return body + kChunkHeadBytes + 4 + 8;
+    }
+    if (kind == kChannel) topics_[number<std::uint16_t>(body)] = text(body + 4);
+    if (kind == kMessage) {
+      messages_[number<std::uint16_t>(body)].emplace(
+          number<std::uint32_t>(body + 2),
+          bytes_.substr(body + kMessageHeadBytes, size - kMessageHeadBytes));
+    }
+    return body + size;
+  }
+
+  const std::string& bytes_;
+  std::map<std::uint16_t, std::string> topics_;
+  std::map<std::uint16_t, std::multimap<std::uint32_t, std::string>> messages_;
+};
+
+/// The recording has each frame and each drop record of the files once, and nothing else.
+void check_recording(const fs::path& file, const orbbuf::chaos::Session& session,
+                     const std::vector<std::string>& source, CheckResult& found) {
+  const auto problem = [&](std::uint64_t& count, const std::string& text) {
+    ++count;
+    found.problems.push_back("recording: " + text);
+  };
+  const std::string bytes = read(file);
+  const Recording recording(bytes);
+  auto images = recording.messages("/image");
+  std::ifstream times(session.files / "times.txt");
+  for (std::string line; std::getline(times, line);) {
+    const auto frame = static_cast<std::uint32_t>(std::stoul(line));
+    const auto [first, last] = images.equal_range(frame);
+    if (first == last) {
+      problem(found.lost, "no frame " + line);
+      continue;
+    }
+    if (std::next(first) != last) problem(found.repeated, "frame " + line);
+    if (first->second.find(source[frame % source.size()]) == std::string::npos) {
+      problem(found.unexplained, "not what was captured: frame " + line);
+    }
+    images.erase(first, last);
+  }
+  for (const auto& [frame, data] : images) {
+    problem(found.unexplained, "only there: frame " + std::to_string(frame));
+  }
+  std::ifstream drops(session.files / "drops.csv");
+  std::size_t lines = 0;
+  for (std::string line; std::getline(drops, line);) ++lines;
+  const std::size_t listed = lines == 0 ? 0 : lines - 1;
+  const auto recorded = recording.messages("/drops");
+  std::set<std::uint32_t> numbers;
+  for (const auto& [number, data] : recorded) numbers.insert(number);
+  if (recorded.size() != listed || numbers.size() != listed) {
+    problem(found.unexplained, std::to_string(recorded.size()) + " drop records, in drops.csv " +
+                                   std::to_string(listed));
+  }
+}
+
+int run(const orbbuf::chaos::Session& session, const fs::path& source) {
+  CheckResult found = orbbuf::chaos::check({session}, source);
+  const fs::path recording = session.files / (session.files.filename().string() + ".mcap");
+  if (fs::exists(recording)) check_recording(recording, session, read_sources(source), found);
+  for (const std::string& problem : found.problems) std::printf("%s\n", problem.c_str());
+  std::printf(
+      "captured %lu delivered %lu dropped %lu died_with_robot %lu lost %lu repeated %lu "
+      "unexplained %lu\n",
+      found.captured, found.delivered, found.dropped, found.died_with_robot, found.lost,
+      found.repeated, found.unexplained);
+  return found.problems.empty() ? EXIT_SUCCESS : EXIT_FAILURE;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  orbbuf::chaos::Session session;
+  fs::path source;
+  CLI::App app("What became of every frame of a session");
+  app.add_option("--session", session.files, "the server's folder of it")->required();
+  app.add_option("--log", session.log, "what the robot printed")->required();
+  app.add_option("--drop-log", session.drop_log, "the robot's own drop records")->required();
+  app.add_option("--source", source, "the images that the robot replays")->required();
+  app.add_flag("--killed", session.was_killed, "the robot was killed");
+  CLI11_PARSE(app, argc, argv);
+  session.name = session.files.filename().string();
+  return orbbuf::bench::run_program("audit", [&] { return run(session, source); });
+}
