@@ -5,6 +5,7 @@
 # robot's own, and the robot's log. Usage: bench/faults/run.sh BUILD_FOLDER [FAULT...]; default: all of
 FAULTS='round_trip small_packets names reorder repeats flips slow_disk full_disk broken_disk two_servers killed_robot'
 # RESULT faults.FAULT.{captured,delivered,lost,repeated,unexplained}, and faults.{run,lost,repeated,unexplained}.
+# shellcheck disable=SC2317 # each fault is called by its name
 set -euo pipefail
 build=$(cd "$1" && pwd)
 shift
@@ -67,7 +68,7 @@ over_path() {
   lay_path "${@:2}"
   serve "$fault"
   stream "$fault"
-  sleep $SECONDS_OF_FAULT
+  sleep "$SECONDS_OF_FAULT"
   [ "$fault" != flips ] || wait_for flips-server checksum
   finish
   account "$fault" "$work/$fault-robot.err"
@@ -88,7 +89,7 @@ small_packets() {
     "${words[@]}" nft 'add table inet hole; add chain inet hole in { type filter hook input priority 0; }
       add rule inet hole in meta length > 1200 drop'
   done
-  sleep $SECONDS_OF_FAULT
+  sleep "$SECONDS_OF_FAULT"
   for host in on_robot on_server; do
     local -n words=$host
     "${words[@]}" nft delete table inet hole
@@ -113,7 +114,7 @@ names() {
   robot_words=()
   : >"$work/hosts"
   cut_link
-  sleep $SECONDS_OF_FAULT
+  sleep "$SECONDS_OF_FAULT"
   mend_link
   finish
   account names "$work/names-robot.err"
@@ -129,11 +130,11 @@ with_disk() {
   mkdir "$disk" "$work/$1-disk"
   "$build/bench/orbbuf-bad-disk" "$work/$1-disk" "$disk" "$2" "$3" 2>"$work/$1-disk.err" &
   disk_pid=$!
-  until mountpoint -q "$disk"; do kill -0 $disk_pid && sleep 0.05; done
+  until mountpoint -q "$disk"; do kill -0 "$disk_pid" && sleep 0.05; done
 }
 without_disk() {
   umount "$disk"
-  wait $disk_pid || true
+  wait "$disk_pid" || true
   disk=
 }
 
@@ -141,7 +142,7 @@ slow_disk() {
   with_disk slow_disk 20 full || return 0
   serve slow_disk
   stream slow_disk
-  sleep $SECONDS_OF_FAULT
+  sleep "$SECONDS_OF_FAULT"
   finish
   account slow_disk "$work/slow_disk-robot.err"
   without_disk
@@ -152,10 +153,10 @@ full_disk() {
   serve full_disk
   stream full_disk
   sleep 2
-  kill -USR1 $disk_pid
+  kill -USR1 "$disk_pid"
   wait_for full_disk-server 'stream paused'
   sleep 2
-  kill -USR2 $disk_pid
+  kill -USR2 "$disk_pid"
   sleep 1
   finish
   account full_disk "$work/full_disk-robot.err"
@@ -169,10 +170,10 @@ broken_disk() {
   local server=${pids[-1]}
   stream broken_disk
   sleep 2
-  kill -USR1 $disk_pid
+  kill -USR1 "$disk_pid"
   wait_for broken_disk-server 'Input/output error'
   sleep 1
-  kill -USR2 $disk_pid
+  kill -USR2 "$disk_pid"
   kill -TERM "$server"
   wait "$server" || true
   mv "$work/broken_disk-server.err" "$work/broken_disk-server-1.err"
