@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # One fault at a time under a stream of 25 frames/s to a server with files and a recording, and then an
 # account of every frame, from the source's bytes, the server's files, its recording, its drop record, the
-# robot's own, and the robot's log. Usage: bench/faults/run.sh BUILD_FOLDER [FAULT...]; default: all of
-FAULTS='round_trip small_packets names reorder repeats flips slow_disk full_disk broken_disk two_servers killed_robot'
+# robot's own, and the robot's log. Usage: bench/faults/run.sh BUILD_FOLDER [FAULT...]; default: all of FAULTS
 # RESULT faults.FAULT.{captured,delivered,lost,repeated,unexplained}, and faults.{run,lost,repeated,unexplained}.
 # shellcheck disable=SC2317 # each fault is called by its name
 set -euo pipefail
@@ -14,6 +13,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 . bench/link/rig.sh
 # shellcheck source=bench/link/path.sh
 . bench/link/path.sh
+FAULTS='round_trip small_packets names reorder repeats flips slow_disk full_disk broken_disk two_servers killed_robot'
 SECONDS_OF_FAULT=6
 address=$ADDRESS_cubic # where the robot reaches the server
 robot_words=()         # before orbbufd
