@@ -11,8 +11,6 @@ shift
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 # shellcheck source=bench/link/rig.sh
 . bench/link/rig.sh
-# shellcheck source=bench/link/path.sh
-. bench/link/path.sh
 FAULTS='round_trip small_packets names reorder repeats flips slow_disk full_disk broken_disk two_servers killed_robot'
 SECONDS_OF_FAULT=6
 address=$ADDRESS_cubic # where the robot reaches the server

@@ -3,20 +3,7 @@
 # To be sourced after return.sh: how soon frames come after an outage of a link with a long round trip,
 # how long a robot needs to connect over it, what a name server behind the outage changes, for the end
 # of the program too, and what the attempts to connect cost.
-ADDRESS_far=10.78.0.2
 COST_SECONDS=20
-
-# lay_path MS [TRACE]: a second way between the hosts, with this round trip. Until stop_from.
-lay_path() {
-  start path "${on_robot[@]}" "$build/bench/orbbuf-link-peer" path near far \
-    "$(awk -v ms="$1" 'BEGIN { print ms / 2000 }')" "${@:2}"
-  wait_for path 'path from'
-  ip -n "$robot_ns" link set far netns "$server_ns"
-  ip -n "$robot_ns" addr add 10.78.0.1/24 dev near
-  ip -n "$server_ns" addr add "$ADDRESS_far/24" dev far
-  ip -n "$robot_ns" link set near up
-  ip -n "$server_ns" link set far up
-}
 
 # connect_seconds NAME: from the start of orbbufd to its connection, by its log.
 connect_seconds() {

@@ -5,6 +5,7 @@
 # congestion control: what the robot sends to it is under that one. Wants `build`, makes `work`.
 ADDRESS_cubic=10.77.0.2
 ADDRESS_bbr=10.77.0.3
+ADDRESS_far=10.78.0.2 # over lay_path
 
 rig=$(dirname "${BASH_SOURCE[0]}")
 robot_ns=orbbuf-robot-$$
@@ -98,6 +99,19 @@ stop_from() { # FIRST
   pids=("${pids[@]:0:$1}")
   [ ${#stopped[@]} -eq 0 ] || kill "${stopped[@]}" 2>/dev/null || true
   wait "${stopped[@]}" 2>/dev/null || true
+}
+
+# lay_path MS [...]: a second way between the hosts, with this round trip, and what else `orbbuf-link-peer path`
+# takes. Until stop_from.
+lay_path() {
+  start path "${on_robot[@]}" "$build/bench/orbbuf-link-peer" path near far \
+    "$(awk -v ms="$1" 'BEGIN { print ms / 2000 }')" "${@:2}"
+  wait_for path 'path from'
+  ip -n "$robot_ns" link set far netns "$server_ns"
+  ip -n "$robot_ns" addr add 10.78.0.1/24 dev near
+  ip -n "$server_ns" addr add "$ADDRESS_far/24" dev far
+  ip -n "$robot_ns" link set near up
+  ip -n "$server_ns" link set far up
 }
 
 # make_images FOLDER COUNT WIDTH HEIGHT: COUNT generated JPEGs, to be replayed as a camera's.
