@@ -189,6 +189,7 @@ start_ros() {
   local ros=(env "ROS_MASTER_URI=http://$ADDRESS_cubic:11311" "ROS_LOG_DIR=$work/ros"
     "ROS_HOME=$work/ros")
   local ros_on_server=("${on_server[@]}" "${ros[@]}" "ROS_IP=$ADDRESS_cubic")
+  # shellcheck disable=SC2034 # faults/run.sh has no ROS
   ros_on_robot=("${on_robot[@]}" "${ros[@]}" ROS_IP=10.77.0.1)
   start rosmaster "${ros_on_server[@]}" rosmaster --core -p 11311
   sleep 2
