@@ -40,7 +40,10 @@ int serve(const ServeOptions& options) {
     return EXIT_SUCCESS;
   }
   spdlog::set_level(spdlog::level::from_str(settings.log_level));
-  orbbuf::serve(settings);
+  orbbuf::serve(settings, [&options] {
+    orbbuf::ConfigReader again(options.config, options.overrides);
+    return orbbuf::load_settings(again).listen.robots;
+  });
   if (!end_sinks(settings.sinks)) std::_Exit(EXIT_SUCCESS);
   return EXIT_SUCCESS;
 }

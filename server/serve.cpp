@@ -58,13 +58,24 @@ void name_threads(asio::thread_pool& files) {
 }
 
 /// SIGHUP never ends the server.
-void await_reload(asio::signal_set& reload, Listener& listener, std::optional<HttpServer>& http) {
+void await_reload(asio::signal_set& reload, const std::function<void()>& run) {
   reload.async_wait([&](const error_code& failed, int /*signal*/) {
     if (failed) return;
-    listener.reload_tls();
-    if (http) http->use_tls(listener.tls());
-    await_reload(reload, listener, http);
+    run();
+    await_reload(reload, run);
   });
+}
+
+void reload_robots(Listener& listener,
+                   const std::function<std::vector<std::string>()>& read_robots) {
+  try {
+    auto robots = read_robots();
+    spdlog::info("SIGHUP: read listen.robots again: {}",
+                 robots.empty() ? "all robots" : fmt::format("{} robots", robots.size()));
+    listener.allow(std::move(robots));
+  } catch (const std::runtime_error& error) {
+    spdlog::error("SIGHUP: listen.robots stays as it was: {}", error.what());
+  }
 }
 
 /// Where the place is ours to choose, that it is taken is no reason not to serve.
@@ -83,7 +94,7 @@ std::unique_ptr<StatusSocket> open_status(asio::io_context& main, const std::str
 
 }  // namespace
 
-void serve(const Settings& settings) {
+void serve(const Settings& settings, const std::function<std::vector<std::string>()>& read_robots) {
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGCHLD, SIG_DFL);  // ignored, as some programs leave it, a child has no status
   check_sinks(settings.sinks);
@@ -105,7 +116,12 @@ void serve(const Settings& settings) {
   listener.on_sink_failed([&] { retention->wake(); });
 
   asio::signal_set reload(main, SIGHUP);
-  await_reload(reload, listener, http);
+  const std::function<void()> on_reload = [&] {
+    listener.reload_tls();
+    if (http) http->use_tls(listener.tls());
+    reload_robots(listener, read_robots);
+  };
+  await_reload(reload, on_reload);
   asio::signal_set signals(main, SIGINT, SIGTERM);
   signals.async_wait([&](const error_code& failed, int signal) {
     if (failed) return;

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <functional>
+#include <string>
+#include <vector>
+
 #include "server/settings.hpp"
 
 namespace orbbuf {
@@ -11,6 +15,9 @@ namespace orbbuf {
 ///
 /// Runs the io_context on the calling thread, which it names `main`, and blocking work on a thread
 /// named `files`. Ignores SIGPIPE from here on. Throws std::runtime_error if it cannot begin.
-void serve(const Settings& settings);
+///
+/// On SIGHUP it reads the certificates again, and `listen.robots` by `read_robots`, which may throw
+/// std::runtime_error: then all stays as it was.
+void serve(const Settings& settings, const std::function<std::vector<std::string>()>& read_robots);
 
 }  // namespace orbbuf

@@ -72,6 +72,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void refuse(std::string_view why, spdlog::level::level_enum level = spdlog::level::warn);
   bool is_introduced() const { return state_ > State::kHello; }
   const boost::asio::ip::tcp::endpoint& peer() const { return peer_; }
+  const std::string& robot_id() const { return robot_id_; }
 
   void on_attached(wire::Position position) override;
   void on_kept() override;

@@ -42,7 +42,8 @@ Listener::Listener(asio::io_context& main, asio::thread_pool& pool, Settings set
       tls_(make_tls_context(settings_.listen.tls)),
       acceptor_(listen_on(main, "listen on", settings_.listen.address,
                           settings_.listen.receive_buffer_bytes)),
-      retry_(main) {}
+      retry_(main),
+      allowed_(settings_.listen.robots) {}
 
 void Listener::start() {
   spdlog::info("{}listening on {}", tls_ ? "with TLS, " : "", to_text(endpoint()));
@@ -55,6 +56,19 @@ void Listener::start() {
 
 void Listener::reload_tls() {
   if (auto context = reload_tls_context(settings_.listen.tls)) tls_ = std::move(context);
+}
+
+void Listener::allow(std::vector<std::string> robots) {
+  allowed_ = std::move(robots);
+  const auto connections = connections_;  // one that ends removes itself from the original
+  for (const auto& connection : connections) {
+    if (!connection->is_introduced() || is_allowed(connection->robot_id())) continue;
+    connection->refuse(connection->robot_id() + " is not among listen.robots any more");
+  }
+}
+
+bool Listener::is_allowed(const std::string& robot_id) const {
+  return allowed_.empty() || std::ranges::find(allowed_, robot_id) != allowed_.end();
 }
 
 std::size_t Listener::robots() const {
@@ -137,10 +151,7 @@ void Listener::on_hello(const std::shared_ptr<Connection>& connection, const wir
 /// Empty if there is none.
 std::string Listener::reason_to_refuse(const SessionKey& key) const {
   const std::string& robot = key.first;
-  const auto& allowed = settings_.listen.robots;
-  if (!allowed.empty() && std::ranges::find(allowed, robot) == allowed.end()) {
-    return robot + " is not among listen.robots";
-  }
+  if (!is_allowed(robot)) return robot + " is not among listen.robots";
   if (std::ranges::find(superseded_, key) != superseded_.end()) {
     return fmt::format("{} has begun another session since {}; are there two of that name?", robot,
                        key.second);

@@ -13,6 +13,7 @@
 #include <set>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "server/link/connection.hpp"
 #include "server/link/session.hpp"
@@ -54,6 +55,8 @@ class Listener final : public ConnectionOwner {
   /// Reads the certificates again, for the connections that follow. If they cannot be used, it logs
   /// why and keeps those that it has. Connections that are open stay open.
   void reload_tls();
+  /// From here on only these may connect; empty: all. Connections of others end.
+  void allow(std::vector<std::string> robots);
   /// Null: plain TCP.
   const std::shared_ptr<TlsContext>& tls() const { return tls_; }
   /// Accepts no more, lets the sinks finish what they have begun (drain_timeout), says bye to the
@@ -72,6 +75,7 @@ class Listener final : public ConnectionOwner {
   void on_accepted(boost::asio::ip::tcp::socket socket);
   std::string reason_to_turn_away(const boost::asio::ip::address& address) const;
   void on_accept_failed(const boost::system::error_code& failed);
+  bool is_allowed(const std::string& robot_id) const;
   std::string reason_to_refuse(const SessionKey& key) const;
   void close_other_sessions(const SessionKey& key);
   void open(const SessionKey& key, const SessionInfo& info);
@@ -89,6 +93,7 @@ class Listener final : public ConnectionOwner {
   boost::asio::steady_timer retry_;
   bool is_accept_failing_ = false;
   bool is_full_ = false;
+  std::vector<std::string> allowed_;  // robots; empty: all
   std::set<std::shared_ptr<Connection>> connections_;
   /// The sessions that `pool` reads from the disk at the moment, and the newest connection that
   /// waits for each; null: none does any more.

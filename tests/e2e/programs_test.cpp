@@ -104,6 +104,26 @@ TEST(Programs, ASecondServerOnTheSameFolderRefusesToStart) {
       << second.output;
 }
 
+TEST(Programs, TheServerReadsTheListOfRobotsAgainOnSighup) {
+  const TemporaryFolder folder;
+  const auto config = folder / "server.toml";
+  write_file(config, "[listen]\nrobots = [\"a\"]\n");
+  Process server({ORBBUF_SERVER, "--config", config, "--set", "listen.address=127.0.0.1:0", "--set",
+                  "files.path=" + (folder / "data").string()});
+  const auto line = server.wait_for_line("listening on ");
+  ASSERT_TRUE(line) << server.output();
+  const std::string address = line->substr(line->rfind(' ') + 1);
+  Process robot(robot_command("b", address, {"source.frames=10"}));
+  ASSERT_TRUE(robot.wait_for_line("b is not among listen.robots")) << robot.output();
+  write_file(config, "[listen]\nrobots = [\"a\", \"b\"]\n");
+  server.signal(SIGHUP);
+  EXPECT_EQ(robot.wait(), 0) << robot.output();
+
+  write_file(config, "[listen\n");
+  server.signal(SIGHUP);
+  ASSERT_TRUE(server.wait_for_line("SIGHUP: listen.robots stays as it was: ")) << server.output();
+}
+
 TEST(Programs, TheServerLivesOnAfterSighup) {
   const TemporaryFolder folder;
   Server server(folder / "data");

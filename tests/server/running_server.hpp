@@ -10,6 +10,7 @@
 #include <optional>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "server/http/http_server.hpp"
 #include "server/link/listener.hpp"
@@ -52,6 +53,14 @@ class RunningServer {
     boost::asio::post(main_, [&] {
       listener_->reload_tls();
       if (http_) http_->use_tls(listener_->tls());
+      done.set_value();
+    });
+    done.get_future().get();
+  }
+  void allow(const std::vector<std::string>& robots) {
+    std::promise<void> done;
+    boost::asio::post(main_, [&] {
+      listener_->allow(robots);
       done.set_value();
     });
     done.get_future().get();

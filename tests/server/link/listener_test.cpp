@@ -271,6 +271,25 @@ TEST_F(ListenerTest, WhoHasSaidByeIsNotIdleWhileAReaderIsWaitedFor) {
   EXPECT_EQ(robot.bye(), (wire::Position{1, 0}));
 }
 
+TEST_F(ListenerTest, RobotsThatAreNotAllowedAnyMoreAreCutOffAndOthersAreNot) {
+  const auto kept = connect();
+  ASSERT_TRUE(kept.hello("kept", "s"));
+  const auto excluded = connect();
+  ASSERT_TRUE(excluded.hello("excluded", "s"));
+  const auto silent = connect();
+  server_->allow({"kept"});
+  const auto error = excluded.error();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->text, "excluded is not among listen.robots any more");
+  EXPECT_TRUE(excluded.is_closed());
+  kept.send_frame(plain_frame(0));
+  EXPECT_TRUE(kept.acked(1));
+  EXPECT_TRUE(silent.hello("kept", "s"));
+  EXPECT_FALSE(connect().hello("excluded", "s"));
+  server_->allow({});
+  EXPECT_TRUE(connect().hello("excluded", "s"));
+}
+
 TEST_F(ListenerTest, ASessionWithoutAConnectionIsClosedInTheEnd) {
   settings_.session_timeout = std::chrono::milliseconds(20);
   settings_.sinks.slam.fifo = folder_ / "{robot}.fifo";
