@@ -17,7 +17,11 @@ void EarlierSessions::start(const wire::Hello& hello, std::vector<EarlierSession
   hello_.calibration.clear();  // the server has the session's own
   sessions_ = std::move(sessions);
   std::erase_if(sessions_, [&](const EarlierSession& earlier) {
-    return earlier.state.robot_id != hello.robot_id || describe(earlier).empty();
+    if (earlier.state.robot_id != hello.robot_id) return true;
+    const bool lacks_bye = earlier.state.stage == SessionState::Stage::kEnded;
+    if (lacks_bye || !describe(earlier).empty()) return false;
+    settle(earlier);
+    return true;
   });
   std::reverse(sessions_.begin(), sessions_.end());
   if (sessions_.empty()) return;

@@ -110,6 +110,24 @@ TEST_F(EarlierSessionsTest, ASessionThatEndedInAnOrderlyWayIsEndedAtTheServer) {
   EXPECT_EQ(server_.welcome({}).session_id, "new");
 }
 
+TEST_F(EarlierSessionsTest, ASessionOfWhichNothingIsMissingIsNotToldAgain) {
+  {
+    SessionLog log(folder_.path(), "r", "whole");
+    log.note(10, kLastCaptureNs, {10, 0});
+  }
+  {
+    SessionLog log(folder_.path(), "r", "without-bye");
+    log.note(10, kLastCaptureNs, {10, 0});
+    log.end(false);
+  }
+  start();
+  EXPECT_EQ(server_.welcome({10, 0}).session_id, "without-bye");
+  server_.read(Type::kBye);
+  server_.send(wire::encode(wire::Bye{{10, 0}}));
+  EXPECT_EQ(server_.welcome({}).session_id, "new");
+  EXPECT_TRUE(find_earlier_sessions(folder_.path()).empty());
+}
+
 TEST_F(EarlierSessionsTest, SessionsAreToldOneAfterTheOtherAndOnlyThoseOfThisRobot) {
   leave_session("a");
   leave_session("b", 5, "another");
