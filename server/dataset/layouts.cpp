@@ -19,6 +19,7 @@ struct Work {
   const RecordedSession& session;
   std::string_view extension;
   Dataset made;
+  int digits = 6;  ///< of images that are named by their numbers, so that their names sort
 
   void note(std::string text) { made.notes.push_back(std::move(text)); }
   void text(std::string to, std::string content) {
@@ -33,7 +34,7 @@ void lay_out_tum_mono(Work& work) {
   std::string times;
   std::string checksums;
   const auto add = [&](const std::string& from, const char* folder, Sequence sequence) {
-    work.image(from, folder, fmt::format("{:06}", sequence));
+    work.image(from, folder, fmt::format("{:0{}}", sequence, work.digits));
     const auto checksum = work.session.checksums.find(from);
     if (checksum == work.session.checksums.end()) return;
     checksums += session_lines::checksum(work.made.images.back().to, checksum->second) + '\n';
@@ -75,7 +76,7 @@ void lay_out_kitti(Work& work) {
   std::string times;
   std::size_t number = 0;
   for (const RecordedFrame& frame : work.session.frames) {
-    const std::string stem = fmt::format("{:06}", number++);
+    const std::string stem = fmt::format("{:0{}}", number++, work.digits);
     work.image(session_names::left_image(frame.sequence), "image_0", stem);
     if (work.session.is_stereo) {
       work.image(session_names::right_image(frame.sequence), "image_1", stem);
@@ -103,6 +104,8 @@ void lay_out_tum_rgbd(Work& work) {
 
 Dataset lay_out(const RecordedSession& session, Layout layout, std::string_view extension) {
   Work work{session, extension, {}};
+  constexpr Sequence kMostOfSixDigits = 999'999;
+  if (!session.frames.empty() && session.frames.back().sequence > kMostOfSixDigits) work.digits = 9;
   if (session.calibration.empty()) work.note("no calibration: the robot sent none");
   switch (layout) {
     case Layout::kTumMono:

@@ -48,6 +48,15 @@ bool is_image(const fs::directory_entry& entry) {
   return type == fs::file_type::regular || type == fs::file_type::not_found;
 }
 
+/// As text, but a longer number comes later: a server's session has 999999.jpg before 1000000.jpg.
+bool comes_before(const std::string& one, const std::string& other) {
+  const auto digits = [](const std::string& name) { return name.find_first_not_of("0123456789"); };
+  const bool are_numbers = one.substr(std::min(digits(one), one.size())) ==
+                           other.substr(std::min(digits(other), other.size()));
+  if (are_numbers && one.size() != other.size()) return one.size() < other.size();
+  return one < other;
+}
+
 /// Sorted by name; empty if there is no such folder.
 std::vector<std::string> image_names(const fs::path& folder) {
   std::vector<std::string> names;
@@ -61,7 +70,7 @@ std::vector<std::string> image_names(const fs::path& folder) {
     throw std::runtime_error("cannot replay images from " + folder.string() + ": " +
                              error.message());
   }
-  std::sort(names.begin(), names.end());
+  std::sort(names.begin(), names.end(), comes_before);
   return names;
 }
 

@@ -134,6 +134,16 @@ TEST_F(LayoutTest, TumMonoIsTheSessionAgain) {
   }
 }
 
+TEST_F(LayoutTest, NamesOfMoreThanAMillionFramesSort) {
+  SessionFiles files(session_, "");
+  for (const Sequence sequence : {999'999U, 1'000'000U}) {
+    ASSERT_FALSE(files.write(*test::jpeg_frame_ptr(sequence, kWidth, kHeight)));
+  }
+  exported(Layout::kTumMono);
+  EXPECT_TRUE(fs::exists(out_ / "images/000999999.jpg"));
+  EXPECT_TRUE(fs::exists(out_ / "images/001000000.jpg"));
+}
+
 TEST_F(LayoutTest, Euroc) {
   record();
   exported(Layout::kEuroc);

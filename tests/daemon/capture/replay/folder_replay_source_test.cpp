@@ -106,6 +106,17 @@ TEST_F(FolderReplaySourceTest, ImagesComeInTheOrderOfTheirNamesAndOtherFilesNotA
   EXPECT_EQ(frames[2].width_px, 8);
 }
 
+TEST_F(FolderReplaySourceTest, AMillionthImageComesAfterTheOnesBefore) {
+  write_image("1000000.png", pattern(8, 8, CV_8UC1));
+  write_image("999999.png", pattern(6, 6, CV_8UC1));
+  write_image("999998.png", pattern(4, 4, CV_8UC1));
+  const auto frames = replay(settings());
+  ASSERT_EQ(frames.size(), 3U);
+  EXPECT_EQ(frames[0].width_px, 4);
+  EXPECT_EQ(frames[1].width_px, 6);
+  EXPECT_EQ(frames[2].width_px, 8);
+}
+
 TEST_F(FolderReplaySourceTest, GrayImagesKeepEveryPixelWhateverTheirSizes) {
   const auto png = pattern(37, 11, CV_8UC1);
   const auto pgm = pattern(1, 3, CV_8UC1);
