@@ -110,7 +110,7 @@ SlamSettings load_slam(ConfigReader& reader, const std::string& table,
 void check_slam(const ConfigReader& reader, const std::string& table, const SlamSettings& slam,
                 const SinkSettings& sinks) {
   const bool is_kept = sinks.is_kept();
-  if (!slam.is_on() && !is_kept && !sinks.ros_enabled && !sinks.dds_enabled) {
+  if (!slam.is_on() && !is_kept && !sinks.ros.enabled && !sinks.dds_enabled) {
     const auto text =
         fmt::format("frames need a sink: files, mcap, {0}.command, {0}.fifo, ros or dds", table);
     reader.fail("files.enabled", text);
@@ -145,19 +145,30 @@ std::string load_frame_id(ConfigReader& reader, const std::string& key,
   return id;
 }
 
+void load_ros(ConfigReader& reader, RosSettings& ros) {
+  constexpr std::int64_t kMostQueued = 100'000;
+  constexpr double kSlowest = 1.1;  // with less, frames that are late stay so
+  constexpr double kFastest = 1000;
+  ros.frame_id = load_frame_id(reader, "ros.frame_id", ros.frame_id);
+  ros.queue = static_cast<std::uint32_t>(reader.integer("ros.queue", ros.queue, 1, kMostQueued));
+  ros.pace = reader.number("ros.pace", ros.pace, kSlowest, kFastest);
+  ros.wait_for_subscriber = reader.duration("ros.wait_for_subscriber", ros.wait_for_subscriber, {},
+                                            std::chrono::hours{1});
+  ros.enabled = reader.flag("ros.enabled", ros.enabled);
+#ifndef ORBBUF_ROS
+  if (ros.enabled) {
+    reader.fail("ros.enabled", "this server was built without ROS (cmake -DORBBUF_WITH_ROS=ON)");
+  }
+#endif
+}
+
 void load_sinks(ConfigReader& reader, SinkSettings& sinks) {
   sinks.files_enabled = reader.flag("files.enabled", sinks.files_enabled);
   sinks.files_path = reader.path("files.path", sinks.files_path);
   if (sinks.files_path.empty()) reader.fail("files.path", "must not be empty");
   sinks.files_sync = load_choice(reader, "files.sync", sinks.files_sync, kSyncs);
   sinks.mcap_enabled = reader.flag("mcap.enabled", sinks.mcap_enabled);
-  sinks.ros_frame_id = load_frame_id(reader, "ros.frame_id", sinks.ros_frame_id);
-  sinks.ros_enabled = reader.flag("ros.enabled", sinks.ros_enabled);
-#ifndef ORBBUF_ROS
-  if (sinks.ros_enabled) {
-    reader.fail("ros.enabled", "this server was built without ROS (cmake -DORBBUF_WITH_ROS=ON)");
-  }
-#endif
+  load_ros(reader, sinks.ros);
   sinks.dds_frame_id = load_frame_id(reader, "dds.frame_id", sinks.dds_frame_id);
   sinks.dds_enabled = reader.flag("dds.enabled", sinks.dds_enabled);
 #ifndef ORBBUF_DDS

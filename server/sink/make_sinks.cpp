@@ -16,9 +16,6 @@
 #ifdef ORBBUF_DDS
 #include "server/sink/dds/dds_sink.hpp"
 #endif
-#ifdef ORBBUF_ROS
-#include "server/sink/ros/ros_sink.hpp"
-#endif
 
 namespace orbbuf {
 namespace asio = boost::asio;
@@ -100,7 +97,7 @@ std::vector<std::shared_ptr<FrameSink>> make_sinks(const SinkSettings& settings,
   if (settings.dds_enabled) sinks.push_back(make_dds_sink(main, info, settings.dds_frame_id));
 #endif
 #ifdef ORBBUF_ROS
-  if (settings.ros_enabled) sinks.push_back(make_ros_sink(main, info, settings.ros_frame_id));
+  if (settings.ros.enabled) sinks.push_back(make_ros_sink(main, info, settings.ros));
 #endif
   return sinks;
 }
@@ -116,7 +113,7 @@ bool end_sinks([[maybe_unused]] const SinkSettings& settings) {
   end_dds();
 #endif
 #ifdef ORBBUF_ROS
-  if (settings.ros_enabled) return end_ros();
+  if (settings.ros.enabled) return end_ros();
 #endif
   return true;
 }

@@ -18,6 +18,7 @@
 #include "server/sink/frame_sink.hpp"
 #include "server/sink/pipe/slam.hpp"
 #include "server/sink/record_sink.hpp"
+#include "server/sink/ros/ros_sink.hpp"
 
 namespace orbbuf {
 
@@ -36,10 +37,9 @@ struct SinkSettings {
   bool mcap_enabled = false;
   SlamSettings slam;
   std::map<std::string, SlamSettings> slam_of;  ///< robot id -> its own, in place of `slam`
-  bool ros_enabled = false;                     ///< requires ORBBUF_ROS
-  bool dds_enabled = false;                     ///< requires ORBBUF_DDS
-  std::string ros_frame_id = "{robot}";         ///< see ros_frame_id()
-  std::string dds_frame_id = "{robot}";         ///< the same
+  RosSettings ros;
+  bool dds_enabled = false;              ///< requires ORBBUF_DDS
+  std::string dds_frame_id = "{robot}";  ///< see ros_frame_id()
 
   /// Whether sessions are kept on disk.
   bool is_kept() const { return files_enabled || mcap_enabled; }

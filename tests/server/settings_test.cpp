@@ -54,6 +54,9 @@ TEST(Settings, EveryKeyIsRead) {
                              "slam.format=mjpeg",
                              "slam.restart=never",
                              "ros.frame_id=camera",
+                             "ros.queue=7",
+                             "ros.pace=3.5",
+                             "ros.wait_for_subscriber=9 s",
                              "dds.frame_id={robot}/camera"});
   Settings expected;
   expected.log_level = "debug";
@@ -78,9 +81,8 @@ TEST(Settings, EveryKeyIsRead) {
                     true,
                     {"", "/run/{robot}", PipeFormat::kMjpeg, Restart::kNever, Resume::kLive},
                     {},
+                    {false, "camera", 7, 3.5, std::chrono::seconds(9)},
                     false,
-                    false,
-                    "camera",
                     "{robot}/camera"};
   expected.quota = {2ULL * 1024 * 1024 * 1024, std::chrono::hours(720)};
   EXPECT_EQ(got, expected);
@@ -105,7 +107,7 @@ TEST(Settings, ARobotHasWhatItsOwnTableSaysAndTheRestFromTheTableOfAll) {
 
 TEST(Settings, ABridgeToRosHasToBeBuilt) {
 #ifdef ORBBUF_ROS
-  EXPECT_TRUE(load({"ros.enabled=true"}).sinks.ros_enabled);
+  EXPECT_TRUE(load({"ros.enabled=true"}).sinks.ros.enabled);
 #else
   EXPECT_THROW(load({"ros.enabled=true"}), ConfigError);
 #endif
@@ -166,6 +168,8 @@ INSTANTIATE_TEST_SUITE_P(
         BadValue{{"slam.fifo=/f", "slam.command=cat"}, "slam.command"},
         BadValue{{"robot.a.slam.fifo=/f", "robot.a.slam.command=cat"}, "robot.a.slam.command"},
         BadValue{{"files.enabled=false", "slam.command=cat", "slam.resume=backlog"}, "slam.resume"},
+        BadValue{{"ros.queue=0"}, "ros.queue"}, BadValue{{"ros.pace=1"}, "ros.pace"},
+        BadValue{{"ros.wait_for_subscriber=-1 s"}, "ros.wait_for_subscriber"},
         BadValue{{"slam.format=png"}, "slam.format"},
         BadValue{{"slam.restart=yes"}, "slam.restart"},
         BadValue{{"slam.resume=later"}, "slam.resume"}, BadValue{{"slam.fifa=/f"}, "slam.fifa"},

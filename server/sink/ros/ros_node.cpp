@@ -2,11 +2,15 @@
 #include "server/sink/ros/ros_node.hpp"
 
 #include <ros/ros.h>
+#include <ros/topic_manager.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/CompressedImage.h>
+#include <sensor_msgs/Image.h>
+#include <sensor_msgs/image_encodings.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <map>
 #include <utility>
@@ -14,7 +18,6 @@
 namespace orbbuf {
 namespace {
 
-constexpr std::uint32_t kQueuedMessages = 100;  // of a topic, for each subscriber
 constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 
 /// ROS counts seconds from 1970 on in 32 bits, and throws beyond.
@@ -25,28 +28,81 @@ ros::Time stamp_of(std::int64_t time_ns) {
           static_cast<std::uint32_t>(time % kNsPerSecond)};
 }
 
+/// A topic that knows whether roscpp gives up messages, which roscpp itself does not say.
+class Topic {
+ public:
+  template <class Message>
+  static Topic advertise(ros::NodeHandle& handle, const std::string& name, std::uint32_t queue) {
+    return {handle.advertise<Message>(name, queue), queue};
+  }
+
+  bool has_subscriber() const { return publisher_.getNumSubscribers() > 0; }
+
+  /// As RosNode::publish(). For a subscriber that lags, roscpp has `queue` messages, and one that
+  /// it writes.
+  template <class Message>
+  bool publish(const Message& message) const {
+    const bool is_full = static_cast<std::uint32_t>(*waiting_) > queue_;
+    const auto serialize = [this, &message] {
+      ros::SerializedMessage bytes = ros::serialization::serializeMessage(message);
+      ++*waiting_;
+      bytes.buf.reset(bytes.buf.get(),
+                      [buffer = bytes.buf, waiting = waiting_](const void*) { --*waiting; });
+      return bytes;
+    };
+    ros::SerializedMessage message_of_roscpp;
+    ros::TopicManager::instance()->publish(publisher_.getTopic(), serialize, message_of_roscpp);
+    return !is_full;
+  }
+
+ private:
+  Topic(ros::Publisher publisher, std::uint32_t queue)
+      : publisher_(std::move(publisher)), queue_(queue) {}
+
+  ros::Publisher publisher_;
+  std::uint32_t queue_;
+  /// The messages that roscpp has for any subscriber; its threads count down.
+  std::shared_ptr<std::atomic<int>> waiting_ = std::make_shared<std::atomic<int>>(0);
+};
+
+/// Of one camera.
+struct CameraTopics {
+  Topic compressed;
+  Topic raw;
+  Topic info;
+};
+
+sensor_msgs::CameraInfo info_of(const CameraInfo& camera) {
+  sensor_msgs::CameraInfo info;
+  info.width = camera.width_px;
+  info.height = camera.height_px;
+  info.distortion_model = camera.distortion_model;
+  info.D = camera.distortion;
+  std::copy(camera.k.begin(), camera.k.end(), info.K.begin());
+  info.R = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  std::copy(camera.p.begin(), camera.p.end(), info.P.begin());
+  return info;
+}
+
 }  // namespace
 
 class RosNode::Topics {
  public:
-  void publish(const std::string& base, const sensor_msgs::CompressedImage& image) {
-    publisher<sensor_msgs::CompressedImage>(base + "/image_raw/compressed").publish(image);
+  void advertise(const std::string& base, std::uint32_t queue) {
+    if (cameras_.count(base) > 0) return;
+    cameras_.emplace(
+        base,
+        CameraTopics{
+            Topic::advertise<sensor_msgs::CompressedImage>(handle_, base + "/image_raw/compressed",
+                                                           queue),
+            Topic::advertise<sensor_msgs::Image>(handle_, base + "/image_raw", queue),
+            Topic::advertise<sensor_msgs::CameraInfo>(handle_, base + "/camera_info", queue)});
   }
-  void publish(const std::string& base, const sensor_msgs::CameraInfo& info) {
-    publisher<sensor_msgs::CameraInfo>(base + "/camera_info").publish(info);
-  }
+  const CameraTopics& of(const std::string& base) const { return cameras_.at(base); }
 
  private:
-  template <class Message>
-  ros::Publisher& publisher(const std::string& topic) {
-    const auto known = publishers_.find(topic);
-    if (known != publishers_.end()) return known->second;
-    return publishers_.emplace(topic, handle_.advertise<Message>(topic, kQueuedMessages))
-        .first->second;
-  }
-
   ros::NodeHandle handle_;
-  std::map<std::string, ros::Publisher> publishers_;  // by topic
+  std::map<std::string, CameraTopics> cameras_;  // by the topics' base
 };
 
 RosNode::RosNode() = default;
@@ -58,25 +114,43 @@ void RosNode::close() {
   if (std::exchange(is_initialised_, false)) ros::shutdown();
 }
 
-void RosNode::publish(const std::string& base, const std::string& frame_id, std::int64_t time_ns,
-                      const std::uint8_t* jpeg, std::size_t bytes, const CameraInfo* camera) {
-  sensor_msgs::CompressedImage image;
-  image.header.stamp = stamp_of(time_ns);
-  image.header.frame_id = frame_id;
-  image.format = "jpeg";
-  image.data.assign(jpeg, jpeg + bytes);
-  topics_->publish(base, image);
-  if (camera == nullptr) return;
-  sensor_msgs::CameraInfo info;
-  info.header = image.header;
-  info.width = camera->width_px;
-  info.height = camera->height_px;
-  info.distortion_model = camera->distortion_model;
-  info.D = camera->distortion;
-  std::copy(camera->k.begin(), camera->k.end(), info.K.begin());
-  info.R = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-  std::copy(camera->p.begin(), camera->p.end(), info.P.begin());
-  topics_->publish(base, info);
+void RosNode::advertise(const std::string& base, std::uint32_t queue) {
+  topics_->advertise(base, queue);
+}
+
+bool RosNode::has_image_subscriber(const std::string& base) const {
+  return has_raw_subscriber(base) || topics_->of(base).compressed.has_subscriber();
+}
+
+bool RosNode::has_raw_subscriber(const std::string& base) const {
+  return topics_->of(base).raw.has_subscriber();
+}
+
+bool RosNode::publish(const std::string& base, const std::string& frame_id, const RosImage& image) {
+  const CameraTopics& topics = topics_->of(base);
+  std_msgs::Header header;
+  header.stamp = stamp_of(image.time_ns);
+  header.frame_id = frame_id;
+  bool is_whole = true;
+  if (image.camera != nullptr) {
+    sensor_msgs::CameraInfo info = info_of(*image.camera);
+    info.header = header;
+    is_whole = topics.info.publish(info);
+  }
+  if (image.pixels != nullptr) {
+    sensor_msgs::Image raw;
+    raw.header = header;
+    raw.width = raw.step = image.width_px;
+    raw.height = image.height_px;
+    raw.encoding = sensor_msgs::image_encodings::MONO8;
+    raw.data.assign(image.pixels, image.pixels + std::size_t{image.width_px} * image.height_px);
+    is_whole = topics.raw.publish(raw) && is_whole;
+  }
+  sensor_msgs::CompressedImage compressed;
+  compressed.header = header;
+  compressed.format = "jpeg";
+  compressed.data.assign(image.jpeg, image.jpeg + image.jpeg_bytes);
+  return topics.compressed.publish(compressed) && is_whole;
 }
 
 /// Without a master nothing of roscpp is called that would wait for one.

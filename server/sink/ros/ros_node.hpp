@@ -10,6 +10,17 @@
 
 namespace orbbuf {
 
+/// An image to publish; owns nothing.
+struct RosImage {
+  std::int64_t time_ns = 0;
+  const std::uint8_t* jpeg = nullptr;
+  std::size_t jpeg_bytes = 0;
+  const std::uint8_t* pixels = nullptr;  ///< gray, rows without padding; null: not decoded
+  std::uint32_t width_px = 0;            ///< of `pixels`
+  std::uint32_t height_px = 0;
+  const CameraInfo* camera = nullptr;  ///< null: unknown
+};
+
 /// roscpp as this process uses it. A file of its own, and in C++17, since ROS 1's messages do not
 /// compile as C++20. At most one in a process, ever; one thread.
 class RosNode {
@@ -26,10 +37,20 @@ class RosNode {
   /// minutes if the master's host does not answer, without limit if the master has stopped.
   bool is_connected();
 
-  /// An image to BASE/image_raw/compressed and, unless `camera` is null, BASE/camera_info. Requires
-  /// is_connected(). May block as that does.
-  void publish(const std::string& base, const std::string& frame_id, std::int64_t time_ns,
-               const std::uint8_t* jpeg, std::size_t bytes, const CameraInfo* camera);
+  // These require is_connected(), and may block as that does.
+
+  /// Makes the topics BASE/image_raw, BASE/image_raw/compressed and BASE/camera_info, if they are
+  /// new. queue: the messages of each that may wait for each subscriber, >= 1.
+  void advertise(const std::string& base, std::uint32_t queue);
+
+  // These require advertise(base).
+
+  bool has_image_subscriber(const std::string& base) const;
+  bool has_raw_subscriber(const std::string& base) const;
+
+  /// To all three topics of BASE, as far as `image` has something for them. False: a subscriber had
+  /// not taken `queue` messages of one, so that roscpp gives up the oldest.
+  bool publish(const std::string& base, const std::string& frame_id, const RosImage& image);
 
  private:
   class Topics;

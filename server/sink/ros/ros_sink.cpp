@@ -3,20 +3,27 @@
 
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <atomic>
 #include <boost/asio/post.hpp>
+#include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <chrono>
 #include <cstddef>
+#include <deque>
 #include <future>
 #include <optional>
+#include <set>
+#include <span>
 #include <string>
-#include <string_view>
 #include <utility>
+#include <vector>
 
+#include "common/jpeg.hpp"
 #include "common/log.hpp"
 #include "server/calibration/camera_info.hpp"
 #include "server/sink/losses.hpp"
+#include "server/sink/pace.hpp"
 #include "server/sink/ros/ros_node.hpp"
 #include "server/sink/ros_name.hpp"
 
@@ -24,9 +31,14 @@ namespace orbbuf {
 namespace {
 
 namespace asio = boost::asio;
+using Clock = Pace::Clock;
 
 constexpr std::size_t kMostWaitingBytes = std::size_t{64} << 20U;
+constexpr std::size_t kMostPacedBytes = std::size_t{32} << 20U;
+constexpr std::chrono::milliseconds kLookForSubscriber{50};
 constexpr std::chrono::seconds kFarewell{1};
+
+class Stream;
 
 /// The node and the thread it lives on.
 struct Ros {
@@ -34,8 +46,10 @@ struct Ros {
     asio::post(thread, [] { name_this_thread("ros"); });
   }
 
-  RosNode node;                               // used on `ros` only
-  std::atomic<std::size_t> waiting_bytes{0};  // of the frames that `ros` has not come to
+  std::atomic<std::size_t> waiting_bytes{0};  // of all frames that are not published
+  RosNode node;                               // this and the following: used on `ros` only
+  JpegCodec codec;
+  std::set<std::shared_ptr<Stream>> busy;  // those with frames that wait
   asio::thread_pool thread{1};
 };
 
@@ -45,22 +59,152 @@ Ros& the_ros() {
   return ros;
 }
 
+/// The frames of a session on their way to ROS. On `ros` only, but for `losses`.
+class Stream : public std::enable_shared_from_this<Stream> {
+ public:
+  Stream(const SessionInfo& info, const RosSettings& settings)
+      : losses(info.robot_id + " " + info.session_id + ": ros"),
+        settings_(settings),
+        session_(info.robot_id + " " + info.session_id),
+        topic_("/" + ros_name(info.robot_id)),
+        frame_id_(ros_frame_id(settings.frame_id, ros_name(info.robot_id))),
+        cameras_(calibrated_cameras(info.calibration, session_ + ": published")) {}
+
+  void add(FramePtr frame) {
+    if (first_arrival_ == Clock::time_point{}) first_arrival_ = Clock::now();
+    frames_.push_back(std::move(frame));
+    if (the_ros().busy.insert(shared_from_this()).second) publish_due();
+  }
+
+  /// Gives up what waits. The caller removes it from `busy`.
+  void end() {
+    for (; !frames_.empty(); pop()) losses.add("the server stops");
+    timer_.cancel();
+  }
+
+  Losses losses;
+
+ private:
+  struct Image {
+    std::string base;  // of its topics
+    std::span<const std::uint8_t> jpeg;
+    const std::optional<CameraInfo>& camera;
+    GrayImage gray;  // empty: not decoded
+  };
+
+  void publish_due() {
+    while (!frames_.empty()) {
+      const EncodedFrame& frame = *frames_.front();
+      const auto now = Clock::now();
+      const auto due = due_time(frame, now);
+      if (due > now) {
+        timer_.expires_at(due);
+        return timer_.async_wait([self = shared_from_this()](boost::system::error_code error) {
+          if (!error) self->publish_due();
+        });
+      }
+      publish(frame);
+      pace_.published(frame, now);
+      pop();
+    }
+    the_ros().busy.erase(shared_from_this());
+  }
+
+  void pop() {
+    the_ros().waiting_bytes -= frames_.front()->jpeg.size();
+    frames_.pop_front();
+  }
+
+  Clock::time_point due_time(const EncodedFrame& frame, Clock::time_point now) {
+    if (!is_begun_) {
+      const auto last_look = first_arrival_ + settings_.wait_for_subscriber;
+      const bool is_awaited = !has_subscribers(frame);
+      if (is_awaited && now < last_look) return std::min(now + kLookForSubscriber, last_look);
+      is_begun_ = true;
+      if (is_awaited) spdlog::info("{}: ros: publishing without a subscriber", session_);
+    }
+    return the_ros().waiting_bytes > kMostPacedBytes ? now : pace_.due(frame);
+  }
+
+  bool has_subscribers(const EncodedFrame& frame) const {
+    RosNode& node = the_ros().node;
+    return node.is_connected() && std::ranges::all_of(images(frame), [&](const Image& image) {
+             node.advertise(image.base, settings_.queue);
+             return node.has_image_subscriber(image.base);
+           });
+  }
+
+  std::vector<Image> images(const EncodedFrame& frame) const {
+    if (!frame.is_stereo()) return {{topic_, frame.left(), cameras_.left, {}}};
+    return {{topic_ + "/left", frame.left(), cameras_.left, {}},
+            {topic_ + "/right", frame.right(), cameras_.right, {}}};
+  }
+
+  void publish(const EncodedFrame& frame) {
+    RosNode& node = the_ros().node;
+    if (!node.is_connected()) return losses.add("no master");
+    if (frame.is_stereo() && !std::exchange(is_stereo_, true)) {
+      warn_without_baseline(cameras_, session_);
+    }
+    auto pair = images(frame);
+    for (const Image& image : pair) node.advertise(image.base, settings_.queue);
+    std::string problem = decode(pair);
+    for (const Image& image : pair) {
+      const bool is_decoded = !image.gray.pixels.empty();
+      const RosImage message{frame.capture_time_ns,
+                             image.jpeg.data(),
+                             image.jpeg.size(),
+                             is_decoded ? image.gray.pixels.data() : nullptr,
+                             static_cast<std::uint32_t>(image.gray.width_px),
+                             static_cast<std::uint32_t>(image.gray.height_px),
+                             image.camera ? &*image.camera : nullptr};
+      if (!node.publish(image.base, frame_id_, message)) {
+        problem = "a subscriber of " + image.base + " is slow, and ros.queue messages wait for it";
+      }
+    }
+    if (!problem.empty()) losses.add(problem);
+  }
+
+  /// Those that have a subscriber. If one cannot be decoded then none is, and the reason returned.
+  static std::string decode(std::vector<Image>& images) {
+    for (Image& image : images) {
+      if (!the_ros().node.has_raw_subscriber(image.base)) continue;
+      auto gray = the_ros().codec.decode_gray(image.jpeg, 1);
+      if (!gray) {
+        for (Image& each : images) each.gray = {};
+        return image.base + "/image_raw: " + gray.error().text;
+      }
+      image.gray = std::move(gray).value();
+    }
+    return "";
+  }
+
+  const RosSettings settings_;
+  const std::string session_;
+  const std::string topic_;
+  const std::string frame_id_;
+  const CalibratedCameras cameras_;
+  std::deque<FramePtr> frames_;
+  Pace pace_{settings_.pace};
+  asio::steady_timer timer_{the_ros().thread};
+  Clock::time_point first_arrival_;
+  bool is_begun_ = false;  // nothing waits for the first subscriber any more
+  bool is_stereo_ = false;
+};
+
 class RosSink final : public FrameSink {
  public:
-  RosSink(asio::io_context& main, const SessionInfo& info, std::string_view frame_id)
-      : main_(main), source_(std::make_shared<Source>(info, frame_id)) {}
+  RosSink(asio::io_context& main, const SessionInfo& info, const RosSettings& settings)
+      : main_(main), stream_(std::make_shared<Stream>(info, settings)) {}
 
   void async_write(FramePtr frame, Done done) override {
     Ros& ros = the_ros();
     const std::size_t bytes = frame->jpeg.size();
     if (ros.waiting_bytes + bytes <= kMostWaitingBytes) {
       ros.waiting_bytes += bytes;
-      asio::post(ros.thread, [&ros, bytes, source = source_, frame = std::move(frame)] {
-        publish(ros.node, *source, *frame);
-        ros.waiting_bytes -= bytes;
-      });
+      asio::post(ros.thread, [stream = stream_, frame = std::move(frame)] { stream->add(frame); });
     } else {
-      source_->losses.add("64 MiB of frames wait for the master");
+      stream_->losses.add("64 MiB of frames wait for ROS");
     }
     asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
   }
@@ -69,56 +213,28 @@ class RosSink final : public FrameSink {
     asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
   }
 
-  std::uint64_t lost() const override { return source_->losses.count(); }
+  std::uint64_t lost() const override { return stream_->losses.count(); }
 
  private:
-  struct Source {
-    Source(const SessionInfo& info, std::string_view frame_pattern)
-        : session(info.robot_id + " " + info.session_id),
-          topic("/" + ros_name(info.robot_id)),
-          frame_id(ros_frame_id(frame_pattern, ros_name(info.robot_id))),
-          cameras(calibrated_cameras(info.calibration, session + ": published")),
-          losses(session + ": ros") {}
-
-    const std::string session;
-    const std::string topic;
-    const std::string frame_id;
-    const CalibratedCameras cameras;
-    bool is_stereo = false;  // `ros` only
-    Losses losses;
-  };
-
-  static void publish(RosNode& node, Source& source, const EncodedFrame& frame) {
-    if (!node.is_connected()) return source.losses.add("no master");
-    if (frame.is_stereo() && !std::exchange(source.is_stereo, true)) {
-      warn_without_baseline(source.cameras, source.session);
-    }
-    const auto image = [&](const std::string& base, std::span<const std::uint8_t> jpeg,
-                           const std::optional<CameraInfo>& camera) {
-      node.publish(base, source.frame_id, frame.capture_time_ns, jpeg.data(), jpeg.size(),
-                   camera ? &*camera : nullptr);
-    };
-    const auto& cameras = source.cameras;
-    image(frame.is_stereo() ? source.topic + "/left" : source.topic, frame.left(), cameras.left);
-    if (frame.is_stereo()) image(source.topic + "/right", frame.right(), cameras.right);
-  }
-
   asio::io_context& main_;
-  const std::shared_ptr<Source> source_;  // shared with what waits on `ros`
+  const std::shared_ptr<Stream> stream_;  // shared with what waits on `ros`
 };
 
 }  // namespace
 
 std::shared_ptr<FrameSink> make_ros_sink(asio::io_context& main, const SessionInfo& info,
-                                         std::string_view frame_id) {
-  return std::make_shared<RosSink>(main, info, frame_id);
+                                         const RosSettings& settings) {
+  return std::make_shared<RosSink>(main, info, settings);
 }
 
 bool end_ros() {
   const auto ended = std::make_shared<std::promise<void>>();
   asio::post(the_ros().thread, [ended] {
-    the_ros().node.close();
-    ended->set_value();
+    Ros& ros = the_ros();
+    for (const auto& stream : ros.busy) stream->end();
+    ros.busy.clear();
+    ros.node.close();
+    asio::post(ros.thread, [ended] { ended->set_value(); });  // after what the streams log
   });
   return ended->get_future().wait_for(kFarewell) == std::future_status::ready;
 }

@@ -2,36 +2,50 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
+#include <chrono>
+#include <cstdint>
 #include <memory>
-#include <string_view>
+#include <string>
 
 #include "server/recording/session_info.hpp"
 #include "server/sink/frame_sink.hpp"
 
 namespace orbbuf {
 
+struct RosSettings {
+  bool enabled = false;              ///< requires ORBBUF_ROS
+  std::string frame_id = "{robot}";  ///< of all messages; see ros_frame_id()
+  std::uint32_t queue = 100;         ///< messages of a topic that may wait for each subscriber
+  double pace = 2;  ///< frames of a burst: at most this many times the camera's rate
+  std::chrono::nanoseconds wait_for_subscriber = std::chrono::seconds{1};
+
+  friend bool operator==(const RosSettings&, const RosSettings&) = default;
+};
+
 /// A sink that publishes a session's frames to ROS 1, under their capture times:
 ///
+///   /ROBOT/image_raw             sensor_msgs/Image, mono8, decoded while there is a subscriber
 ///   /ROBOT/image_raw/compressed  sensor_msgs/CompressedImage, the frames byte for byte
 ///   /ROBOT/camera_info           sensor_msgs/CameraInfo with each, if the robot sent a camera.txt
 ///                                with another lens than FOV
 ///   /ROBOT/left/..., /ROBOT/right/...   the same of stereo frames
 ///
-/// which is what image_transport looks for; what else than a letter, a digit or _ stands in a
-/// robot's id becomes _, and ros_ goes before a digit. The topics stay until this process ends, so
-/// that a subscriber of one session has the next from its first frame on.
+/// which is what image_transport looks for. ROBOT is what ros_name() makes of the robot's id. Both
+/// images of a pair are decoded before either is published. The topics stay until this process
+/// ends, so that a subscriber of one session has the next from its first frame on.
 ///
-/// `frame_id`, as ros_frame_id() takes it, is of all messages.
+/// The first frames of a session wait until each camera has a subscriber of its images, up to
+/// `wait_for_subscriber`. Frames that arrive in a burst are spread as Pace does it, unless 32 MiB
+/// wait.
 ///
-/// It never pauses the stream: a frame is taken at once. Frames are given up while there is no
-/// master, for which it looks every second; of those that come while roscpp waits for one that does
-/// not answer, the first 64 MiB of all sessions wait as well and the others are given up. These are
-/// in lost(), and logged. roscpp itself gives up the oldest of 100 that wait for a slow subscriber,
-/// and does not say so. All calls of roscpp are made on one thread,
-/// `ros`, of all the sinks there are, but for roscpp's own threads, none of which calls anything of
-/// ours. Drop records are not published.
+/// It never pauses the stream: a frame is taken at once. Up to 64 MiB of all sessions wait. Given
+/// up are frames that find these full, that come while there is no master, for which it looks every
+/// second, that wait when the server stops, and those that roscpp gives up because a subscriber has
+/// `queue` messages waiting. All are in lost(), and logged. One thread, `ros`, of all the sinks
+/// calls roscpp; none of roscpp's own threads calls anything of ours but a counter. Drop records
+/// are not published.
 std::shared_ptr<FrameSink> make_ros_sink(boost::asio::io_context& main, const SessionInfo& info,
-                                         std::string_view frame_id);
+                                         const RosSettings& settings);
 
 /// The topics end; waits for that, up to 1 s. On `main`, after the last sink's last frame. False:
 /// roscpp still waits for a master that takes a connection and says nothing, without limit; then
