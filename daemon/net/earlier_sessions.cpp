@@ -64,6 +64,9 @@ void EarlierSessions::on_connected(const wire::Position& position) {
 void EarlierSessions::collect(const wire::Position& position) {
   is_collected_ = true;
   records_ = session().records;
+  std::erase_if(records_, [&](const DropRecord& record) {  // of what the server may have
+    return record.reason == DropReason::kUnknown && record.sequence < position.next_sequence;
+  });
   if (position.next_drop > records_.size()) return;
   const SessionState& state = session().state;
   std::vector<Sequence> named;
