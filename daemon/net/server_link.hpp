@@ -43,7 +43,7 @@ struct LinkSettings {
   /// wait for each other.
   std::chrono::nanoseconds connect_timeout = std::chrono::seconds(5);
   /// Beside a connection whose kernel has sent something and seen none of it acknowledged for this
-  /// long (or three round trips, if that is longer) others are tried.
+  /// long (or two round trips, if that is longer) others are tried.
   std::chrono::nanoseconds stall_timeout = std::chrono::milliseconds(300);
   /// A connection whose server acknowledges none of the frames that its kernel has taken is
   /// replaced after this long.

@@ -19,7 +19,7 @@ void StallWatch::look(const std::optional<TcpProgress>& progress, Time now) {
     return;
   }
   still_for_ = now - moved_time_;
-  limit_ = std::max<std::chrono::nanoseconds>(timeout_, 3 * progress->round_trip);
+  limit_ = std::max<std::chrono::nanoseconds>(timeout_, 2 * progress->round_trip);
 }
 
 }  // namespace orbbuf

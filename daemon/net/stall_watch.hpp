@@ -11,7 +11,7 @@ namespace orbbuf {
 
 /// Tells a stalled connection from a slow one by what its kernel says: something is outstanding, be
 /// it but a probe of a full window, and the peer's kernel acknowledges nothing for `timeout`, or
-/// for three round trips where that is longer. Knows no clock and no socket. Reentrant.
+/// for two round trips where that is longer. Knows no clock and no socket. Reentrant.
 class StallWatch {
  public:
   using Time = std::chrono::steady_clock::time_point;
