@@ -24,6 +24,7 @@ void configure() {
   dso::setting_photometricCalibration = 0;
   dso::setting_affineOptModeA = 0;
   dso::setting_affineOptModeB = 0;
+  dso::setting_onlyLogKFPoses = false;  // TRAJECTORY has each frame
   dso::setting_logStuff = false;
   dso::setting_debugout_runquiet = true;
   dso::disableAllDisplay = true;
