@@ -3,8 +3,11 @@
 
 #include <spdlog/fmt/fmt.h>
 
+#include <algorithm>
 #include <fstream>
+#include <iterator>
 #include <stdexcept>
+#include <utility>
 
 namespace orbbuf::evaluation {
 
@@ -16,21 +19,26 @@ std::string to_text(const Camera& camera) {
   return text;
 }
 
-Camera read_camera(const std::filesystem::path& file) {
+Calibration read_calibration(const std::filesystem::path& file) {
   std::ifstream in(file);
-  Camera camera;
-  std::string model;
-  std::string crop;
-  int width_px = 0;
-  int height_px = 0;
-  double distortion = 0;
-  in >> model >> camera.fx >> camera.fy >> camera.cx >> camera.cy >> distortion >>
-      camera.width_px >> camera.height_px >> crop >> width_px >> height_px;
-  if (!in || model != "Pinhole" || distortion != 0 || crop != "none") {
-    throw std::runtime_error(file.string() + ": not a pinhole camera without distortion or crop");
+  if (!in) throw std::runtime_error("cannot read " + file.string());
+  const std::string text(std::istreambuf_iterator<char>(in), {});
+  auto calibration = parse_calibration(text);
+  if (!calibration) throw std::runtime_error(file.string() + ": " + calibration.error().text);
+  return std::move(calibration).value();
+}
+
+Camera read_camera(const std::filesystem::path& file) {
+  const Calibration lens = read_calibration(file);
+  if (lens.model == LensModel::kEquidistant ||
+      std::ranges::any_of(lens.distortion, [](double number) { return number != 0; })) {
+    throw std::runtime_error(fmt::format(
+        "{}: the lens {} distorts, and the reference VO needs Pinhole, or RadTan or FOV with "
+        "distortion 0; undistort the images, or run a SLAM program that does with --slam",
+        file.string(), lens.name));
   }
-  if (!(in >> camera.baseline_m)) camera.baseline_m = 0;
-  return camera;
+  return {lens.fx_px,    lens.fy_px,     lens.cx_px,     lens.cy_px,
+          lens.width_px, lens.height_px, lens.baseline_m};
 }
 
 }  // namespace orbbuf::evaluation

@@ -4,6 +4,8 @@
 #include <filesystem>
 #include <string>
 
+#include "server/calibration/calibration.hpp"
+
 namespace orbbuf::evaluation {
 
 /// A pinhole camera, or two of them side by side.
@@ -23,7 +25,12 @@ struct Camera {
 /// fifth with the baseline in metres, as Stereo DSO has it.
 std::string to_text(const Camera& camera);
 
-/// Reads what to_text() writes. Throws std::runtime_error naming the file if it is anything else.
+/// Reads any camera.txt that DSO accepts. Throws std::runtime_error, naming the file and the line
+/// that is wrong.
+Calibration read_calibration(const std::filesystem::path& file);
+
+/// The same for the reference VO, which takes images as they are: whatever lines 3 and 4 say, which
+/// describe DSO's output. Throws std::runtime_error also if the lens distorts.
 Camera read_camera(const std::filesystem::path& file);
 
 }  // namespace orbbuf::evaluation

@@ -43,7 +43,7 @@ server/http: common common/net server/runtime server/recording server/live serve
 server/link: common common/net server/runtime server/recording server/live server/sink server/sink/make_sinks server/settings
 bench:
 bench/sim:
-evaluation:
+evaluation: server/calibration
 evaluation/world: common bench evaluation
 evaluation/odometry: common bench evaluation
 evaluation/trial: common bench daemon/buffer daemon/image bench/sim evaluation evaluation/odometry

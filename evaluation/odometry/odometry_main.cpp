@@ -84,18 +84,19 @@ TrackingResult track_other(const Options& options, const std::filesystem::path& 
 
 void run(Options options) {
   if (options.camera.empty()) options.camera = options.folder / "camera.txt";
-  const Camera camera = read_camera(options.camera);
+  const bool is_stereo = read_calibration(options.camera).baseline_m > 0;
   TrackingResult result;
   if (!options.slam.empty()) {
     if (options.trajectory.empty()) throw std::runtime_error("--slam needs --trajectory");
     result = track_other(options, options.camera);
   } else {
+    const Camera camera = read_camera(options.camera);
     result = options.folder.empty() ? track_pipe(camera) : track_folder(options, camera);
     if (!options.trajectory.empty()) write_trajectory(options.trajectory, result.trajectory);
   }
   TrajectoryError error;
   if (!options.truth.empty()) {
-    error = compare(result.trajectory, read_trajectory(options.truth), !camera.is_stereo());
+    error = compare(result.trajectory, read_trajectory(options.truth), !is_stereo);
   }
   fmt::print("{}\n", to_text(result, error));
   fmt::print("RESULT odometry.tracked_share {:.4f}\nRESULT odometry.lost_at {}\n",

@@ -50,15 +50,16 @@ end_server() {
 serve server
 camera='camera.calibration="RadTan 100 101 80 60 -0.1 0.01 0.001 -0.001\n160 120\nnone\n160 120\n0.1\n"'
 
-capture() { # ID SEED FRAMES [SETTING]
+capture() { # ID SEED FRAMES
   "$build/daemon/orbbufd" --set "robot.id=$1" --set "link.server=$address" --set "$camera" \
     --set source.kind=generated --set source.width=160 --set source.height=120 --set source.fps=50 \
-    --set "source.seed=$2" --set "source.frames=$3" ${4+--set "$4"} \
+    --set source.realtime=false --set "source.seed=$2" --set "source.frames=$3" \
     >"$work/robot-$1.log" 2>&1 || fail "$1 ended with $?"
 }
 capture_pairs() { # ID LEFT RIGHT
   "$build/daemon/orbbufd" --set "robot.id=$1" --set "link.server=$address" --set "$camera" \
-    --set source.kind=folder --set "source.path=$2/images" --set "source.path_right=$3/images" \
+    --set source.kind=folder --set source.realtime=false \
+    --set "source.path=$2/images" --set "source.path_right=$3/images" \
     >"$work/robot-$1.log" 2>&1 || fail "$1 ended with $?"
 }
 last_session() { find "$work/data/$1" -mindepth 1 -maxdepth 1 -printf '%T@ %p\n' | sort -n | tail -n 1 | cut -d' ' -f2; }
@@ -129,8 +130,8 @@ for side in '/mono_1 mono-1 images 0.000000 mono_1' '/ros_2/left 2 images 0.0000
 done
 
 # Pairs of raw images through an outage: queues of 100 get all, spread over some time.
-capture long-a 3 1000 source.realtime=false
-capture long-b 4 1000 source.realtime=false
+capture long-a 3 1000
+capture long-b 4 1000
 pairs() { # NAME QUEUE WORK_MS
   start "$1" "$build/tests/orbbuf-ros-pairs" /ros_2_pairs "$2" "$3"
 }
@@ -143,12 +144,17 @@ until_true() { # SECONDS WHAT COMMAND...
     sleep 0.05
   done
 }
-start robot-pairs "$build/daemon/orbbufd" --set robot.id=2-pairs --set "link.server=$address" --set "$camera" \
-  --set buffer.policy=drop-oldest --set buffer.capacity=1000 --set source.kind=folder --set source.fps=50 \
-  --set "source.path=$(last_session long-a)/images" --set "source.path_right=$(last_session long-b)/images"
-robot=${pids[-1]}
+start_pairs() { # NAME [SETTING]
+  start "$1" "$build/daemon/orbbufd" --set robot.id=2-pairs --set "link.server=$address" --set "$camera" \
+    --set buffer.policy=drop-oldest --set buffer.capacity=1000 --set source.kind=folder --set source.fps=50 \
+    --set "source.path=$(last_session long-a)/images" --set "source.path_right=$(last_session long-b)/images" \
+    ${2+--set "$2"}
+  robot=${pids[-1]}
+}
+start_pairs robot-pairs
 until_true 30 'pairs arrive' has_pairs pairs-100 100
 pairs pairs-1 1 4
+slow=${pids[-1]}
 until_true 30 'pairs arrive' has_pairs pairs-1 100
 nft add rule inet link input tcp dport "${address##*:}" drop
 sleep 4 # the outage
@@ -164,6 +170,18 @@ pace=$(tail -n 1 "$work/pairs-100.log")
 echo "ros: queue 100: $pace"
 echo "ros: queue 1, with 4 ms of work for each: $(tail -n 1 "$work/pairs-1.log")"
 # At twice 50 per second 150 take 1.5 s; without ros.pace they arrive as fast as the link brings them.
-[ "$(sed 's/.*in \(.*\) ms/\1/' <<<"$pace")" -ge 1000 ] || fail 'the frames of the outage arrive at once'
+pace=${pace##*in }
+[ "${pace% ms}" -ge 1000 ] || fail 'the frames of the outage arrive at once'
+
+# A subscriber that has stopped loses messages, which are counted; the other one has all.
+kill -STOP "$slow"
+start_pairs robot-pairs-again source.realtime=false
+wait "$robot" || fail "2-pairs ended with $?"
+all=$((frames + $(wc -l <"$(last_session 2-pairs)/times.txt")))
+until_true 60 "all $all pairs" has_pairs pairs-100 "$all"
+until_line server-again 'of this session not published: a subscriber of /ros_2_pairs/.* is slow'
+kill -CONT "$slow"
+echo "ros: a subscriber that stopped: $(grep -o '[0-9]* frames of this session not published: \(a sub\|the sess\)' \
+  "$work/server-again.log" | tail -n 1 | cut -d' ' -f1) frames not published to it, the other one has $all of $all"
 
 end_server
