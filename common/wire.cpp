@@ -134,7 +134,7 @@ std::vector<std::uint8_t> encode(const Dropped& dropped) {
   return std::move(message).take();
 }
 
-std::vector<std::uint8_t> encode(const Report& report) {
+std::vector<std::uint8_t> encode(const Report& report, std::uint8_t version) {
   Message message(Type::kStats);
   const Stats& stats = report.stats;
   for (const std::uint64_t count : {stats.captured, stats.skipped, stats.failed, stats.dropped,
@@ -145,6 +145,7 @@ std::vector<std::uint8_t> encode(const Report& report) {
   message.put(report.waiting_bytes);
   message.put(report.link_rate);
   message.put(report.round_trip_us);
+  if (version >= 3) message.put(report.clock_offset_ns);
   return std::move(message).take();
 }
 

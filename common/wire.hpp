@@ -20,7 +20,8 @@
 namespace orbbuf::wire {
 
 inline constexpr std::uint32_t kMagic = 0x4F524242;  ///< "ORBB"
-inline constexpr std::uint8_t kProtocolVersion = 2;  ///< the newest; since 2: Ack::received
+inline constexpr std::uint8_t kProtocolVersion =
+    3;  ///< the newest; docs/protocol.md says what is new
 inline constexpr std::uint8_t kOldestProtocolVersion = 1;
 inline constexpr std::uint8_t kHeaderFormat = 1;
 inline constexpr std::uint8_t kJpegEncoding = 1;
@@ -123,6 +124,9 @@ struct Report {
   std::uint64_t waiting_bytes = 0;  ///< JPEGs in the buffer
   std::uint64_t link_rate = 0;      ///< bytes a second that the peer's kernel took, lately
   std::uint32_t round_trip_us = 0;  ///< TCP's smoothed one; 0: unknown
+  /// By how much the robot's clock was set since the session began: to be added to the capture
+  /// times of the session, which keep the clock that it began with. 0 before version 3.
+  std::int64_t clock_offset_ns = 0;
 
   friend bool operator==(const Report&, const Report&) = default;
 };
@@ -163,7 +167,8 @@ std::vector<std::uint8_t> encode(const Hello& hello);
 std::vector<std::uint8_t> encode(const Welcome& welcome);
 std::vector<std::uint8_t> encode(const Ack& ack);
 std::vector<std::uint8_t> encode(const Dropped& dropped);
-std::vector<std::uint8_t> encode(const Report& report);
+/// version: the connection's.
+std::vector<std::uint8_t> encode(const Report& report, std::uint8_t version = kProtocolVersion);
 std::vector<std::uint8_t> encode(const Bye& bye);
 std::vector<std::uint8_t> encode(const ErrorMessage& error);
 

@@ -258,6 +258,7 @@ Parsed<Report> parse_stats(const Header& header, std::span<const std::uint8_t> b
   report.waiting_bytes = in.take<std::uint64_t>();
   report.link_rate = in.take<std::uint64_t>();
   report.round_trip_us = in.take<std::uint32_t>();
+  if (in.left() > 0) report.clock_offset_ns = in.take<std::int64_t>();  // since version 3
   return in.finish(report);
 }
 

@@ -158,7 +158,10 @@ void Robot::on_source_ended(bool failed) {
 
 void Robot::report() {
   if (is_over_) return;
-  if (is_camera_) clock_watch_.look(read_system_clock());
+  if (is_camera_) {
+    clock_watch_.look(read_system_clock());
+    sender_.set_clock_offset(clock_watch_.stepped());
+  }
   health_.report(buffer_.report(), sender_);
   report_timer_.expires_after(service_.interval());
   report_timer_.async_wait([this](const boost::system::error_code& /*error*/) { report(); });

@@ -27,7 +27,8 @@ daemon: common daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/n
 server/runtime: common
 server/calibration: common
 server/recording: common
-server/recording/mcap: common server/calibration server/recording
+server/recording/mcap/foxglove: common server/calibration
+server/recording/mcap: common server/calibration server/recording server/recording/mcap/foxglove
 server/dataset: common server/calibration server/recording
 server/retention: common server/runtime server/recording
 server/live: common server/recording
@@ -39,7 +40,7 @@ server/sink/dds: common server/calibration server/recording server/sink server/s
 server/sink/ros: common server/calibration server/recording server/sink server/sink/losses server/sink/ros_name
 server/sink/make_sinks: common server/runtime server/recording server/recording/mcap server/sink server/sink/pipe server/sink/dds server/sink/ros
 server/settings: common common/net server/live server/retention server/sink/make_sinks
-server/http: common common/net server/runtime server/recording server/live server/settings
+server/http: common common/net server/runtime server/calibration server/recording server/recording/mcap/foxglove server/live server/settings
 server/link: common common/net server/runtime server/recording server/live server/sink server/sink/make_sinks server/settings
 bench:
 bench/sim:

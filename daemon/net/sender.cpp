@@ -151,7 +151,9 @@ std::chrono::nanoseconds Sender::round_trip() const {
 }
 
 std::vector<std::uint8_t> Sender::next_report() {
-  return wire::encode(reporter_.take(Clock::now(), buffer_.report()));
+  auto report = reporter_.take(Clock::now(), buffer_.report());
+  report.clock_offset_ns = clock_offset_.count();
+  return wire::encode(report, link_.protocol_version());
 }
 
 /// After a last report, so that the server's stats are those of the end.

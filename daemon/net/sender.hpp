@@ -41,6 +41,9 @@ class Sender final : private ServerLink::Owner {
   /// There may be something new to send.
   void wake();
 
+  /// For the reports: wire::Report::clock_offset_ns.
+  void set_clock_offset(std::chrono::nanoseconds offset) { clock_offset_ = offset; }
+
   const ServerLink& link() const { return link_; }
   void reload_tls() { link_.reload_tls(); }
 
@@ -82,6 +85,7 @@ class Sender final : private ServerLink::Owner {
   Reporter reporter_;
   boost::asio::steady_timer drain_timer_;
   boost::asio::steady_timer report_timer_;
+  std::chrono::nanoseconds clock_offset_{0};
   bool is_drops_turn_ = false;
   Sequence confirmed_ = 0;    // the server has, or had, all below it
   Sequence written_end_ = 0;  // beyond the newest frame that was ever written

@@ -166,6 +166,7 @@ void ServerConnection::dispatch(const wire::Header& header) {
     if (const auto why = owner_->refusal_of(welcome.value().position)) return refuse(*why);
     is_welcome_ = true;
     max_frame_bytes_ = welcome.value().max_frame_bytes;
+    version_ = version;
     owner_->on_welcome(welcome.value().position);
     if (owner_) wait_writable();
   } else if (header.type == wire::Type::kAck && is_welcome_) {

@@ -72,6 +72,8 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   const Way& way() const { return way_; }
   /// As the welcome says it: 0 if it does not.
   std::uint32_t max_frame_bytes() const { return max_frame_bytes_; }
+  /// Of the protocol; the newest before the welcome.
+  std::uint8_t version() const { return version_; }
   /// The server's side answered and wants no connection with this robot: its error says so, or the
   /// certificates do not fit. There is no use in asking again at once.
   bool was_refused() const { return was_refused_; }
@@ -115,6 +117,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   bool has_said_hello_ = false;
   bool is_welcome_ = false;
   std::uint32_t max_frame_bytes_ = 0;
+  std::uint8_t version_ = wire::kProtocolVersion;
   std::vector<std::uint8_t> message_;  // being written
   FramePtr frame_;                     // being written
   FrameHead frame_head_{};

@@ -82,7 +82,7 @@ class Check {
 
   void check_closing(Sequence next) {
     if (!session_.closing) return;
-    const auto& [has_ended, stats] = *session_.closing;
+    const auto& [has_ended, stats, clock_offset_ns] = *session_.closing;
     const std::uint64_t known = delivered_.size() + dropped_.size();
     if (has_ended && stats && stats->captured > next) {
       problem("frames {} to {} were neither delivered nor dropped", next, stats->captured - 1);

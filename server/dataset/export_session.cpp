@@ -4,6 +4,7 @@
 #include <spdlog/fmt/fmt.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -82,6 +83,22 @@ class Output {
   fs::path made_;  // the last one
 };
 
+/// Adds to all times what the robot's clock was set by, and returns it. Changes none if one would
+/// be out of range.
+std::int64_t set_clock_right(RecordedSession& session) {
+  const std::int64_t offset = session.closing ? session.closing->clock_offset_ns.value_or(0) : 0;
+  std::int64_t ignored = 0;
+  const auto fits = [&](const auto& item) {
+    return !__builtin_add_overflow(item.capture_time_ns, offset, &ignored);
+  };
+  if (!std::ranges::all_of(session.frames, fits) || !std::ranges::all_of(session.drops, fits)) {
+    return 0;
+  }
+  for (RecordedFrame& frame : session.frames) frame.capture_time_ns += offset;
+  for (DropRecord& drop : session.drops) drop.capture_time_ns += offset;
+  return offset;
+}
+
 std::optional<Error> reason_to_refuse(const RecordedSession& session, const Dataset& dataset) {
   if (session.frames.empty()) return Error{session.folder.string() + ": no frames"};
   const auto problems = problems_of_order(session);
@@ -104,12 +121,17 @@ Result<ExportReport> export_session(const fs::path& folder, const fs::path& out,
                                     std::string_view extension) {
   auto session = read_recorded_session(folder);
   if (!session) return std::move(session).error();
+  const auto clock_offset_ns = set_clock_right(session.value());
   Dataset dataset = lay_out(session.value(), layout, extension);
   if (auto error = reason_to_refuse(session.value(), dataset)) return std::move(*error);
 
   ExportReport report;
   report.frames = session.value().frames.size();
   report.notes = session.value().problems;
+  if (clock_offset_ns != 0) {
+    report.notes.push_back(fmt::format("the robot's clock was set: all times have {:+.3f} s added",
+                                       static_cast<double>(clock_offset_ns) * 1e-9));
+  }
   report.notes.insert(report.notes.end(), dataset.notes.begin(), dataset.notes.end());
   Output output(out);
   if (auto error = output.begin()) return std::move(*error);

@@ -68,7 +68,7 @@ void Session::detach(const SessionPeer& peer) {
   is_peer_waiting_ = false;
   if (metrics_) metrics_->on_disconnected();
   if (is_closing()) return;
-  note_stats();
+  note();
   start_timeout();
   on_waiter_gone();
 }
@@ -140,8 +140,9 @@ void Session::on_report(const wire::Report& report) {
   if (metrics_) metrics_->on_report(report);
   const wire::Stats& stats = report.stats;
   closing_.stats = stats;
+  closing_.clock_offset_ns = report.clock_offset_ns;
   const auto now = std::chrono::steady_clock::now();
-  if (!noted_ || now - noted_at_ >= kNoteInterval) note_stats();
+  if (!noted_ || now - noted_at_ >= kNoteInterval) note();
   spdlog::debug(
       "{}: captured {} = skipped {} + failed {} + dropped {} + acknowledged {} + waiting {} + "
       "in flight {}",
@@ -150,11 +151,13 @@ void Session::on_report(const wire::Report& report) {
 }
 
 /// So that the record has them even if this process dies.
-void Session::note_stats() {
-  if (!closing_.stats || closing_.stats == noted_ || is_closing()) return;
-  noted_ = closing_.stats;
+void Session::note() {
+  SessionClosing reported = closing_;
+  reported.has_ended = false;
+  if (!reported.stats || reported == noted_ || is_closing()) return;
+  noted_ = reported;
   noted_at_ = std::chrono::steady_clock::now();
-  for (const auto& sink : sinks_) sink->note_stats(*noted_);
+  for (const auto& sink : sinks_) sink->note(*noted_);
 }
 
 void Session::on_bye(const wire::Bye& bye) {

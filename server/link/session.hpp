@@ -131,7 +131,7 @@ class Session : public std::enable_shared_from_this<Session> {
   void on_sink_done(const std::optional<Error>& error);
   bool is_partly_taken() const;
   void show_job() const;
-  void note_stats();
+  void note();
   void show_losses() const;
   void note_failure(const std::optional<Error>& error);
   void on_waiter_gone();
@@ -163,7 +163,7 @@ class Session : public std::enable_shared_from_this<Session> {
   bool is_failing_ = false;
   std::optional<SessionEnd> end_;
   SessionClosing closing_;
-  std::optional<wire::Stats> noted_;  // by the sinks
+  std::optional<SessionClosing> noted_;  // by the sinks
   std::chrono::steady_clock::time_point noted_at_;
   std::size_t drained_ = 0;  // sinks
 };

@@ -15,13 +15,17 @@ namespace orbbuf {
 struct SessionClosing {
   bool has_ended = false;  ///< the robot said bye: no frame follows
   /// What the robot last reported; with a bye `captured` is the number in that.
-  std::optional<wire::Stats> stats;
+  std::optional<wire::Stats> stats{};
+  /// What the robot last reported; to be added to the capture times of all files of the session,
+  /// which keep the clock that the robot had at its beginning.
+  std::optional<std::int64_t> clock_offset_ns{};
 
   friend bool operator==(const SessionClosing&, const SessionClosing&) = default;
 };
 
-/// A header and a line: `ended,500,0,0,3,497`, or `open,,,,,` as long as no stats are known.
+/// A header and a line: `ended,500,0,0,3,497,0`, or `open,,,,,,` as long as nothing is known.
 std::string to_csv(const SessionClosing& closing);
+/// Without its last column, too, which older servers did not write.
 std::optional<SessionClosing> closing_from_csv(std::string_view text);
 
 }  // namespace orbbuf

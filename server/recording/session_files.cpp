@@ -123,7 +123,7 @@ Result<wire::Position> SessionFiles::recover() {
     position.next_sequence = last->sequence + 1;
   }
   if (drops.value().lines > 0) position.next_drop = drops.value().lines - 1;
-  if (auto error = recover_stats()) return std::move(*error);
+  if (auto error = recover_end()) return std::move(*error);
   if (auto moved = move_to_orphans(folder_, session_names::kIncoming); !moved) {
     return std::move(moved).error();
   }
@@ -141,10 +141,11 @@ Result<wire::Position> SessionFiles::recover() {
 }
 
 /// A file that cannot be understood is written anew.
-std::optional<Error> SessionFiles::recover_stats() {
+std::optional<Error> SessionFiles::recover_end() {
   const auto end = read_text(folder_ / session_names::kEnd);
   if (!end) return end.error();
-  if (const auto closing = closing_from_csv(end.value())) stats_ = closing->stats;
+  if (const auto closing = closing_from_csv(end.value())) reported_ = *closing;
+  reported_.has_ended = false;
   return std::nullopt;
 }
 
@@ -195,22 +196,22 @@ std::optional<Error> SessionFiles::prepare() {
     const fs::path camera = folder_ / session_names::kCamera;
     if (auto error = write_file(camera, temporary_, as_bytes(calibration_))) return error;
   }
-  if (auto error = write_end({false, stats_})) return error;  // also if it had ended before
+  if (auto error = write_end(reported_)) return error;  // open, also if it had ended before
   is_prepared_ = true;
   return std::nullopt;
 }
 
-void SessionFiles::note_stats(const wire::Stats& stats) {
-  stats_ = stats;
-  if (is_prepared_ && write_end({false, stats_})) is_prepared_ = false;
+void SessionFiles::note(const SessionClosing& reported) {
+  reported_ = reported;
+  if (is_prepared_ && write_end(reported_)) is_prepared_ = false;
 }
 
-std::optional<Error> SessionFiles::finish(const SessionClosing& closing) {
+std::optional<Error> SessionFiles::finish(SessionClosing& closing) {
   std::error_code ignored;  // then writing says why
   if (!is_prepared_ && !fs::exists(folder_ / session_names::kEnd, ignored)) return std::nullopt;
-  SessionClosing last = closing;
-  if (!last.stats) last.stats = stats_;
-  return write_end(last);
+  if (!closing.stats) closing.stats = reported_.stats;
+  if (!closing.clock_offset_ns) closing.clock_offset_ns = reported_.clock_offset_ns;
+  return write_end(closing);
 }
 
 std::optional<Error> SessionFiles::write_end(const SessionClosing& closing) const {

@@ -45,14 +45,14 @@ class SessionFiles final : public SessionRecord {
   std::optional<Error> write(const EncodedFrame& frame) override;
   std::optional<Error> write_drops(const wire::Dropped& dropped) override;
   /// In end.csv, which says that the session is open.
-  void note_stats(const wire::Stats& stats) override;
+  void note(const SessionClosing& reported) override;
   /// Of a session without any frame or drop record nothing is kept.
-  std::optional<Error> finish(const SessionClosing& closing) override;
+  std::optional<Error> finish(SessionClosing& closing) override;
 
  private:
   Result<bool> cut_false_tail();
   std::optional<Error> prepare();
-  std::optional<Error> recover_stats();
+  std::optional<Error> recover_end();
   std::optional<Error> write_end(const SessionClosing& closing) const;
   std::optional<Error> write_right(const EncodedFrame& frame);
   std::optional<Error> append_lines(const EncodedFrame& frame);
@@ -65,7 +65,7 @@ class SessionFiles final : public SessionRecord {
   LineFile times_;
   LineFile drops_;
   LineFile checksums_;
-  std::optional<wire::Stats> stats_;  // as noted, also before recover()
+  SessionClosing reported_;  // as noted, also before recover()
   bool is_prepared_ = false;
 };
 

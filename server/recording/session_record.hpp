@@ -19,11 +19,13 @@ class SessionRecord {
   virtual std::optional<Error> write(const EncodedFrame& frame) = 0;
   virtual std::optional<Error> write_drops(const wire::Dropped& dropped) = 0;
 
-  /// What the robot last reported. If it cannot be kept, the next write says why.
-  virtual void note_stats(const wire::Stats& /*stats*/) {}
+  /// What the robot last reported, of a session that is open. If it cannot be kept, the next write
+  /// says why.
+  virtual void note(const SessionClosing& /*reported*/) {}
 
-  /// The session is closed, though it may be continued later.
-  virtual std::optional<Error> finish(const SessionClosing& closing) = 0;
+  /// The session is closed, though it may be continued later. What `closing` does not know and this
+  /// record has from before is filled in.
+  virtual std::optional<Error> finish(SessionClosing& closing) = 0;
 };
 
 }  // namespace orbbuf

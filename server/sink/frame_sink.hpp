@@ -35,8 +35,9 @@ class FrameSink {
   // NOLINTNEXTLINE(performance-unnecessary-value-param): who overrides it keeps it
   virtual void async_commit(Done done) { done(std::nullopt); }
 
-  /// What the robot last reported; also while a call is outstanding. Now and then, not each report.
-  virtual void note_stats(const wire::Stats& /*stats*/) {}
+  /// What the robot last reported, of a session that is open; also while a call is outstanding. Now
+  /// and then, not each report.
+  virtual void note(const SessionClosing& /*reported*/) {}
 
   /// After an error: some of what was to be written is kept all the same, so the call has to be
   /// repeated until it is taken, or the session ends.

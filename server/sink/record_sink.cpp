@@ -68,9 +68,9 @@ void RecordSink::async_commit(Done done) {
   done({});
 }
 
-void RecordSink::note_stats(const wire::Stats& stats) {
-  asio::post(strand_, [job = job_, stats] {
-    for (const auto& record : job->records) record->note_stats(stats);
+void RecordSink::note(const SessionClosing& reported) {
+  asio::post(strand_, [job = job_, reported] {
+    for (const auto& record : job->records) record->note(reported);
   });
 }
 
@@ -79,9 +79,10 @@ bool RecordSink::is_partly_taken() const { return job_->is_begun; }
 void RecordSink::async_drain(const SessionClosing& closing, std::function<void()> drained) {
   run_in_pool(
       main_, strand_,
-      [job = job_, closing] {
-        for (const auto& record : job->records) {
-          if (const auto error = record->finish(closing))
+      [job = job_, closing = closing]() mutable {
+        // The last one, the files, may know more than the session does.
+        for (std::size_t i = job->records.size(); i-- > 0;) {
+          if (const auto error = job->records[i]->finish(closing))
             spdlog::warn("not finished: {}", error->text);
         }
         return true;

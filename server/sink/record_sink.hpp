@@ -45,7 +45,7 @@ class RecordSink final : public FrameSink {
   void async_write_drops(wire::Dropped dropped, Done done) override;
   bool is_partly_taken() const override;
   void async_commit(Done done) override;
-  void note_stats(const wire::Stats& stats) override;
+  void note(const SessionClosing& reported) override;
   /// The records get their index, and the session its end.
   void async_drain(const SessionClosing& closing, std::function<void()> drained) override;
 

@@ -38,8 +38,8 @@ std::vector<Example> conversation() {
                      0, {0xFF, 0xD8, 0xFF, 0xD9}};
   frame.jpeg_crc = crc32(frame.jpeg);
   const DropRecord record{0, 1'600'000'000'000'000'000, DropReason::kBusy};
-  return {{"hello", hex(encode(Hello{1, 2, "tb3", "s1", "orbbufd 0.1.0", ""}))},
-          {"welcome", hex(encode(Welcome{2, {0, 0}, 16U << 20}))},
+  return {{"hello", hex(encode(Hello{1, 3, "tb3", "s1", "orbbufd 0.1.0", ""}))},
+          {"welcome", hex(encode(Welcome{3, {0, 0}, 16U << 20}))},
           {"dropped", hex(encode(Dropped{0, {record}}))},
           {"frame", hex(encode_whole(frame))},
           {"ack", hex(encode(Ack{{2, 1}, 2}))},

@@ -129,8 +129,9 @@ TEST(WireParse, BodyThatEndsTooEarlyIsRefusedThoughItsChecksumFits) {
     for (std::size_t size = kHeaderBytes; size <= end; ++size) {
       Bytes cut(message.begin(), message.begin() + static_cast<std::ptrdiff_t>(size));
       reseal(cut);
-      constexpr std::size_t kVersion1Bytes = 16;
-      if (type == Type::kAck && size == kHeaderBytes + kVersion1Bytes) continue;
+      const bool is_older_ack = type == Type::kAck && size == kHeaderBytes + 16;
+      const bool are_older_stats = type == Type::kStats && size == kHeaderBytes + 80;
+      if (is_older_ack || are_older_stats) continue;
       EXPECT_FALSE(there_and_back(cut)) << to_string(type) << " of " << size << " bytes";
     }
   }

@@ -61,7 +61,7 @@ inline std::map<Type, Bytes> sample_messages() {
           {Type::kFrame, encode_whole(sample_frame())},
           {Type::kAck, encode(Ack{{7, 3}, 9})},
           {Type::kDropped, encode(dropped)},
-          {Type::kStats, encode(Report{{21, 1, 2, 3, 4, 5, 6}, 25, 80'000, 1'000'000, 40'000})},
+          {Type::kStats, encode(Report{{21, 1, 2, 3, 4, 5, 6}, 25, 80'000, 1'000'000, 40'000, -2})},
           {Type::kBye, encode(Bye{{8, 4}})},
           {Type::kError, encode(ErrorMessage{ErrorCode::kVersion, "no version in common"})}};
 }

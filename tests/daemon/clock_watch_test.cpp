@@ -52,6 +52,7 @@ TEST_F(ClockWatchTest, SaysWhatIsToBeAddedToTheTimesOfASession) {
   look(milliseconds(-500));
   EXPECT_EQ(log_.lines("the clock was set by -0.500 s").size(), 1U);
   EXPECT_EQ(log_.lines("add +3599.500 s").size(), 1U);
+  EXPECT_EQ(watch_.stepped(), milliseconds(3'599'500));
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cassert>
 #include <cerrno>
 #include <system_error>
@@ -15,15 +16,24 @@
 namespace orbbuf::mcap {
 namespace {
 
+/// Of a chunk, while the index of those before has less than kIndexStep.
 constexpr std::uint64_t kChunkBytes = 1 << 20;
 constexpr std::uint64_t kChunkNs = 1'000'000'000;
+/// Each time that the index has grown by this, chunks become twice as large; at most 2^kMostSteps.
+constexpr std::size_t kIndexStep = std::size_t{2} << 20;
+constexpr std::size_t kMostSteps = 6;
 
 bool is_none_beyond(const MessageHead& /*head*/) { return false; }
 
-/// The data end, the summary and the footer, which stand at `at` in the file.
+/// The metadata, the data end, the summary and the footer, which stand at `at` in the file.
 Bytes ending(const Contents& contents, const File::Described& described, std::uint64_t at) {
   Bytes out;
-  put_data_end(out, contents.crc);
+  Bytes metadata_index;
+  if (described.metadata) {
+    put_metadata(out, *described.metadata);
+    put_metadata_index(metadata_index, at, out.size(), described.metadata->name);
+  }
+  put_data_end(out, wire::crc32(out, contents.crc));
   const std::size_t summary_at = out.size();
   Bytes offsets;
   const auto add_group = [&](Opcode opcode, std::span<const std::uint8_t> records) {
@@ -33,12 +43,14 @@ Bytes ending(const Contents& contents, const File::Described& described, std::ui
   };
   Statistics statistics = contents.closed;
   statistics.schemas = described.schema_count;
+  statistics.metadata = described.metadata ? 1 : 0;
   Bytes statistics_record;
   put_statistics(statistics_record, statistics);
   add_group(Opcode::kSchema, described.schemas);
   add_group(Opcode::kChannel, described.channels);
   add_group(Opcode::kStatistics, statistics_record);
   add_group(Opcode::kChunkIndex, contents.chunk_indexes);
+  add_group(Opcode::kMetadataIndex, metadata_index);
   const std::size_t offsets_at = out.size();
   out.insert(out.end(), offsets.begin(), offsets.end());
   const Bytes summary(out.begin() + static_cast<std::ptrdiff_t>(summary_at), out.end());
@@ -190,8 +202,9 @@ bool File::is_full(const Batch& batch) const {
   if (contents_.open.empty()) return false;
   const std::uint64_t first_ns = contents_.chunk.time.first_ns;
   const std::uint64_t now_ns = batch.messages().front().head.time_ns;
-  return contents_.chunk.records_bytes + batch.records().size() > kChunkBytes ||
-         now_ns >= first_ns + kChunkNs;
+  const auto steps = std::min(contents_.chunk_indexes.size() / kIndexStep, kMostSteps);
+  return contents_.chunk.records_bytes + batch.records().size() > kChunkBytes << steps ||
+         now_ns >= first_ns + (kChunkNs << steps);
 }
 
 }  // namespace orbbuf::mcap

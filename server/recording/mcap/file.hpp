@@ -34,7 +34,8 @@ class Batch {
 };
 
 /// An MCAP file that grows by batches of messages, in chunks of about a second or a megabyte,
-/// without compression.
+/// without compression. The index of the chunks stays in memory until finish(); chunks become
+/// larger as it grows, up to 64 times, so that a week needs about 11 MiB.
 ///
 /// A batch is in the file for good once append() has returned, its chunk being open or not: it is
 /// written behind the chunk, and then the chunk's head is written again, with it in. So the
@@ -56,11 +57,13 @@ class File {
   std::optional<Error> append(const Batch& batch);
 
   /// Writes indexes and summary, which more batches may replace. summary: the schema records, and
-  /// then the channel records, of all channels with messages. Does nothing if there is no file.
+  /// then the channel records, of all channels with messages. metadata: a record, or nothing. Does
+  /// nothing if there is no file.
   struct Described {
     Bytes schemas;
     Bytes channels;
     std::uint16_t schema_count = 0;
+    std::optional<Metadata> metadata{};
   };
   std::optional<Error> finish(const Described& described);
 

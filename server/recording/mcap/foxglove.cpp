@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/recording/mcap/foxglove.hpp"
 
+#include <spdlog/fmt/fmt.h>
+
 #include <array>
 #include <bit>
 #include <cstddef>
@@ -178,6 +180,15 @@ std::vector<std::uint8_t> camera_calibration(std::int64_t time_ns, std::string_v
   message.put_doubles(8, camera.p);
   message.put_text(9, frame_id);
   return message.take();
+}
+
+std::string drop_json(const DropRecord& record) {
+  const auto [sec, nsec] = split_seconds(record.capture_time_ns);
+  const std::string similarity = record.similarity == kUnknownSimilarity
+                                     ? ""
+                                     : fmt::format(R"(,"similarity":{})", record.similarity);
+  return fmt::format(R"({{"timestamp":{{"sec":{},"nsec":{}}},"sequence":{},"reason":"{}"{}}})", sec,
+                     nsec, record.sequence, to_string(record.reason), similarity);
 }
 
 }  // namespace orbbuf::foxglove

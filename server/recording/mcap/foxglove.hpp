@@ -3,12 +3,15 @@
 
 #include <cstdint>
 #include <span>
+#include <string>
 #include <string_view>
 #include <vector>
 
+#include "common/drop_record.hpp"
 #include "server/calibration/camera_info.hpp"
 
-/// The messages of Foxglove's schemas that a recording is made of, as protobuf writes them.
+/// The messages of Foxglove's schemas that recordings and live viewers get, as protobuf writes
+/// them, and the drop record as JSON.
 namespace orbbuf::foxglove {
 
 /// A schema's name and its FileDescriptorSet, whole with what it imports.
@@ -26,5 +29,17 @@ std::vector<std::uint8_t> compressed_image(std::int64_t time_ns, std::string_vie
 /// foxglove.CameraCalibration.
 std::vector<std::uint8_t> camera_calibration(std::int64_t time_ns, std::string_view frame_id,
                                              const CameraInfo& camera);
+
+/// orbbuf.Drop, and its JSON schema.
+std::string drop_json(const DropRecord& record);
+inline constexpr std::string_view kDropSchemaName = "orbbuf.Drop";
+inline constexpr std::string_view kDropSchema =
+    R"({"title":"orbbuf.Drop","type":"object","properties":{)"
+    R"("timestamp":{"type":"object","title":"time","properties":{)"
+    R"("sec":{"type":"integer"},"nsec":{"type":"integer"}}},)"
+    R"("sequence":{"type":"integer"},)"
+    R"("reason":{"type":"string","enum":["policy","busy","failed","shutdown",)"
+    R"("refused","unknown","lost"]},)"
+    R"("similarity":{"type":"integer"}}})";
 
 }  // namespace orbbuf::foxglove

@@ -129,10 +129,30 @@ void put_statistics(Bytes& out, const Statistics& statistics) {
     put(out, statistics.schemas);
     put(out, static_cast<std::uint32_t>(statistics.messages.size()));
     put(out, std::uint32_t{0});  // attachments
-    put(out, std::uint32_t{0});  // metadata
+    put(out, statistics.metadata);
     put(out, statistics.chunks);
     put_time(out, statistics.time);
     put_map(out, statistics.messages);
+  });
+}
+
+void put_metadata(Bytes& out, const Metadata& metadata) {
+  put_record(out, Opcode::kMetadata, [&] {
+    put_text(out, metadata.name);
+    Bytes entry;
+    put_text(entry, metadata.key);
+    put_text(entry, metadata.value);
+    put(out, static_cast<std::uint32_t>(entry.size()));
+    put_bytes(out, entry);
+  });
+}
+
+void put_metadata_index(Bytes& out, std::uint64_t offset, std::uint64_t bytes,
+                        std::string_view name) {
+  put_record(out, Opcode::kMetadataIndex, [&] {
+    put(out, offset);
+    put(out, bytes);
+    put_text(out, name);
   });
 }
 

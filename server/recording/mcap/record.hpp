@@ -30,6 +30,8 @@ enum class Opcode : std::uint8_t {
   kMessageIndex = 0x07,
   kChunkIndex = 0x08,
   kStatistics = 0x0B,
+  kMetadata = 0x0C,
+  kMetadataIndex = 0x0D,
   kSummaryOffset = 0x0E,
   kDataEnd = 0x0F,
 };
@@ -70,6 +72,13 @@ struct TimeSpan {
   std::uint64_t last_ns = 0;
 };
 
+/// One entry, by which a reader of any program finds it.
+struct Metadata {
+  std::string_view name;
+  std::string_view key;
+  std::string_view value;
+};
+
 struct ChunkHead {
   TimeSpan time;
   std::uint64_t records_bytes = 0;
@@ -94,6 +103,7 @@ struct Statistics {
   TimeSpan time;
   std::uint16_t schemas = 0;
   std::uint32_t chunks = 0;
+  std::uint32_t metadata = 0;
   std::map<std::uint16_t, std::uint64_t> messages;  ///< by channel
 };
 
@@ -104,6 +114,10 @@ void put_message(Bytes& out, const MessageHead& head, std::span<const std::uint8
 void put_message_index(Bytes& out, std::uint16_t channel_id, std::span<const IndexEntry> entries);
 void put_chunk_index(Bytes& out, const ChunkIndex& index);
 void put_statistics(Bytes& out, const Statistics& statistics);
+void put_metadata(Bytes& out, const Metadata& metadata);
+/// offset, bytes: of the whole metadata record in the file.
+void put_metadata_index(Bytes& out, std::uint64_t offset, std::uint64_t bytes,
+                        std::string_view name);
 void put_summary_offset(Bytes& out, Opcode group, std::uint64_t start, std::uint64_t bytes);
 void put_data_end(Bytes& out, std::uint32_t data_crc);
 /// And the magic behind it. summary: what stands in the file before the footer, from

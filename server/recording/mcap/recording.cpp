@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "common/as_bytes.hpp"
-#include "common/decimal.hpp"
 #include "server/recording/backlog.hpp"
 #include "server/recording/file_io.hpp"
 #include "server/recording/mcap/foxglove.hpp"
@@ -54,23 +53,6 @@ bool is_image(std::uint16_t channel) {
   return channel == kImage || channel == kLeftImage || channel == kRightImage;
 }
 
-constexpr std::string_view kDropJsonSchema =
-    R"({"title":"orbbuf.Drop","type":"object","properties":{)"
-    R"("timestamp":{"type":"object","title":"time","properties":{)"
-    R"("sec":{"type":"integer"},"nsec":{"type":"integer"}}},)"
-    R"("sequence":{"type":"integer"},)"
-    R"("reason":{"type":"string","enum":["policy","busy","failed","shutdown"]},)"
-    R"("similarity":{"type":"integer"}}})";
-
-std::string drop_json(const DropRecord& record) {
-  const auto [sec, nsec] = split_seconds(record.capture_time_ns);
-  const std::string similarity = record.similarity == kUnknownSimilarity
-                                     ? ""
-                                     : fmt::format(R"(,"similarity":{})", record.similarity);
-  return fmt::format(R"({{"timestamp":{{"sec":{},"nsec":{}}},"sequence":{},"reason":"{}"{}}})", sec,
-                     nsec, record.sequence, to_string(record.reason), similarity);
-}
-
 MessageHead head_of(std::uint16_t channel, std::uint64_t sequence, std::int64_t time_ns) {
   return {channel, static_cast<std::uint32_t>(sequence),
           static_cast<std::uint64_t>(std::max<std::int64_t>(time_ns, 0))};
@@ -79,7 +61,8 @@ MessageHead head_of(std::uint16_t channel, std::uint64_t sequence, std::int64_t 
 template <class Put>
 void with_schema(std::uint16_t id, Put put) {
   if (id == kDropSchema) {
-    return put(Schema{id, "orbbuf.Drop", "jsonschema", as_bytes(kDropJsonSchema)});
+    return put(
+        Schema{id, foxglove::kDropSchemaName, "jsonschema", as_bytes(foxglove::kDropSchema)});
   }
   const auto schema = id == kImageSchema ? foxglove::compressed_image_schema()
                                          : foxglove::camera_calibration_schema();
@@ -170,7 +153,8 @@ std::optional<Error> Recording::write_drops(const wire::Dropped& dropped) {
   std::uint64_t number = dropped.first_drop;
   for (const DropRecord& record : dropped.records) {
     if (number >= known_.next_drop) {
-      batch.add(head_of(kDrops, number, record.capture_time_ns), as_bytes(drop_json(record)));
+      batch.add(head_of(kDrops, number, record.capture_time_ns),
+                as_bytes(foxglove::drop_json(record)));
     }
     ++number;
   }
@@ -178,7 +162,7 @@ std::optional<Error> Recording::write_drops(const wire::Dropped& dropped) {
   return file_.append(batch);
 }
 
-std::optional<Error> Recording::finish(const SessionClosing& /*closing*/) {
+std::optional<Error> Recording::finish(SessionClosing& closing) {
   File::Described described;
   std::set<std::uint16_t> schemas;
   for (const auto& [channel, sequence] : file_.contents().last_sequence) {
@@ -191,6 +175,10 @@ std::optional<Error> Recording::finish(const SessionClosing& /*closing*/) {
     with_schema(id, [&](const Schema& record) { put_schema(described.schemas, record); });
   }
   described.schema_count = static_cast<std::uint16_t>(schemas.size());
+  const auto clock_offset = std::to_string(closing.clock_offset_ns.value_or(0));
+  if (closing.clock_offset_ns.value_or(0) != 0) {
+    described.metadata = {"orbbuf.clock", "offset_ns", clock_offset};
+  }
   return file_.finish(described);
 }
 

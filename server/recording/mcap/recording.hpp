@@ -26,8 +26,9 @@ namespace orbbuf::mcap {
 ///   /ROBOT/drops              orbbuf.Drop, JSON: the frames that will not come
 ///
 /// The log time of each is the time of capture, so that a player shows what the camera saw when; a
-/// time before 1970 becomes 0 there. A frame's messages have its sequence, those of the drops count
-/// them (both modulo 2^32). File says what survives a kill.
+/// time before 1970 becomes 0 there. If the robot's clock was set meanwhile, a metadata record
+/// `orbbuf.clock` says what is to be added to all times (`offset_ns`). A frame's messages have its
+/// sequence, those of the drops count them (both modulo 2^32). File says what survives a kill.
 class Recording final : public SessionRecord {
  public:
   /// Touches nothing: the file is made by the first write.
@@ -48,7 +49,7 @@ class Recording final : public SessionRecord {
 
   std::optional<Error> write(const EncodedFrame& frame) override;
   std::optional<Error> write_drops(const wire::Dropped& dropped) override;
-  std::optional<Error> finish(const SessionClosing& closing) override;
+  std::optional<Error> finish(SessionClosing& closing) override;
 
  private:
   std::optional<Error> take_missed_drops(const std::filesystem::path& folder);

@@ -60,7 +60,7 @@ TEST_F(CheckSession, FindsNothingInASoundPair) {
 TEST_F(CheckSession, FindsNothingInOneOfWhichAllWasDropped) {
   SessionFiles files(session_, "");
   ASSERT_FALSE(files.write_drops({0, {{0, 0, DropReason::kShutdown}}}));
-  ASSERT_FALSE(files.finish({true, wire::Stats{1, 0, 0, 1, 0, 0, 0}}));
+  ASSERT_FALSE(finish(files, {true, wire::Stats{1, 0, 0, 1, 0, 0, 0}}));
   EXPECT_THAT(problems(), IsEmpty());
 }
 
@@ -71,7 +71,7 @@ TEST_F(CheckSession, SaysThatASessionHasNotEnded) {
   ASSERT_FALSE(files.write(*test::jpeg_frame_ptr(10, kWidth, kHeight)));
   EXPECT_THAT(problems(), ElementsAre("not ended: it is not known how many frames are missing at "
                                       "the end"));
-  ASSERT_FALSE(files.finish({false, wire::Stats{25, 1, 1, 1, 8, 14, 0}}));
+  ASSERT_FALSE(finish(files, {false, wire::Stats{25, 1, 1, 1, 8, 14, 0}}));
   EXPECT_THAT(problems(), ElementsAre("not ended: up to 14 frames unaccounted for at the "
                                       "robot's last report"));
 }
@@ -137,7 +137,7 @@ TEST_F(CheckSession, NamesAnImageThatWasNoJpegWhenItCame) {
   record();
   SessionFiles files(session_, "");
   ASSERT_FALSE(files.write(test::plain_frame(10)));
-  ASSERT_FALSE(files.finish({true, {}}));
+  ASSERT_FALSE(finish(files, {true, {}}));
   EXPECT_THAT(problems(), ElementsAre(StartsWith("images/000010.jpg: cannot read the header")));
 }
 

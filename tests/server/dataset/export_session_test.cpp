@@ -5,6 +5,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <limits>
+
 #include "server/dataset/check_session.hpp"
 #include "tests/server/dataset/recording.hpp"
 #include "tests/server/resource_limit.hpp"
@@ -15,10 +17,12 @@ namespace {
 namespace fs = std::filesystem;
 using test::read_file;
 using test::write_file;
+using testing::Contains;
 using testing::ElementsAre;
 using testing::EndsWith;
 using testing::HasSubstr;
 using testing::IsEmpty;
+using testing::StartsWith;
 
 /// A folder on another file system than the temporary ones, if this machine has one.
 class ElsewhereFolder {
@@ -101,6 +105,25 @@ TEST_F(ExportSession, OnAFullDiskNothingRemains) {
     EXPECT_TRUE(fs::is_empty(elsewhere.path()));
   }
   EXPECT_TRUE(to(made));
+}
+
+TEST_F(ExportSession, SetsTheClockRight) {
+  record();
+  write_file(session_ / "end.csv", to_csv({true, std::nullopt, 3'600'000'000'000}));
+  const auto report = to(out_, Layout::kTumMono);
+  ASSERT_TRUE(report);
+  EXPECT_THAT(report.value().notes, Contains("the robot's clock was set: all times have "
+                                             "+3600.000 s added"));
+  EXPECT_THAT(read_file(out_ / "times.txt"), StartsWith("0 3600.000000000 "));
+  EXPECT_THAT(read_file(out_ / "drops.csv"), HasSubstr("\n4,policy,3600.160000000\n"));
+}
+
+TEST_F(ExportSession, ChangesNoTimeIfOneWouldBeOutOfRange) {
+  record();
+  constexpr auto kMost = std::numeric_limits<std::int64_t>::max();
+  write_file(session_ / "end.csv", to_csv({true, std::nullopt, kMost - 100'000'000}));
+  ASSERT_TRUE(to(out_, Layout::kTumMono));
+  EXPECT_THAT(read_file(out_ / "times.txt"), StartsWith("0 0.000000000 "));
 }
 
 TEST_F(ExportSession, WhatWasTumMonoIsASoundSession) {

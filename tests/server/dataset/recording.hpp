@@ -24,6 +24,10 @@ class Recording : public testing::Test {
     return numbers;
   }
 
+  static std::optional<Error> finish(SessionFiles& files, SessionClosing closing) {
+    return files.finish(closing);
+  }
+
   void record(bool is_stereo = false, const std::string& calibration = "") const {
     SessionFiles files(session_, calibration);
     for (const Sequence sequence : delivered()) {
@@ -37,7 +41,7 @@ class Recording : public testing::Test {
                                     {{4, 4 * kFrameNs, DropReason::kPolicy},
                                      {3, 3 * kFrameNs, DropReason::kBusy},
                                      {7, 7 * kFrameNs, DropReason::kFailed}}}));
-    ASSERT_FALSE(files.finish({true, wire::Stats{10, 1, 1, 1, 7, 0, 0}}));
+    ASSERT_FALSE(finish(files, {true, wire::Stats{10, 1, 1, 1, 7, 0, 0}}));
   }
 
   TemporaryFolder folder_;

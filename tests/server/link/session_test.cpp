@@ -23,7 +23,10 @@ class FakeSink : public FrameSink {
     for (const auto& record : dropped.records) drops.push_back(record.sequence);
     done_ = std::move(done);
   }
-  void note_stats(const wire::Stats& stats) override { notes.push_back(stats.captured); }
+  void note(const SessionClosing& reported) override {
+    EXPECT_FALSE(reported.has_ended);
+    notes.push_back(reported.stats->captured);
+  }
   std::uint64_t lost() const override { return lost_frames; }
   void cancel() override { is_cancelled = true; }
   void async_drain(const SessionClosing& last, std::function<void()> drained) override {
@@ -175,10 +178,10 @@ TEST_F(SessionTest, TheSinksNoteTheStatsNowAndThenAndWhenTheConnectionIsLost) {
 TEST_F(SessionTest, TheSinksLearnHowTheSessionWasLeft) {
   const test::CapturedLog log;
   make({sink_});
-  session_->on_report({.stats = {9, 0, 1, 1, 6, 1, 0}});
+  session_->on_report({.stats = {9, 0, 1, 1, 6, 1, 0}, .clock_offset_ns = -7});
   session_->on_bye({{10, 0}});
   session_->close(SessionEnd::kBye);
-  EXPECT_EQ(sink_->closing, (SessionClosing{true, wire::Stats{10, 0, 1, 1, 6, 1, 0}}));
+  EXPECT_EQ(sink_->closing, (SessionClosing{true, wire::Stats{10, 0, 1, 1, 6, 1, 0}, -7}));
   EXPECT_TRUE(log.lines("does not fit").empty());
 }
 
@@ -193,7 +196,7 @@ TEST_F(SessionTest, OneThatTheRobotLeftIsNotEnded) {
   make({sink_});
   session_->on_report({.stats = {9, 0, 1, 1, 6, 1, 0}});
   session_->close(SessionEnd::kAbandoned);
-  EXPECT_EQ(sink_->closing, (SessionClosing{false, wire::Stats{9, 0, 1, 1, 6, 1, 0}}));
+  EXPECT_EQ(sink_->closing, (SessionClosing{false, wire::Stats{9, 0, 1, 1, 6, 1, 0}, 0}));
 }
 
 TEST_F(SessionTest, EachFailedTryOfASinkIsReported) {

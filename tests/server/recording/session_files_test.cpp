@@ -61,7 +61,7 @@ TEST_F(SessionFilesTest, LaysFramesOutAsDsoReadsThem) {
 
 TEST_F(SessionFilesTest, IsOpenFromTheFirstWriteUntilItIsFinished) {
   const auto end = [&] { return closing_from_csv(read_file(folder_ / "end.csv")); };
-  const SessionClosing ended{true, wire::Stats{1, 0, 0, 0, 1, 0, 0}};
+  SessionClosing ended{true, wire::Stats{1, 0, 0, 0, 1, 0, 0}};
   auto out = files();
   EXPECT_FALSE(out.finish(ended));
   EXPECT_FALSE(std::filesystem::exists(folder_ / "end.csv"));
@@ -78,19 +78,22 @@ TEST_F(SessionFilesTest, KeepsTheLastStatsWhenTheServerDiesAndWhenTheSessionGoes
   const auto end = [&] { return closing_from_csv(read_file(folder_ / "end.csv")); };
   const wire::Stats stats{500, 0, 0, 3, 440, 0, 0};
   auto killed = files();
-  killed.note_stats({1, 0, 0, 0, 0, 0, 0});
+  killed.note({false, wire::Stats{1, 0, 0, 0, 0, 0, 0}});
   EXPECT_FALSE(std::filesystem::exists(folder_ / "end.csv"));
   EXPECT_FALSE(killed.write(plain_frame(0)));
   EXPECT_EQ(end()->stats->captured, 1U);
-  killed.note_stats(stats);
-  EXPECT_EQ(end(), (SessionClosing{false, stats}));
+  const SessionClosing reported{false, stats, 3'600'000'000'000};
+  killed.note(reported);
+  EXPECT_EQ(end(), reported);
 
   auto again = files();
   EXPECT_TRUE(again.recover());
   EXPECT_FALSE(again.write(plain_frame(1)));
-  EXPECT_EQ(end(), (SessionClosing{false, stats}));
-  EXPECT_FALSE(again.finish({}));
-  EXPECT_EQ(end(), (SessionClosing{false, stats}));
+  EXPECT_EQ(end(), reported);
+  SessionClosing closing;
+  EXPECT_FALSE(again.finish(closing));
+  EXPECT_EQ(closing, reported);
+  EXPECT_EQ(end(), reported);
 }
 
 TEST_F(SessionFilesTest, RightImagesOfStereoFramesHaveTheirOwnFolder) {

@@ -21,16 +21,16 @@ using test::plain_frame_ptr;
 /// Notes what it is asked to do.
 struct Calls final : SessionRecord {
   Calls(std::string name, std::string& log) : name_(std::move(name)), log_(log) {}
-  std::optional<Error> write(const EncodedFrame& /*frame*/) override { return note("write"); }
+  std::optional<Error> write(const EncodedFrame& /*frame*/) override { return log("write"); }
   std::optional<Error> write_drops(const wire::Dropped& /*dropped*/) override {
-    return note("drops");
+    return log("drops");
   }
-  void note_stats(const wire::Stats& /*stats*/) override { note("stats"); }
-  std::optional<Error> finish(const SessionClosing& /*closing*/) override {
+  void note(const SessionClosing& /*reported*/) override { log("stats"); }
+  std::optional<Error> finish(SessionClosing& /*closing*/) override {
     log_ += name_ + " finish, ";
     return Error{"it failed"};
   }
-  std::optional<Error> note(const std::string& call) {
+  std::optional<Error> log(const std::string& call) {
     log_ += name_ + " " + call + ", ";
     return std::exchange(next_error_, std::nullopt);
   }
@@ -115,7 +115,7 @@ TEST_F(RecordSinkTest, WritesEachRecordInTurn) {
   bool is_drained = false;
   sink.async_drain({}, [&] { is_drained = true; });
   ASSERT_TRUE(run_until([&] { return is_drained; }));
-  EXPECT_EQ(calls, "a write, b write, a finish, b finish, ");
+  EXPECT_EQ(calls, "a write, b write, b finish, a finish, ");
 }
 
 TEST_F(RecordSinkTest, NotesStatsWhileAFrameIsWritten) {
@@ -124,7 +124,7 @@ TEST_F(RecordSinkTest, NotesStatsWhileAFrameIsWritten) {
   const auto files = sink_of(std::make_unique<Calls>("a", calls));
   bool is_drained = false;
   files->async_write(plain_frame_ptr(5), [](const auto&) {});
-  files->note_stats({});
+  files->note({});
   files->async_drain({}, [&] { is_drained = true; });
   ASSERT_TRUE(run_until([&] { return is_drained; }));
   EXPECT_EQ(calls, "a write, a stats, a finish, ");

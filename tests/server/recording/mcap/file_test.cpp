@@ -83,6 +83,21 @@ TEST_F(McapFileTest, AChunkHoldsAMegabyteOrOneBatchThatIsLarger) {
   EXPECT_EQ(out.contents().closed.chunks, 3U);
 }
 
+TEST_F(McapFileTest, ChunksGrowSoThatTheirIndexStaysSmall) {
+  auto out = file();
+  std::uint32_t i = 0;
+  for (; out.contents().chunk_indexes.size() < (2U << 20); ++i) {
+    ASSERT_FALSE(out.append(pair(i, i * kSecond, 1)));
+  }
+  const auto chunks = out.contents().closed.chunks;
+  EXPECT_EQ(chunks + 1, i);
+  for (std::uint32_t more = 0; more < 8; ++more, ++i) {
+    EXPECT_FALSE(out.append(pair(i, i * kSecond, 1)));
+  }
+  EXPECT_EQ(out.contents().closed.chunks, chunks + 4);
+  EXPECT_EQ(scanned().chunk_indexes, out.contents().chunk_indexes);
+}
+
 TEST_F(McapFileTest, WhatWasRecoveredIsWhatWasWritten) {
   auto out = file();
   for (std::uint32_t i = 0; i < 25; ++i) {

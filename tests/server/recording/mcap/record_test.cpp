@@ -107,19 +107,43 @@ TEST(McapRecord, AChunkIndexSaysWhereChunkAndMessageIndexesAre) {
 
 TEST(McapRecord, StatisticsCountMessagesByChannel) {
   Bytes out;
-  put_statistics(out, {{1, 2}, 1, 4, {{3, 5}, {7, 2}}});
+  put_statistics(out, {{1, 2}, 1, 4, 6, {{3, 5}, {7, 2}}});
   EXPECT_EQ(out, record('\x0B',
                         "\7\0\0\0\0\0\0\0"
                         "\1\0"
                         "\2\0\0\0"
                         "\0\0\0\0"
-                        "\0\0\0\0"
+                        "\6\0\0\0"
                         "\4\0\0\0"
                         "\1\0\0\0\0\0\0\0"
                         "\2\0\0\0\0\0\0\0"
                         "\x14\0\0\0"
                         "\3\0\5\0\0\0\0\0\0\0"
                         "\7\0\2\0\0\0\0\0\0\0"s));
+}
+
+TEST(McapRecord, MetadataIsAMapWithANameAndItsIndexSaysWhere) {
+  Bytes out;
+  put_metadata(out, {"clock", "offset", "-5"});
+  FieldReader fields(out);
+  EXPECT_EQ(fields.u8(), 0x0C);
+  EXPECT_EQ(fields.u64(), out.size() - kPrefixBytes);
+  EXPECT_EQ(fields.text(), "clock");
+  EXPECT_EQ(fields.u32(), 4U + 6 + 4 + 2);
+  EXPECT_EQ(fields.text(), "offset");
+  EXPECT_EQ(fields.text(), "-5");
+  EXPECT_EQ(fields.left(), 0U);
+
+  Bytes index;
+  put_metadata_index(index, 1000, out.size(), "clock");
+  FieldReader of_index(index);
+  EXPECT_EQ(of_index.u8(), 0x0D);
+  of_index.u64();
+  EXPECT_EQ(of_index.u64(), 1000U);
+  EXPECT_EQ(of_index.u64(), out.size());
+  EXPECT_EQ(of_index.text(), "clock");
+  EXPECT_FALSE(of_index.is_short());
+  EXPECT_EQ(of_index.left(), 0U);
 }
 
 TEST(McapRecord, TheEndOfDataAndTheGroupsOfTheSummary) {

@@ -31,6 +31,11 @@ class McapRecordingTest : public testing::Test {
     EXPECT_TRUE(position);
     return position ? position.value() : wire::Position{};
   }
+  static std::optional<Error> finish(mcap::Recording& recording,
+                                     std::optional<std::int64_t> clock_offset_ns = std::nullopt) {
+    SessionClosing closing{true, std::nullopt, clock_offset_ns};
+    return recording.finish(closing);
+  }
   std::string content() const { return test::read_file(path_); }
   std::size_t count(const std::string& text) const {
     const std::string all = content();
@@ -50,7 +55,7 @@ TEST_F(McapRecordingTest, RemembersHowFarItGot) {
   EXPECT_EQ(recovered(), (wire::Position{4, 2}));
   EXPECT_FALSE(out.write(plain_pair(9, 10, 10)));
   EXPECT_EQ(recovered(), (wire::Position{10, 2}));
-  EXPECT_FALSE(out.finish({}));
+  EXPECT_FALSE(finish(out));
   EXPECT_EQ(recovered(), (wire::Position{10, 2}));
 }
 
@@ -80,6 +85,19 @@ TEST_F(McapRecordingTest, SaysWhyThereIsNoCalibration) {
   EXPECT_EQ(count("calibration"), 0U);
   EXPECT_EQ(log.lines("r1 s1: recorded without calibration: camera.txt: FOV is no").size(), 1U);
   EXPECT_EQ(log.lines("without calibration").size(), 2U);
+}
+
+TEST_F(McapRecordingTest, SaysByHowMuchTheRobotsClockWasSet) {
+  auto out = recording();
+  EXPECT_FALSE(out.write(plain_frame(0)));
+  EXPECT_FALSE(finish(out, 0));
+  EXPECT_EQ(count("orbbuf.clock"), 0U);
+  EXPECT_FALSE(finish(out, -3'600'000'000'000));
+  EXPECT_EQ(count("orbbuf.clock"), 2U);  // the record, and its place in the summary
+  EXPECT_EQ(count("-3600000000000"), 1U);
+  EXPECT_FALSE(out.write(plain_frame(1)));
+  EXPECT_EQ(count("orbbuf.clock"), 0U);
+  EXPECT_EQ(recovered(), (wire::Position{2, 0}));
 }
 
 TEST_F(McapRecordingTest, DropsAreJson) {
