@@ -95,12 +95,12 @@ refuses() {
   cat "$log" >>refusals.log
 }
 
-refuses 'cannot open camera /dev/video9: No such file or directory; there is /dev/video0' device=/dev/video9
+refuses 'cannot open camera /dev/video9: No such file or directory; this machine has /dev/video0' device=/dev/video9
 refuses 'no GREY at 321x180; the camera offers' "${mode[@]}" width=321 format=GREY
 refuses 'no MJPG at 320x180; the camera offers' "${mode[@]}" format=MJPG
 refuses 'no control zoom_zoom; its controls: brightness' "${mode[@]}" controls.zoom_zoom=1
 refuses 'control brightness: must be 0 to 255 in steps of 1 (default 128), got 256' "${mode[@]}" controls.brightness=256
-refuses 'test_pattern takes 0 75% Colorbar, ' "${mode[@]}" controls.test_pattern=99
+refuses 'test_pattern: must be one of 0 75% Colorbar, ' "${mode[@]}" controls.test_pattern=99
 refuses 'cannot crop its sensor to 64x64+0+0: its driver does not support cropping' "${mode[@]}" crop=64x64+0+0
 as=(chroot --userspec=65534:65534 --groups=65534 /)
 chmod 660 $camera
