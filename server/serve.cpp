@@ -100,7 +100,8 @@ void serve(const Settings& settings, const std::function<std::vector<std::string
   check_sinks(settings.sinks);
   const UniqueFd lock =
       settings.sinks.is_kept() ? lock_folder(settings.sinks.files_path) : UniqueFd();
-  allow_descriptors_for(settings.listen.max_connections + HttpServer::kMaxConnections);
+  allow_descriptors_for(settings.listen.max_connections + HttpServer::kMaxConnections +
+                        FoxgloveServer::kMaxViewers);
   asio::io_context main(1);
   asio::thread_pool files(kFilesThreads);  // ends before `main`, to which its work reports
   name_threads(files);

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # The live page in a real browser, headless: a robot streams through an outage. What is asserted is in
-# page/page_test.mjs; pictures are left in build/page. Usage: tests/page.sh BUILD_FOLDER
+# page/page_test.mjs; pictures are left in build/page. And Foxglove's client, in page/foxglove_test.mjs. Usage: tests/page.sh BUILD_FOLDER
 set -euo pipefail
 build=$(realpath "$1")
 tests=$(dirname "$(realpath "${BASH_SOURCE[0]}")")
@@ -12,8 +12,9 @@ done
 mkdir -p "$out"
 out=$(realpath "$out")
 # Drives the Chromium that is there; downloads none.
-[ -d "$out/node_modules/playwright-core" ] ||
-  npm install --silent --no-audit --no-fund --prefix "$out" playwright-core@1 ||
+[ -d "$out/node_modules/@foxglove/ws-protocol" ] ||
+  npm install --silent --no-audit --no-fund --prefix "$out" playwright-core@1 @foxglove/ws-protocol@0.8 ws@8 ||
   { echo 'page.sh: skipped: no npm registry' && exit 0; }
-cp "$tests/page/page_test.mjs" "$out/"
+cp "$tests"/page/*.mjs "$out/"
+node "$out/foxglove_test.mjs" "$build/daemon/orbbufd" "$build/server/orbbuf-server"
 exec node "$out/page_test.mjs" "$build/daemon/orbbufd" "$build/server/orbbuf-server" "$out"

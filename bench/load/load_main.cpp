@@ -3,7 +3,9 @@
 // how soon it is on disk, and what the server takes for it. Then many robots that only say that
 // they are there. Then one that comes back to a session of many frames, while another streams.
 // Then some whose images a program reads decoded, and one without a program.
+// Then one that many viewers look at.
 #include <spdlog/fmt/fmt.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -16,6 +18,7 @@
 #include <memory>
 
 #include "bench/load/robot.hpp"
+#include "bench/load/viewers.hpp"
 #include "bench/load/wake_cost.hpp"
 #include "bench/run_program.hpp"
 #include "bench/watched_process.hpp"
@@ -42,6 +45,8 @@ constexpr std::chrono::seconds kPatience{60};
 constexpr milliseconds kSampling{50};
 constexpr std::size_t kResumedFrames = 300'000;
 constexpr std::size_t kPipes = 30;
+constexpr std::size_t kViewers = 64;
+constexpr int kViewRounds = 4;
 
 struct Options {
   std::string server;
@@ -77,6 +82,13 @@ class Server {
     if (process_.wait() != 0) throw std::runtime_error("server: " + process_.output());
   }
   asio::ip::tcp::endpoint endpoint() const { return endpoint_; }
+  /// Requires http.address.
+  std::uint16_t http_port() const {
+    const std::string words = "live page on http://";
+    const std::string line = process_.output();
+    const auto begin = line.find(words) + words.size();
+    return orbbuf::parse_address(line.substr(begin, line.find('/', begin) - begin)).value().port;
+  }
   WatchedProcess watched() const { return WatchedProcess(process_.pid()); }
   const fs::path& files() const { return files_; }
 
@@ -283,6 +295,7 @@ void make_session(const fs::path& folder, std::size_t frames) {
   }
   if (!times.flush() || !checksums.flush())
     throw std::runtime_error("cannot write to " + folder.string());
+  ::sync();  // else the first commit of the server would bring all of it onto the disk
 }
 
 void resume(const Options& options) {
@@ -332,6 +345,44 @@ void pipes(const Options& options) {
   server.end();
 }
 
+/// In turns, so that whatever else this machine does is the same for both.
+void viewers(const Options& options) {
+  const Content content(options.seed, options.bytes);
+  const auto interval = std::chrono::duration_cast<nanoseconds>(Seconds(1 / options.fps));
+  const auto length = std::chrono::duration_cast<nanoseconds>(Seconds(options.idle_seconds));
+  const auto frames = static_cast<std::uint64_t>(options.fps * options.idle_seconds);
+  std::vector<nanoseconds> with;
+  std::vector<nanoseconds> without;
+  std::uint64_t shown = 0;
+  for (int round = 0; round < kViewRounds; ++round) {
+    for (const bool is_viewed : {false, true}) {
+      Server server(options, fmt::format("viewers-{}-{}", round, is_viewed), 1,
+                    {"http.address=127.0.0.1:0"});
+      std::unique_ptr<orbbuf::load::Viewers> viewers;
+      if (is_viewed) {
+        viewers = std::make_unique<orbbuf::load::Viewers>(server.http_port(), kViewers);
+      }
+      Fleet fleet(content, 1, frames, interval);
+      fleet.connect(server.endpoint());
+      fleet.stream(length, [] {});
+      auto& all = is_viewed ? with : without;
+      const auto of_round = gather(fleet, &Robot::latencies);
+      all.insert(all.end(), of_round.begin(), of_round.end());
+      fleet.end();
+      server.end();
+      if (viewers) shown += viewers->shown();
+    }
+  }
+  const auto due = frames * kViewRounds * kViewers;
+  std::printf("  %zu viewers were shown %lu of %lu images\n  without:\n", kViewers, shown, due);
+  const double without_ms = report_latency("ack", without);
+  std::printf("  with:\n");
+  const double with_ms = report_latency("ack", with);
+  std::printf("RESULT foxglove.shown_share %.4f\n",
+              static_cast<double>(shown) / static_cast<double>(due));
+  std::printf("RESULT foxglove.ack_p99_ratio.%zu %.3f\n", kViewers, with_ms / without_ms);
+}
+
 void run(const Options& options) {
   std::printf("load: seed %lu; %g fps, %zu bytes\n", options.seed, options.fps, options.bytes);
   const auto part = [&](const char* name, const std::string& what, auto measure) {
@@ -353,6 +404,10 @@ void run(const Options& options) {
        fmt::format("{} robots whose images a program reads as pgm, and one without, {} s", kPipes,
                    options.idle_seconds),
        pipes);
+  part("viewers",
+       fmt::format("a robot, with {} viewers by Foxglove's protocol and without, {} times {} s",
+                   kViewers, kViewRounds, options.idle_seconds),
+       viewers);
 }
 
 }  // namespace
@@ -371,7 +426,7 @@ int main(int argc, char** argv) {
   app.add_option("--seed", options.seed, "of the images");
   app.add_option("--sync", options.sync, "files.sync of the server");
   app.add_option("--only", options.only, "one part")
-      ->check(CLI::IsMember({"stream", "idle", "resume", "pipes"}));
+      ->check(CLI::IsMember({"stream", "idle", "resume", "pipes", "viewers"}));
   const auto quick = [&] {
     options.seconds = 10;
     options.idle_seconds = 5;

@@ -3,7 +3,7 @@
 # Many robots into one server, on loopback; options as `orbbuf-load --help` has them.
 # Usage: bench/load/run.sh BUILD_FOLDER [--robots N] [--fps N] [--bytes N] [--seconds N] [--quick]
 #   [--idle-robots N] [--idle-seconds N] [--seed N]
-#   [--sync ack] [--only stream|idle|resume|pipes]
+#   [--sync ack] [--only stream|idle|resume|pipes|viewers]
 # Writes robots x fps x bytes x seconds into $TMPDIR, 3.8 GB by default, and removes it.
 set -euo pipefail
 build=$(cd "$1" && pwd)

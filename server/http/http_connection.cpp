@@ -28,20 +28,20 @@ std::span<const std::uint8_t> body_of(const HttpResponse& response) {
 
 HttpConnection::HttpConnection(tcp::socket socket, TlsContext* tls, asio::thread_pool& files,
                                HttpOwner& owner)
-    : stream_(std::move(socket), tls),
+    : stream_(std::make_unique<Stream>(std::move(socket), tls)),
       files_(files),
       owner_(owner),
-      timer_(stream_.get_executor()) {}
+      timer_(stream_->get_executor()) {}
 
 void HttpConnection::start() {
   error_code ignored;  // answers are then merely later
-  stream_.socket().set_option(tcp::no_delay(true), ignored);
+  stream_->socket().set_option(tcp::no_delay(true), ignored);
   limit(kRequestTime);
-  if (!stream_.is_tls()) return read();
-  stream_.async_handshake_as_server([self = shared_from_this()](const error_code& failed) {
+  if (!stream_->is_tls()) return read();
+  stream_->async_handshake_as_server([self = shared_from_this()](const error_code& failed) {
     if (self->is_closed_) return;
     if (!failed) return self->read();
-    spdlog::debug("http: {}", self->stream_.explain(failed));
+    spdlog::debug("http: {}", self->stream_->explain(failed));
     self->close();
   });
 }
@@ -65,12 +65,12 @@ void HttpConnection::go_on() {
 }
 
 void HttpConnection::read() {
-  stream_.async_read_some(asio::buffer(in_),
-                          [self = shared_from_this()](const error_code& failed, std::size_t bytes) {
-                            if (self->is_closed_) return;
-                            if (failed) return self->close();  // gone, or as good as that
-                            self->on_bytes(bytes);
-                          });
+  stream_->async_read_some(
+      asio::buffer(in_), [self = shared_from_this()](const error_code& failed, std::size_t bytes) {
+        if (self->is_closed_) return;
+        if (failed) return self->close();  // gone, or as good as that
+        self->on_bytes(bytes);
+      });
 }
 
 /// The bytes of a request that come in drops do not buy it time.
@@ -82,12 +82,23 @@ void HttpConnection::on_bytes(std::size_t bytes) {
 
 void HttpConnection::ask(const HttpRequest& request) {
   limit(kPieceTime);
+  if (request.upgrade && reader_.is_between_requests() && owner_.can_upgrade(request)) {
+    return give_away(request);
+  }
   const bool is_head = request.is_head;
   const bool keeps_alive = request.keeps_alive;
   owner_.on_request(request,
                     [self = shared_from_this(), is_head, keeps_alive](HttpResponse answer) {
                       if (!self->is_closed_) self->respond(std::move(answer), is_head, keeps_alive);
                     });
+}
+
+void HttpConnection::give_away(const HttpRequest& request) {
+  const auto self = shared_from_this();  // the owner lets go of it
+  is_closed_ = true;
+  timer_.cancel();
+  owner_.on_upgrade(std::move(stream_), request);
+  owner_.on_closed(self);
 }
 
 void HttpConnection::respond(HttpResponse response, bool is_head, bool keeps_alive) {
@@ -110,7 +121,7 @@ void HttpConnection::write_next() {
 
 void HttpConnection::read_file() {
   run_in_pool(
-      stream_.get_executor(), files_, [file = response_.file] { return file->read(); },
+      stream_->get_executor(), files_, [file = response_.file] { return file->read(); },
       [self = shared_from_this()](std::vector<std::uint8_t> piece) {
         if (self->is_closed_) return;
         if (piece.empty()) return self->close();  // what was promised is not there any more
@@ -125,7 +136,7 @@ void HttpConnection::write(std::span<const std::uint8_t> piece) {
   left_ -= piece.size();
   const std::array<asio::const_buffer, 2> parts = {asio::buffer(head_),
                                                    asio::buffer(piece.data(), piece.size())};
-  asio::async_write(stream_, parts,
+  asio::async_write(*stream_, parts,
                     [self = shared_from_this()](const error_code& failed, std::size_t) {
                       if (self->is_closed_) return;
                       if (failed) return self->close();
@@ -144,19 +155,19 @@ void HttpConnection::on_written() {
 /// Closing at once, with something of the other end's unread, might lose it the answer.
 void HttpConnection::part() {
   error_code ignored;  // then it is gone, which reading shows
-  stream_.socket().shutdown(tcp::socket::shutdown_send, ignored);
-  stream_.read_bare();
+  stream_->socket().shutdown(tcp::socket::shutdown_send, ignored);
+  stream_->read_bare();
   limit(kPartingTime);
   discard();
 }
 
 void HttpConnection::discard() {
-  stream_.async_read_some(asio::buffer(in_),
-                          [self = shared_from_this()](const error_code& failed, std::size_t) {
-                            if (self->is_closed_) return;
-                            if (failed) return self->close();
-                            self->discard();
-                          });
+  stream_->async_read_some(asio::buffer(in_),
+                           [self = shared_from_this()](const error_code& failed, std::size_t) {
+                             if (self->is_closed_) return;
+                             if (failed) return self->close();
+                             self->discard();
+                           });
 }
 
 void HttpConnection::close() {
@@ -164,7 +175,7 @@ void HttpConnection::close() {
   const auto self = shared_from_this();  // the owner lets go of it
   timer_.cancel();
   error_code ignored;  // there is nothing to do about it
-  stream_.socket().close(ignored);
+  stream_->socket().close(ignored);
   owner_.on_closed(self);
 }
 

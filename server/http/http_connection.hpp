@@ -29,7 +29,11 @@ class HttpOwner {
   virtual ~HttpOwner() = default;
   /// `answer` runs once, on `main`, from within the call or later.
   virtual void on_request(const HttpRequest& request, Answer answer) = 0;
-  /// The last call: the socket is closed.
+  /// Of a request for WebSocket: whether on_upgrade() follows; else on_request() does.
+  virtual bool can_upgrade(const HttpRequest& request) = 0;
+  /// The stream is the owner's from here on; on_closed() follows.
+  virtual void on_upgrade(std::unique_ptr<Stream> stream, const HttpRequest& request) = 0;
+  /// The last call: the socket is closed, or given away.
   virtual void on_closed(const std::shared_ptr<HttpConnection>& connection) = 0;
 };
 
@@ -58,6 +62,7 @@ class HttpConnection final : public std::enable_shared_from_this<HttpConnection>
   void read();
   void on_bytes(std::size_t bytes);
   void ask(const HttpRequest& request);
+  void give_away(const HttpRequest& request);
   void respond(HttpResponse response, bool is_head, bool keeps_alive);
   void write_next();
   void read_file();
@@ -67,7 +72,7 @@ class HttpConnection final : public std::enable_shared_from_this<HttpConnection>
   void discard();
   void limit(std::chrono::seconds time);
 
-  Stream stream_;
+  std::unique_ptr<Stream> stream_;  // null: given away
   boost::asio::thread_pool& files_;
   HttpOwner& owner_;
   boost::asio::steady_timer timer_;

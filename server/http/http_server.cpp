@@ -21,13 +21,16 @@ std::filesystem::path folder_of(const SinkSettings& sinks) {
 }  // namespace
 
 HttpServer::HttpServer(asio::io_context& main, asio::thread_pool& files, const Settings& settings,
-                       const Metrics& metrics)
+                       Metrics& metrics)
     : files_(files),
       tls_(make_tls_context(settings.listen.tls)),
       router_(main, files, metrics, folder_of(settings.sinks),
               !tls_ && is_loopback(*settings.http_address)),
+      foxglove_(std::make_shared<FoxgloveServer>(main, metrics)),
       acceptor_(listen_on(main, "serve http on", *settings.http_address)),
-      retry_(main) {}
+      retry_(main) {
+  metrics.watch(foxglove_);
+}
 
 void HttpServer::start() {
   spdlog::info("live page on http{}://{}/", tls_ ? "s" : "", to_text(endpoint()));
@@ -40,6 +43,7 @@ void HttpServer::stop() {
   retry_.cancel();
   const auto connections = connections_;  // a connection that closes leaves the original
   for (const auto& connection : connections) connection->close();
+  foxglove_->stop();
 }
 
 void HttpServer::accept() {
@@ -65,7 +69,18 @@ void HttpServer::accept_later() {
 }
 
 void HttpServer::on_request(const HttpRequest& request, Answer answer) {
+  if (request.upgrade && router_.is_for_this_host(request)) {
+    if (auto refusal = foxglove_->refusal_of(request)) return answer(std::move(*refusal));
+  }
   router_.answer(request, std::move(answer));
+}
+
+bool HttpServer::can_upgrade(const HttpRequest& request) {
+  return router_.is_for_this_host(request) && !foxglove_->refusal_of(request);
+}
+
+void HttpServer::on_upgrade(std::unique_ptr<Stream> stream, const HttpRequest& request) {
+  foxglove_->accept(std::move(stream), request);
 }
 
 void HttpServer::on_closed(const std::shared_ptr<HttpConnection>& connection) {

@@ -11,6 +11,7 @@
 #include <set>
 #include <utility>
 
+#include "server/http/foxglove_server.hpp"
 #include "server/http/http_connection.hpp"
 #include "server/http/router.hpp"
 #include "server/settings.hpp"
@@ -18,8 +19,9 @@
 namespace orbbuf {
 
 /// Shows the server to browsers and to Prometheus, read-only: accepts connections, as many as
-/// kMaxConnections, and answers requests. Under [tls] it asks for certificates as the link does.
-/// Thread-bound to `main`. Must outlive every run of the io_context.
+/// kMaxConnections, and answers requests; those for Foxglove's WebSocket go to FoxgloveServer.
+/// Under [tls] it asks for certificates as the link does. Thread-bound to `main`. Must outlive
+/// every run of the io_context.
 class HttpServer final : private HttpOwner {
  public:
   static constexpr std::size_t kMaxConnections = 64;
@@ -27,7 +29,7 @@ class HttpServer final : private HttpOwner {
   /// Listens on settings.http_address, which must be set. Throws std::runtime_error, saying on what
   /// and why not. `metrics` must outlive it.
   HttpServer(boost::asio::io_context& main, boost::asio::thread_pool& files,
-             const Settings& settings, const Metrics& metrics);
+             const Settings& settings, Metrics& metrics);
 
   boost::asio::ip::tcp::endpoint endpoint() const { return acceptor_.local_endpoint(); }
 
@@ -41,6 +43,8 @@ class HttpServer final : private HttpOwner {
   static constexpr std::chrono::milliseconds kRetry{200};
 
   void on_request(const HttpRequest& request, Answer answer) override;
+  bool can_upgrade(const HttpRequest& request) override;
+  void on_upgrade(std::unique_ptr<Stream> stream, const HttpRequest& request) override;
   void on_closed(const std::shared_ptr<HttpConnection>& connection) override;
 
   void accept();
@@ -49,6 +53,7 @@ class HttpServer final : private HttpOwner {
   boost::asio::thread_pool& files_;
   std::shared_ptr<TlsContext> tls_;  // null: plain TCP
   Router router_;
+  std::shared_ptr<FoxgloveServer> foxglove_;
   boost::asio::ip::tcp::acceptor acceptor_;
   boost::asio::steady_timer retry_;
   std::set<std::shared_ptr<HttpConnection>> connections_;

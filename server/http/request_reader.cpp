@@ -2,6 +2,7 @@
 #include "server/http/request_reader.hpp"
 
 #include <boost/asio/buffer.hpp>
+#include <boost/beast/websocket/rfc6455.hpp>
 
 namespace orbbuf {
 namespace {
@@ -63,6 +64,9 @@ HttpRequest RequestReader::take() {
   request.path = target.substr(0, question);
   if (question != std::string::npos) request.query = target.substr(question + 1);
   if (!request.path.starts_with('/')) fault_ = kBadRequest;
+  if (boost::beast::websocket::is_upgrade(message)) {
+    request.upgrade = std::make_shared<const UpgradeRequest>(message);
+  }
   return request;
 }
 

@@ -2,14 +2,19 @@
 #pragma once
 
 #include <boost/beast/http/empty_body.hpp>
+#include <boost/beast/http/message.hpp>
 #include <boost/beast/http/parser.hpp>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
 
 namespace orbbuf {
+
+/// A request whole, as Beast needs it to answer one for WebSocket.
+using UpgradeRequest = boost::beast::http::request<boost::beast::http::empty_body>;
 
 /// A request that asks for something, and no more.
 struct HttpRequest {
@@ -19,6 +24,7 @@ struct HttpRequest {
   std::string host;   ///< the field, as it came
   std::string path;   ///< begins with '/'; not decoded, since no name of ours needs it
   std::string query;  ///< behind '?'
+  std::shared_ptr<const UpgradeRequest> upgrade{};  ///< set if it asks for WebSocket
 };
 
 /// Cuts a connection's bytes into requests without bodies. Knows no sockets. Memory: at most

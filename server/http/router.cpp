@@ -2,13 +2,13 @@
 #include "server/http/router.hpp"
 
 #include <algorithm>
-#include <boost/asio/ip/address.hpp>
 #include <charconv>
 #include <string_view>
 #include <utility>
 
 #include "common/address.hpp"
 #include "common/wire.hpp"
+#include "server/http/own_host.hpp"
 #include "server/http/views.hpp"
 #include "server/recording/session_names.hpp"
 #include "server/runtime/run_in_pool.hpp"
@@ -35,17 +35,6 @@ std::vector<std::string> words_of(std::string_view path) {
   }
   if (words.size() > 1 && words.back().empty()) words.pop_back();
   return words;
-}
-
-/// localhost, or an address, with or without a port.
-bool is_own_host(const std::string& host) {
-  const std::size_t colon = host.rfind(':');
-  const bool has_port = colon != std::string::npos && host.find(']', colon) == std::string::npos;
-  std::string name = has_port ? host.substr(0, colon) : host;
-  if (name.starts_with('[') && name.ends_with(']')) name = name.substr(1, name.size() - 2);
-  boost::system::error_code is_name;
-  asio::ip::make_address(name, is_name);
-  return !is_name || name == "localhost";
 }
 
 /// The number behind `since=`; 0 if there is none.
@@ -94,11 +83,15 @@ Router::Router(asio::io_context& main, asio::thread_pool& files, const Metrics& 
       is_local_(is_local) {}
 
 void Router::answer(const HttpRequest& request, Answer answer) const {
-  if (is_local_ && !is_own_host(request.host)) {
+  if (!is_for_this_host(request)) {
     return answer(error_response(kMisdirected, "ask for localhost, or for an address"));
   }
   if (!request.is_get) return answer(error_response(kMethodNotAllowed));
   answer_path(request, words_of(request.path), std::move(answer));
+}
+
+bool Router::is_for_this_host(const HttpRequest& request) const {
+  return !is_local_ || is_own_host(request.host);
 }
 
 void Router::answer_path(const HttpRequest& request, const Words& words, Answer answer) const {

@@ -28,6 +28,9 @@ class Router {
   /// Runs `answer` once, from within the call or later.
   void answer(const HttpRequest& request, Answer answer) const;
 
+  /// False: it was sent by a page that misleads a browser here (`is_local`).
+  bool is_for_this_host(const HttpRequest& request) const;
+
  private:
   using Words = std::vector<std::string>;  // of a path, between the slashes
 

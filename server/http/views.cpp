@@ -87,8 +87,8 @@ void add_timeline(Json& json, const RobotMetrics& robot, std::uint64_t since_ms,
   json.add("]");
 }
 
-void add_robot(Json& json, const RobotMetrics& robot, std::uint64_t since_ms,
-               RobotMetrics::Time now) {
+/// The last field is for the caller to add.
+void begin_robot(Json& json, const RobotMetrics& robot, RobotMetrics::Time now) {
   json.add(R"({{"robot":"{}","session":"{}","state":"{}","connections":{},)"
            R"("frames":{},"bytes":{},"drops":{},"frame_rate":{:.2f},)",
            robot.info().robot_id, robot.info().session_id, robot.state(), robot.connections(),
@@ -99,6 +99,11 @@ void add_robot(Json& json, const RobotMetrics& robot, std::uint64_t since_ms,
              frame->width_px, frame->height_px, frame->is_stereo());
   }
   if (robot.report()) add_report(json, *robot.report(), to_seconds(now - robot.report_time()));
+}
+
+void add_robot(Json& json, const RobotMetrics& robot, std::uint64_t since_ms,
+               RobotMetrics::Time now) {
+  begin_robot(json, robot, now);
   add_timeline(json, robot, since_ms, now);
   json.add("}}");
 }
@@ -225,6 +230,15 @@ MetricFamily sessions_of(const Metrics& metrics) {
   return family;
 }
 
+MetricFamily of_server(const char* name, const char* help, MetricType type, std::uint64_t value) {
+  MetricFamily family{name, help, type, {}};
+  ClientMetric metric;
+  (type == MetricType::Counter ? metric.counter.value : metric.gauge.value) =
+      static_cast<double>(value);
+  family.metric.push_back(std::move(metric));
+  return family;
+}
+
 /// `'sha256-...'`, as a policy of contents names what may be run.
 std::string hash_of(std::string_view text) {
   std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
@@ -261,6 +275,34 @@ std::string to_json(const Metrics& metrics, std::uint64_t since_ms, RobotMetrics
   }
   json.add("]}}\n");
   return std::move(json).take();
+}
+
+std::string to_json(const RobotMetrics& robot, RobotMetrics::Time now) {
+  Json json;
+  begin_robot(json, robot, now);
+  json.add(R"("lost":{}}})", robot.lost());
+  return std::move(json).take();
+}
+
+std::string robot_schema() {
+  const auto numbers = [](std::initializer_list<std::string_view> names) {
+    std::string fields;
+    for (const std::string_view name : names) {
+      fields += fmt::format(R"("{}":{{"type":"number"}},)", name);
+    }
+    fields.pop_back();
+    return fields;
+  };
+  return fmt::format(
+      R"({{"title":"{}","type":"object","properties":{{"robot":{{"type":"string"}},)"
+      R"("session":{{"type":"string"}},"state":{{"type":"string"}},{},)"
+      R"("image":{{"type":"object","properties":{{{},"is_stereo":{{"type":"boolean"}}}}}},)"
+      R"("report":{{"type":"object","properties":{{{}}}}}}}}})",
+      kRobotSchemaName,
+      numbers({"connections", "frames", "bytes", "drops", "frame_rate", "age_s", "lost"}),
+      numbers({"sequence", "width", "height"}),
+      numbers({"age_s", "captured", "skipped", "failed", "dropped", "acknowledged", "waiting",
+               "in_flight", "capacity", "waiting_bytes", "link_rate", "round_trip_us"}));
 }
 
 std::optional<std::string> folders_json(const fs::path& folder) {
@@ -300,6 +342,11 @@ std::string to_prometheus(const Metrics& metrics, RobotMetrics::Time now) {
   std::vector<MetricFamily> families;
   families.push_back(sessions_of(metrics));
   for (const Metric& metric : kMetrics) families.push_back(family_of(metric, metrics, now));
+  families.push_back(of_server("orbbuf_foxglove_viewers", "Foxglove's live connections",
+                               MetricType::Gauge, metrics.viewers().open));
+  families.push_back(of_server("orbbuf_foxglove_given_up_total",
+                               "Messages that they were too slow for", MetricType::Counter,
+                               metrics.viewers().given_up));
   std::erase_if(families, [](const MetricFamily& family) { return family.metric.empty(); });
   return prometheus::TextSerializer().Serialize(families);
 }

@@ -25,6 +25,12 @@ HttpResponse page();
 /// what an earlier answer gave as its `clock_ms`.
 std::string to_json(const Metrics& metrics, std::uint64_t since_ms, RobotMetrics::Time now);
 
+/// One of them, without its timeline.
+std::string to_json(const RobotMetrics& robot, RobotMetrics::Time now);
+inline constexpr std::string_view kRobotSchemaName = "orbbuf.Robot";
+/// Of that, as a JSON schema.
+std::string robot_schema();
+
 /// `{"names":[...]}`: the folders in `folder` that are named like robots or sessions, in reverse
 /// order, so the newest of those that begin with their time comes first; at most a thousand.
 /// Nothing if there is no such folder. Blocking, as is the next.

@@ -15,14 +15,19 @@ void RobotMetrics::on_connected(Time now) {
   is_connected_ = true;
   ++connections_;
   timeline_.on_heard(now, connections_ > 1);
+  tell_state();
 }
 
-void RobotMetrics::on_disconnected() { is_connected_ = false; }
+void RobotMetrics::on_disconnected() {
+  is_connected_ = false;
+  tell_state();
+}
 
 void RobotMetrics::on_report(const wire::Report& report, Time now) {
   report_ = report;
   report_time_ = now;
   timeline_.on_heard(now, false);
+  tell_state();
 }
 
 void RobotMetrics::on_delivered(FramePtr frame, Time now) {
@@ -36,6 +41,7 @@ void RobotMetrics::on_delivered(FramePtr frame, Time now) {
   ++counted_;
   timeline_.on_heard(now, false);
   timeline_.on_delivered(frame->capture_time_ns, now);
+  if (const auto watcher = watcher_.lock()) watcher->on_frame(*this, *frame);
   if (keeps_frame_) newest_ = std::move(frame);
 }
 
@@ -43,12 +49,18 @@ void RobotMetrics::on_dropped(std::span<const DropRecord> records, Time now) {
   drops_ += records.size();
   timeline_.on_heard(now, false);
   for (const DropRecord& record : records) timeline_.on_dropped(record, now);
+  if (const auto watcher = watcher_.lock()) watcher->on_drops(*this, records);
 }
 
 void RobotMetrics::on_ended(Time now) {
   pause_.clear();
   is_connected_ = false;
   ended_ = now;
+  tell_state();
+}
+
+void RobotMetrics::tell_state() const {
+  if (const auto watcher = watcher_.lock()) watcher->on_state(*this);
 }
 
 std::string RobotMetrics::state() const {
@@ -63,7 +75,7 @@ double RobotMetrics::frame_rate(Time now) const {
 }
 
 std::shared_ptr<RobotMetrics> Metrics::begin(const SessionInfo& info) {
-  auto metrics = std::make_shared<RobotMetrics>(info, keep_frames_);
+  auto metrics = std::make_shared<RobotMetrics>(info, keep_frames_, watcher_);
   robots_[info.robot_id] = metrics;
   while (robots_.size() > max_robots_) {
     const auto gone = std::ranges::min_element(robots_, {}, [](const auto& entry) {
@@ -72,6 +84,7 @@ std::shared_ptr<RobotMetrics> Metrics::begin(const SessionInfo& info) {
     if (!gone->second->is_ended()) break;
     robots_.erase(gone);
   }
+  if (const auto watcher = watcher_.lock()) watcher->on_begun(*metrics);
   return metrics;
 }
 

@@ -18,6 +18,20 @@
 
 namespace orbbuf {
 
+class RobotMetrics;
+
+/// Is told what the metrics are, as it happens. All calls are on `main`.
+class MetricsWatcher {
+ public:
+  virtual ~MetricsWatcher() = default;
+  /// A session begins.
+  virtual void on_begun(const RobotMetrics& robot) = 0;
+  virtual void on_frame(const RobotMetrics& robot, const EncodedFrame& frame) = 0;
+  virtual void on_drops(const RobotMetrics& robot, std::span<const DropRecord> records) = 0;
+  /// It has reported, connected, disconnected or ended.
+  virtual void on_state(const RobotMetrics& robot) = 0;
+};
+
 /// What is known of a robot's latest session, for people and their tools: nothing in the server
 /// depends on it. The session tells; the page, /metrics and `status` read. Holds one frame, the
 /// newest, if a page can show it. Thread-bound to `main`.
@@ -26,8 +40,9 @@ class RobotMetrics {
   using Clock = std::chrono::steady_clock;
   using Time = Clock::time_point;
 
-  explicit RobotMetrics(SessionInfo info, bool keeps_frame = true)
-      : info_(std::move(info)), keeps_frame_(keeps_frame) {}
+  explicit RobotMetrics(SessionInfo info, bool keeps_frame = true,
+                        std::weak_ptr<MetricsWatcher> watcher = {})
+      : info_(std::move(info)), keeps_frame_(keeps_frame), watcher_(std::move(watcher)) {}
 
   void on_connected(Time now = Clock::now());
   void on_disconnected();
@@ -68,8 +83,11 @@ class RobotMetrics {
   const Timeline& timeline() const { return timeline_; }
 
  private:
+  void tell_state() const;
+
   const SessionInfo info_;
   const bool keeps_frame_;
+  const std::weak_ptr<MetricsWatcher> watcher_;
   bool is_connected_ = false;
   std::string pause_;
   std::optional<Time> ended_;
@@ -88,6 +106,12 @@ class RobotMetrics {
   double last_rate_ = 0;
 };
 
+/// Programs that show what the robots send (FoxgloveServer).
+struct ViewerCounts {
+  std::uint64_t open = 0;
+  std::uint64_t given_up = 0;  ///< messages, in all, that they were too slow for
+};
+
 /// All robots that have been here since the server was started; of those that are gone, the last.
 /// Thread-bound to `main`.
 class Metrics {
@@ -97,14 +121,22 @@ class Metrics {
   explicit Metrics(std::size_t max_robots, bool keep_frames = true)
       : max_robots_(max_robots), keep_frames_(keep_frames) {}
 
+  /// Of the sessions that begin from now on.
+  void watch(std::weak_ptr<MetricsWatcher> watcher) { watcher_ = std::move(watcher); }
+
   /// A session begins: its metrics take the place of the robot's earlier ones.
   std::shared_ptr<RobotMetrics> begin(const SessionInfo& info);
 
   const Robots& robots() const { return robots_; }
 
+  ViewerCounts& viewers() { return viewers_; }
+  const ViewerCounts& viewers() const { return viewers_; }
+
  private:
   const std::size_t max_robots_;
   const bool keep_frames_;
+  std::weak_ptr<MetricsWatcher> watcher_;
+  ViewerCounts viewers_;
   Robots robots_;
 };
 

@@ -1,38 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // node page_test.mjs ORBBUFD ORBBUF_SERVER FOLDER: see page.sh.
 import assert from "node:assert/strict";
-import { spawn } from "node:child_process";
 import { mkdtempSync, rmSync } from "node:fs";
 import net from "node:net";
 import { tmpdir } from "node:os";
 import path from "node:path";
 import { chromium } from "playwright-core";
+import { Program, set, sleep } from "./program.mjs";
 
 const [orbbufd, orbbufServer, folder] = process.argv.slice(2);
 const work = mkdtempSync(path.join(tmpdir(), "orbbuf-page-"));
-const sleep = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
-
-/** A program, its output, and a way to wait for a line of it. */
-class Program {
-  constructor(command, args) {
-    this.output = "";
-    this.process = spawn(command, args, { stdio: ["ignore", "pipe", "pipe"] });
-    this.ended = new Promise((resolve) => this.process.on("close", resolve));
-    for (const stream of [this.process.stdout, this.process.stderr]) stream.on("data", (text) => (this.output += text));
-  }
-  async line(pattern) {
-    for (let i = 0; i < 300; ++i) {
-      const match = this.output.match(pattern);
-      if (match) return match;
-      await sleep(100);
-    }
-    throw new Error(`no ${pattern} in:\n${this.output}`);
-  }
-  async stop() {
-    this.process.kill("SIGTERM");
-    await this.ended;
-  }
-}
 
 /** The link: a relay that can be cut off for a while. */
 class Link {
@@ -58,8 +35,6 @@ class Link {
     this.sockets.clear();
   }
 }
-
-const set = (values) => Object.entries(values).flatMap(([key, value]) => ["--set", `${key}=${value}`]);
 
 const server = new Program(orbbufServer, set({ "listen.address": "127.0.0.1:0", "http.address": "127.0.0.1:0",
   "files.path": `${work}/data` }));
