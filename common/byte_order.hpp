@@ -46,6 +46,10 @@ class Writer {
     bytes_.insert(bytes_.end(), text.begin(), text.end());
   }
 
+  void put_bytes(std::span<const std::uint8_t> bytes) {
+    bytes_.insert(bytes_.end(), bytes.begin(), bytes.end());
+  }
+
   std::vector<std::uint8_t>& bytes() { return bytes_; }
 
  private:
@@ -76,10 +80,7 @@ class Reader {
            std::all_of(bytes.begin(), bytes.end(), [](auto byte) { return byte == 0; });
   }
 
-  bool is_short() const { return is_short_; }
-  std::size_t left() const { return rest_.size(); }
-
- private:
+  /// A view, as take_text() gives it. Empty past the end.
   std::span<const std::uint8_t> take_bytes(std::size_t count) {
     if (count > rest_.size()) {
       is_short_ = true;
@@ -91,6 +92,10 @@ class Reader {
     return bytes;
   }
 
+  bool is_short() const { return is_short_; }
+  std::size_t left() const { return rest_.size(); }
+
+ private:
   std::span<const std::uint8_t> rest_;
   bool is_short_ = false;
 };

@@ -51,6 +51,26 @@ class Message : public Writer {
   Type type_;
 };
 
+/// The first bytes of a frame's body.
+void store_meta(std::span<std::uint8_t, kFrameMetaBytes> meta, const EncodedFrame& frame) {
+  std::uint8_t* at = meta.data();
+  at = store(at, frame.sequence);
+  at = store(at, frame.capture_time_ns);
+  at = store(at, frame.exposure_ns);
+  at = store(at, frame.width_px);
+  at = store(at, frame.height_px);
+  at = store(at, kJpegEncoding);
+  at += 3;  // reserved
+  store(at, static_cast<std::uint32_t>(frame.left().size()));
+}
+
+/// Without reading the JPEG.
+std::uint32_t body_crc(std::span<const std::uint8_t, kFrameMetaBytes> meta,
+                       const EncodedFrame& frame) {
+  return static_cast<std::uint32_t>(
+      ::crc32_combine(crc32(meta), frame.jpeg_crc, static_cast<z_off_t>(frame.jpeg.size())));
+}
+
 bool is_id_character(char c) {
   return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' ||
          c == '_' || c == '-';
@@ -76,6 +96,12 @@ std::string_view to_string(Type type) {
       return "bye";
     case Type::kError:
       return "error";
+    case Type::kLate:
+      return "late";
+    case Type::kLateAck:
+      return "late ack";
+    case Type::kSpool:
+      return "spool";
   }
   return "unknown";
 }
@@ -107,7 +133,8 @@ std::vector<std::uint8_t> encode(const Hello& hello) {
 std::vector<std::uint8_t> encode(const Welcome& welcome) {
   Message message(Type::kWelcome);
   message.put(welcome.version);
-  message.put_zeros(3);
+  message.put(static_cast<std::uint8_t>(welcome.takes_late));
+  message.put_zeros(2);
   message.put(welcome.max_frame_bytes);
   message.put_position(welcome.position);
   return std::move(message).take();
@@ -162,27 +189,57 @@ std::vector<std::uint8_t> encode(const ErrorMessage& error) {
   return std::move(message).take();
 }
 
+std::vector<std::uint8_t> encode(const LatePart& part) {
+  assert(!part.bytes.empty() && part.bytes.size() <= kMaxControlBytes - kLateHeadBytes);
+  Message message(Type::kLate);
+  message.put(part.number);
+  message.put(part.offset);
+  message.put(part.record_bytes);
+  message.put_bytes(part.bytes);
+  return std::move(message).take();
+}
+
+std::vector<std::uint8_t> encode(const LateAck& ack) {
+  Message message(Type::kLateAck);
+  message.put(ack.next);
+  return std::move(message).take();
+}
+
+std::vector<std::uint8_t> encode(const Spool& spool) {
+  assert(spool.sessions.size() <= kMaxSpooledSessions);
+  Message message(Type::kSpool);
+  message.put(static_cast<std::uint16_t>(spool.sessions.size()));
+  for (const SpooledSession& session : spool.sessions) {
+    message.put_text(session.session_id);
+    message.put(session.frames);
+    message.put(session.first);
+  }
+  return std::move(message).take();
+}
+
 std::array<std::uint8_t, kHeaderBytes + kFrameMetaBytes> encode_frame_head(
     const EncodedFrame& frame) {
   assert(!frame.jpeg.empty());
   assert(frame.jpeg.size() <= std::numeric_limits<std::uint32_t>::max() - kFrameMetaBytes);
   std::array<std::uint8_t, kHeaderBytes + kFrameMetaBytes> head{};
-  std::uint8_t* at = head.data() + kHeaderBytes;
-  at = store(at, frame.sequence);
-  at = store(at, frame.capture_time_ns);
-  at = store(at, frame.exposure_ns);
-  at = store(at, frame.width_px);
-  at = store(at, frame.height_px);
-  at = store(at, kJpegEncoding);
-  at += 3;  // reserved
-  store(at, static_cast<std::uint32_t>(frame.left().size()));
-
-  const std::uint32_t meta_crc = crc32(std::span(head).subspan(kHeaderBytes));
-  const auto body_crc = static_cast<std::uint32_t>(
-      ::crc32_combine(meta_crc, frame.jpeg_crc, static_cast<z_off_t>(frame.jpeg.size())));
+  const auto meta = std::span(head).subspan<kHeaderBytes>();
+  store_meta(meta, frame);
   store_header(head.data(), Type::kFrame,
-               static_cast<std::uint32_t>(kFrameMetaBytes + frame.jpeg.size()), body_crc);
+               static_cast<std::uint32_t>(kFrameMetaBytes + frame.jpeg.size()),
+               body_crc(meta, frame));
   return head;
+}
+
+std::vector<std::uint8_t> encode_late_record(std::string_view session_id,
+                                             const EncodedFrame& frame) {
+  std::array<std::uint8_t, kFrameMetaBytes> meta{};
+  store_meta(meta, frame);
+  Writer record(0);
+  record.put_text(session_id);
+  record.put(body_crc(meta, frame));
+  record.put_bytes(meta);
+  record.put_bytes(frame.jpeg);
+  return std::move(record.bytes());
 }
 
 }  // namespace orbbuf::wire

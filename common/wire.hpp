@@ -21,7 +21,7 @@ namespace orbbuf::wire {
 
 inline constexpr std::uint32_t kMagic = 0x4F524242;  ///< "ORBB"
 inline constexpr std::uint8_t kProtocolVersion =
-    3;  ///< the newest; docs/protocol.md says what is new
+    4;  ///< the newest; docs/protocol.md says what is new
 inline constexpr std::uint8_t kOldestProtocolVersion = 1;
 inline constexpr std::uint8_t kHeaderFormat = 1;
 inline constexpr std::uint8_t kJpegEncoding = 1;
@@ -32,6 +32,8 @@ inline constexpr std::size_t kMaxIdBytes = 64;
 inline constexpr std::size_t kMaxTextBytes = 1024;  ///< software name, error text
 inline constexpr std::size_t kMaxCalibrationBytes = 16UL * 1024;
 inline constexpr std::size_t kMaxDropsPerMessage = 1024;
+inline constexpr std::size_t kLateHeadBytes = 16;  ///< of a late message, before its bytes
+inline constexpr std::size_t kMaxSpooledSessions = 500;
 
 enum class Type : std::uint8_t {
   kHello = 1,    ///< robot -> server, first
@@ -42,6 +44,10 @@ enum class Type : std::uint8_t {
   kStats = 6,    ///< robot -> server
   kBye = 7,      ///< robot -> server: nothing more will come; server -> robot: see Bye
   kError = 8,    ///< either way; the sender closes the connection after it
+  // Since version 4:
+  kLate = 9,      ///< robot -> server: a part of a frame that was dropped before
+  kLateAck = 10,  ///< server -> robot
+  kSpool = 11,    ///< robot -> server: what its spool holds
 };
 
 /// The name used in docs, logs and errors: `hello`, `welcome`, ...
@@ -80,6 +86,8 @@ struct Welcome {
   /// The largest frame (EncodedFrame::jpeg) that the server takes; 0: it does not say. 0 in
   /// version 1.
   std::uint32_t max_frame_bytes = 0;
+  /// The server takes late frames. False before version 4.
+  bool takes_late = false;
 
   friend bool operator==(const Welcome&, const Welcome&) = default;
 };
@@ -139,6 +147,47 @@ struct Bye {
   friend bool operator==(const Bye&, const Bye&) = default;
 };
 
+/// A part of a late record (encode_late_record()). Late frames are numbered from 0 within a
+/// connection; the parts of one follow each other from offset 0 on, and other messages may come
+/// between them.
+struct LatePart {
+  std::uint64_t number = 0;
+  std::uint32_t offset = 0;             ///< of `bytes` in the record
+  std::uint32_t record_bytes = 0;       ///< the whole record's
+  std::span<const std::uint8_t> bytes;  ///< at least one; within the record
+};
+
+/// A frame that the live stream of its session did not deliver.
+struct LateFrame {
+  std::string session_id;  ///< of the present session or an earlier one of the robot
+  EncodedFrame frame;
+};
+
+/// The server keeps the late frames of this connection below `next`, as it keeps what an ack
+/// covers.
+struct LateAck {
+  std::uint64_t next = 0;
+
+  friend bool operator==(const LateAck&, const LateAck&) = default;
+};
+
+/// What the robot's spool still has of a session.
+struct SpooledSession {
+  std::string session_id;
+  std::uint64_t frames = 0;  ///< at least 1
+  Sequence first = 0;        ///< the lowest number of them
+
+  friend bool operator==(const SpooledSession&, const SpooledSession&) = default;
+};
+
+/// All sessions of which the robot's spool has frames, at most kMaxSpooledSessions: nothing will
+/// come of any other one but the present.
+struct Spool {
+  std::vector<SpooledSession> sessions;
+
+  friend bool operator==(const Spool&, const Spool&) = default;
+};
+
 enum class ErrorCode : std::uint16_t {
   kMalformed = 1,   ///< bytes that are not this protocol
   kVersion = 2,     ///< no protocol version in common
@@ -171,11 +220,20 @@ std::vector<std::uint8_t> encode(const Dropped& dropped);
 std::vector<std::uint8_t> encode(const Report& report, std::uint8_t version = kProtocolVersion);
 std::vector<std::uint8_t> encode(const Bye& bye);
 std::vector<std::uint8_t> encode(const ErrorMessage& error);
+std::vector<std::uint8_t> encode(const LatePart& part);
+std::vector<std::uint8_t> encode(const LateAck& ack);
+std::vector<std::uint8_t> encode(const Spool& spool);
 
 /// All of a frame message but the JPEG bytes, which follow it on the wire. Does not read the JPEG:
 /// the body's checksum is combined from frame.jpeg_crc in constant time.
 std::array<std::uint8_t, kHeaderBytes + kFrameMetaBytes> encode_frame_head(
     const EncodedFrame& frame);
+
+/// What the parts of a late frame make up: the session's id as a text, the CRC-32 of what follows,
+/// and the body of a frame message.
+std::vector<std::uint8_t> encode_late_record(std::string_view session_id,
+                                             const EncodedFrame& frame);
+inline constexpr std::size_t kMaxLateHeadBytes = 2 + kMaxIdBytes + 4 + kFrameMetaBytes;
 
 /// A peer's fault: what to log, and the code to answer with.
 struct Fault {
@@ -202,6 +260,11 @@ Parsed<Dropped> parse_dropped(const Header& header, std::span<const std::uint8_t
 Parsed<Report> parse_stats(const Header& header, std::span<const std::uint8_t> body);
 Parsed<Bye> parse_bye(const Header& header, std::span<const std::uint8_t> body);
 Parsed<ErrorMessage> parse_error(const Header& header, std::span<const std::uint8_t> body);
+/// The part's bytes point into `body`.
+Parsed<LatePart> parse_late(const Header& header, std::span<const std::uint8_t> body);
+Parsed<LateAck> parse_late_ack(const Header& header, std::span<const std::uint8_t> body);
+Parsed<Spool> parse_spool(const Header& header, std::span<const std::uint8_t> body);
+Parsed<LateFrame> parse_late_record(std::span<const std::uint8_t> record);
 
 /// A frame's body arrives in two pieces so that the JPEG is never copied: the first
 /// kFrameMetaBytes, and the rest. `jpeg` is moved into the frame.

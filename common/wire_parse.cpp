@@ -54,7 +54,7 @@ std::string quote(std::span<const std::uint8_t> bytes) {
 }
 
 bool is_type(std::uint8_t type) {
-  return type != 0 && type <= static_cast<std::uint8_t>(Type::kError);
+  return type != 0 && type <= static_cast<std::uint8_t>(Type::kSpool);
 }
 
 std::optional<Fault> check_length(const Header& header, std::uint32_t max_jpeg_bytes) {
@@ -104,6 +104,8 @@ class Body {
     position.next_drop = take<std::uint64_t>();
     return position;
   }
+
+  std::span<const std::uint8_t> take_bytes(std::size_t count) { return reader_.take_bytes(count); }
 
   std::string_view take_text(std::string_view what, std::size_t limit) {
     const std::string_view text = reader_.take_text();
@@ -210,7 +212,10 @@ Parsed<Welcome> parse_welcome(const Header& header, std::span<const std::uint8_t
   Body in(header, body);
   Welcome welcome;
   welcome.version = in.take<std::uint8_t>();
-  in.take_zeros(3);
+  const auto flags = in.take<std::uint8_t>();
+  in.require(flags <= 1, "reserved bytes are not zero");
+  welcome.takes_late = flags == 1;
+  in.take_zeros(2);
   welcome.max_frame_bytes = in.take<std::uint32_t>();
   welcome.position = in.take_position();
   return in.finish(welcome);
@@ -276,6 +281,67 @@ Parsed<ErrorMessage> parse_error(const Header& header, std::span<const std::uint
   // A newer peer may have reasons of its own; its text still tells them.
   return in.finish(ErrorMessage{is_known ? static_cast<ErrorCode>(code) : ErrorCode::kRefused,
                                 clean(in.take_text("text", kMaxTextBytes))});
+}
+
+Parsed<LatePart> parse_late(const Header& header, std::span<const std::uint8_t> body) {
+  assert(header.type == Type::kLate);
+  Body in(header, body);
+  LatePart part;
+  part.number = in.take<std::uint64_t>();
+  part.offset = in.take<std::uint32_t>();
+  part.record_bytes = in.take<std::uint32_t>();
+  part.bytes = in.take_bytes(in.left());
+  in.require(
+      !part.bytes.empty() && std::uint64_t{part.offset} + part.bytes.size() <= part.record_bytes,
+      fmt::format("{} bytes from {} on are no part of {}", part.bytes.size(), part.offset,
+                  part.record_bytes));
+  return in.finish(part);
+}
+
+Parsed<LateAck> parse_late_ack(const Header& header, std::span<const std::uint8_t> body) {
+  assert(header.type == Type::kLateAck);
+  Body in(header, body);
+  return in.finish(LateAck{in.take<std::uint64_t>()});
+}
+
+Parsed<Spool> parse_spool(const Header& header, std::span<const std::uint8_t> body) {
+  assert(header.type == Type::kSpool);
+  Body in(header, body);
+  Spool spool;
+  const std::size_t count = in.take<std::uint16_t>();
+  in.require(count <= kMaxSpooledSessions,
+             fmt::format("{} sessions are more than {}", count, kMaxSpooledSessions));
+  for (std::size_t i = 0; i < count && in.left() > 0; ++i) {
+    SpooledSession session;
+    session.session_id = in.take_id("session id");
+    session.frames = in.take<std::uint64_t>();
+    session.first = in.take<std::uint64_t>();
+    in.require(session.frames > 0, "a session without frames");
+    spool.sessions.push_back(std::move(session));
+  }
+  in.require(spool.sessions.size() == count, "fewer sessions than announced");
+  return in.finish(std::move(spool));
+}
+
+Parsed<LateFrame> parse_late_record(std::span<const std::uint8_t> record) {
+  Reader in(record);
+  LateFrame late;
+  const std::string_view session_id = in.take_text();
+  const auto crc = in.take<std::uint32_t>();
+  if (in.is_short() || in.left() <= kFrameMetaBytes) {
+    return malformed(fmt::format("late frame of {} bytes holds no JPEG", record.size()));
+  }
+  if (!is_valid_id(session_id)) {
+    return malformed(fmt::format("late frame: session id \"{}\" is not valid", clean(session_id)));
+  }
+  late.session_id = session_id;
+  const auto body = record.last(in.left());
+  const Header header{Type::kFrame, static_cast<std::uint32_t>(body.size()), crc};
+  auto frame = parse_frame(header, body.first<kFrameMetaBytes>(),
+                           {body.begin() + kFrameMetaBytes, body.end()});
+  if (!frame) return std::move(frame).error();
+  late.frame = std::move(frame).value();
+  return late;
 }
 
 Parsed<EncodedFrame> parse_frame(const Header& header,

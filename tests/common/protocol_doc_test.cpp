@@ -37,13 +37,18 @@ std::vector<Example> conversation() {
   EncodedFrame frame{1, 1'600'000'000'033'333'333, 8'000'000, 640, 480,
                      0, {0xFF, 0xD8, 0xFF, 0xD9}};
   frame.jpeg_crc = crc32(frame.jpeg);
+  EncodedFrame late = frame;
+  late.sequence = 7;
   const DropRecord record{0, 1'600'000'000'000'000'000, DropReason::kBusy};
-  return {{"hello", hex(encode(Hello{1, 3, "tb3", "s1", "orbbufd 0.1.0", ""}))},
-          {"welcome", hex(encode(Welcome{3, {0, 0}, 16U << 20}))},
+  return {{"hello", hex(encode(Hello{1, 4, "tb3", "s1", "orbbufd 0.1.0", ""}))},
+          {"welcome", hex(encode(Welcome{4, {0, 0}, 16U << 20, true}))},
           {"dropped", hex(encode(Dropped{0, {record}}))},
           {"frame", hex(encode_whole(frame))},
           {"ack", hex(encode(Ack{{2, 1}, 2}))},
           {"stats", hex(encode(Report{{2, 1, 0, 0, 1, 0, 0}, 25, 0, 1'000'000, 40'000}))},
+          {"spool", hex(encode(Spool{{{"s0", 1, 7}}}))},
+          {"late", hex(encode(LatePart{0, 0, 44, encode_late_record("s0", late)}))},
+          {"ack of late frames", hex(encode(LateAck{1}))},
           {"bye", hex(encode(Bye{{2, 1}}))},
           {"error", hex(encode(ErrorMessage{ErrorCode::kReplaced, "replaced"}))}};
 }

@@ -64,7 +64,7 @@ TEST(WireParse, EverySingleBitOfABodyMatters) {
 TEST(WireParse, HeaderOfAnotherLayoutIsRefused) {
   EXPECT_EQ(fault_of(with_header(Type::kAck, 4, std::uint8_t{2})), "unknown header format 2");
   EXPECT_EQ(fault_of(with_header(Type::kAck, 5, std::uint8_t{0})), "unknown message type 0");
-  EXPECT_EQ(fault_of(with_header(Type::kAck, 5, std::uint8_t{9})), "unknown message type 9");
+  EXPECT_EQ(fault_of(with_header(Type::kAck, 5, std::uint8_t{12})), "unknown message type 12");
   EXPECT_EQ(fault_of(with_header(Type::kAck, 6, std::uint16_t{1})),
             "reserved bytes of the header are not zero");
   Bytes corrupt = sample(Type::kAck);
@@ -124,8 +124,9 @@ TEST(WireParse, MessageTruncatedAtAnyLengthIsRefused) {
 
 TEST(WireParse, BodyThatEndsTooEarlyIsRefusedThoughItsChecksumFits) {
   for (const auto& [type, message] : sample_messages()) {
-    const std::size_t end =
-        type == Type::kFrame ? kHeaderBytes + kFrameMetaBytes : message.size() - 1;
+    const std::size_t end = type == Type::kFrame  ? kHeaderBytes + kFrameMetaBytes
+                            : type == Type::kLate ? kHeaderBytes + kLateHeadBytes
+                                                  : message.size() - 1;
     for (std::size_t size = kHeaderBytes; size <= end; ++size) {
       Bytes cut(message.begin(), message.begin() + static_cast<std::ptrdiff_t>(size));
       reseal(cut);
@@ -229,6 +230,53 @@ TEST(WireParse, WelcomeReservedBytesAreChecked) {
             "welcome: reserved bytes are not zero");
 }
 
+TEST(WireParse, ALatePartIsWithinItsRecord) {
+  EXPECT_EQ(fault_of(altered(Type::kLate, 8, std::uint32_t{2})), "accepted");
+  EXPECT_EQ(fault_of(altered(Type::kLate, 8, std::uint32_t{4})),
+            "late: 4 bytes from 4 on are no part of 7");
+  EXPECT_EQ(fault_of(altered(Type::kLate, 8, std::uint32_t{0xFFFFFFFF})),
+            "late: 4 bytes from 4294967295 on are no part of 7");
+  EXPECT_EQ(fault_of(altered(Type::kLate, 12, std::uint32_t{6})),
+            "late: 4 bytes from 3 on are no part of 6");
+}
+
+TEST(WireParse, SpoolFieldsAreChecked) {
+  EXPECT_EQ(fault_of(altered(Type::kSpool, 0, std::uint16_t{kMaxSpooledSessions + 1})),
+            "spool: 501 sessions are more than 500");
+  EXPECT_EQ(fault_of(altered(Type::kSpool, 0, std::uint16_t{3})),
+            "spool: fewer sessions than announced");
+  EXPECT_EQ(fault_of(altered(Type::kSpool, 4, std::uint8_t{'/'})),
+            "spool: session id \"/1\" is not valid");
+  EXPECT_EQ(fault_of(altered(Type::kSpool, 6, std::uint64_t{0})),
+            "spool: a session without frames");
+}
+
+TEST(WireParse, ASpoolMayHoldAsManySessionsAsItsLimit) {
+  Spool spool;
+  const std::string name(kMaxIdBytes, 'x');
+  for (std::size_t i = 0; i < kMaxSpooledSessions; ++i) spool.sessions.push_back({name, 1, 2});
+  EXPECT_EQ(there_and_back(encode(spool)).value(), encode(spool));
+  EXPECT_EQ(there_and_back(encode(Spool{})).value(), encode(Spool{}));
+}
+
+TEST(WireParse, ALateRecordIsChecked) {
+  const Bytes record = encode_late_record("s1", sample_frame());
+  for (std::size_t size = 0; size < record.size(); ++size) {
+    EXPECT_FALSE(parse_late_record(std::span(record).first(size))) << size;
+  }
+  for (std::size_t bit = 0; bit < record.size() * 8; ++bit) {
+    Bytes damaged = record;
+    damaged[bit / 8] ^= static_cast<std::uint8_t>(1U << bit % 8);
+    const auto late = parse_late_record(damaged);
+    const bool is_other_session =
+        late && late.value().session_id != "s1";  // no checksum of its own
+    EXPECT_TRUE(!late || is_other_session) << bit;
+  }
+  Bytes other = record;
+  other[2] = '/';
+  EXPECT_EQ(parse_late_record(other).error().text, "late frame: session id \"/1\" is not valid");
+}
+
 TEST(WireParse, WhatIsReceivedIsAtLeastWhatIsKept) {
   EXPECT_EQ(fault_of(altered(Type::kAck, 16, std::uint64_t{7})), "accepted");
   EXPECT_EQ(fault_of(altered(Type::kAck, 16, std::uint64_t{6})),
@@ -271,7 +319,7 @@ TEST(WireParse, DamagedMessageIsNeverAcceptedWithChangedContent) {
   const auto samples = sample_messages();
   std::mt19937 random(20201024);
   for (int i = 0; i < 100'000; ++i) {
-    const Bytes& original = std::next(samples.begin(), i % 8)->second;
+    const Bytes& original = std::next(samples.begin(), i % 11)->second;
     Bytes message = original;
     damage(message, random);
     const auto again = there_and_back(message);
@@ -284,7 +332,7 @@ TEST(WireParse, DamageUnderFittingChecksumsIsRefusedOrReadInOneWayOnly) {
   std::mt19937 random(14861);
   int accepted = 0;
   for (int i = 0; i < 100'000; ++i) {
-    Bytes message = std::next(samples.begin(), i % 8)->second;
+    Bytes message = std::next(samples.begin(), i % 11)->second;
     Bytes body(message.begin() + kHeaderBytes, message.end());
     damage(body, random);
     message.resize(kHeaderBytes);

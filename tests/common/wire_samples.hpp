@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "common/as_bytes.hpp"
 #include "common/byte_order.hpp"
 #include "common/wire.hpp"
 
@@ -63,7 +64,10 @@ inline std::map<Type, Bytes> sample_messages() {
           {Type::kDropped, encode(dropped)},
           {Type::kStats, encode(Report{{21, 1, 2, 3, 4, 5, 6}, 25, 80'000, 1'000'000, 40'000, -2})},
           {Type::kBye, encode(Bye{{8, 4}})},
-          {Type::kError, encode(ErrorMessage{ErrorCode::kVersion, "no version in common"})}};
+          {Type::kError, encode(ErrorMessage{ErrorCode::kVersion, "no version in common"})},
+          {Type::kLate, encode(LatePart{7, 3, 7, as_bytes("late")})},
+          {Type::kLateAck, encode(LateAck{8})},
+          {Type::kSpool, encode(Spool{{{"s1", 25, 3}, {"s2", 1, 0}}})}};
 }
 
 inline Parsed<Header> header_of(std::span<const std::uint8_t> message) {
@@ -101,6 +105,12 @@ inline Parsed<Bytes> body_and_back(const Header& header, std::span<const std::ui
       return encode_again(parse_bye(header, body));
     case Type::kError:
       return encode_again(parse_error(header, body));
+    case Type::kLate:
+      return encode_again(parse_late(header, body));
+    case Type::kLateAck:
+      return encode_again(parse_late_ack(header, body));
+    case Type::kSpool:
+      return encode_again(parse_spool(header, body));
     case Type::kFrame:
       break;
   }

@@ -53,6 +53,16 @@ TEST(Wire, EachMessageHasItsGoldenBytes) {
       {Type::kError,
        "4f5242420108000000000018dcc22456eb89b88b"
        "000200146e6f2076657273696f6e20696e20636f6d6d6f6e"},
+      {Type::kLate,
+       "4f5242420109000000000014b765bd8969084fbb"
+       "000000000000000700000003000000076c617465"},
+      {Type::kLateAck,
+       "4f524242010a0000000000086bf9575b013dbc12"
+       "0000000000000008"},
+      {Type::kSpool,
+       "4f524242010b00000000002a3a634d2c86cb5413"
+       "0002000273310000000000000019000000000000000300027332000000000000"
+       "00010000000000000000"},
   };
   for (const auto& [type, message] : sample_messages()) {
     EXPECT_EQ(hex(message), golden.at(type)) << to_string(type);
@@ -65,6 +75,27 @@ TEST(Wire, AnAckOfVersion1SaysNothingOfWhatIsReceived) {
             "4f524242010400000000001011d3772689b3e1ba"
             "00000000000000070000000000000003");
   EXPECT_EQ(there_and_back(message).value(), message);
+}
+
+TEST(Wire, AWelcomeOfVersion4SaysWhetherLateFramesAreTaken) {
+  const Bytes message = encode(Welcome{4, {7, 3}, 16U << 20, true});
+  EXPECT_EQ(hex(message),
+            "4f5242420102000000000018c9bbb99e6491aaa8"
+            "040100000100000000000000000000070000000000000003");
+  EXPECT_EQ(there_and_back(message).value(), message);
+}
+
+TEST(Wire, ALateRecordIsTheSessionAndTheFramesBody) {
+  const EncodedFrame sent = sample_frame();
+  const Bytes record = encode_late_record("s1", sent);
+  const Bytes message = encode_whole(sent);
+  EXPECT_EQ(hex(record), "00027331" + hex(std::span(message).subspan(12, 4)) +
+                             hex(std::span(message).subspan(kHeaderBytes)));
+  const auto late = parse_late_record(record);
+  ASSERT_TRUE(late) << late.error().text;
+  EXPECT_EQ(late.value().session_id, "s1");
+  EXPECT_EQ(encode_whole(late.value().frame), message);
+  EXPECT_LE(record.size(), kMaxLateHeadBytes + sent.jpeg.size());
 }
 
 TEST(Wire, AMonoFrameIsALeftImageAlone) {
@@ -169,7 +200,7 @@ TEST(Wire, IdsEndAtTheirLimit) {
 TEST(Wire, TypesHaveNames) {
   std::string names;
   for (const auto& [type, message] : sample_messages()) names.append(to_string(type)).append(" ");
-  EXPECT_EQ(names, "hello welcome frame ack dropped stats bye error ");
+  EXPECT_EQ(names, "hello welcome frame ack dropped stats bye error late late ack spool ");
 }
 
 }  // namespace
