@@ -12,7 +12,7 @@
 #include <string_view>
 #include <vector>
 
-/// Integers and texts as bytes in network order, for wire*.cpp only.
+/// Integers and texts as bytes in network order, for wire*.cpp and the files of daemon/spool only.
 namespace orbbuf::wire {
 
 /// Writes `value` to at[0 .. sizeof value), most significant byte first; returns the place after.

@@ -186,6 +186,13 @@ void read_link(ConfigReader& config, LinkSettings& link) {
   load_tls(config, link.tls);
 }
 
+void read_spool(ConfigReader& config, SpoolSettings& spool) {
+  spool.path = config.path("spool.path", spool.path);
+  spool.size_bytes =
+      config.bytes("spool.size", spool.size_bytes, SpoolSettings::kMinBytes, 1LL << 50);
+  spool.rate_bytes_per_s = config.bytes("spool.rate", spool.rate_bytes_per_s, 0, 1LL << 40);
+}
+
 }  // namespace
 
 Settings load_settings(const std::filesystem::path& file, std::span<const std::string> overrides) {
@@ -199,6 +206,7 @@ Settings load_settings(const std::filesystem::path& file, std::span<const std::s
   read_buffer(config, settings.buffer);
   read_plan(config, settings.buffer.plan);
   read_link(config, settings.link);
+  read_spool(config, settings.spool);
   config.reject_unknown();
   return settings;
 }

@@ -10,6 +10,7 @@
 #include "daemon/image/jpeg_encoder.hpp"
 #include "daemon/image/orb_extractor.hpp"
 #include "daemon/net/sender.hpp"
+#include "daemon/spool/spool.hpp"
 
 namespace orbbuf {
 
@@ -23,6 +24,7 @@ struct Settings {
   FeatureSettings features;
   BufferSettings buffer;
   LinkSettings link;
+  SpoolSettings spool;
 };
 
 /// Reads `file` (empty: defaults) and applies `overrides` (`table.key=value`). Throws

@@ -22,7 +22,8 @@ daemon/capture/list_cameras: daemon/capture/libcamera daemon/capture/v4l2
 daemon/capture/make_source: daemon/capture daemon/capture/libcamera daemon/capture/replay daemon/capture/stereo daemon/capture/v4l2
 daemon/image: common daemon/buffer daemon/capture
 daemon/net: common common/net daemon/buffer
-daemon/settings: common daemon/buffer daemon/capture daemon/image daemon/net
+daemon/spool: common
+daemon/settings: common daemon/buffer daemon/capture daemon/image daemon/net daemon/spool
 daemon: common daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/net daemon/settings daemon/capture/list_cameras daemon/capture/make_source
 server/runtime: common
 server/calibration: common
