@@ -48,7 +48,7 @@ class McapFileTest : public testing::Test {
     for (const auto& [message, offset] : contents.open) ++counts[message.channel_id];
     EXPECT_EQ(counts[1], counts[2]);
     if (counts[1] > 0) {
-      EXPECT_EQ(contents.last_sequence.at(2) + 1, counts[2]);
+      EXPECT_EQ(contents.highest.at(2) + 1, counts[2]);
     }
     return counts[1];
   }
@@ -110,7 +110,7 @@ TEST_F(McapFileTest, WhatWasRecoveredIsWhatWasWritten) {
     EXPECT_EQ(found.closed.messages, written.closed.messages);
     EXPECT_EQ(found.chunk.records_crc, written.chunk.records_crc);
     EXPECT_EQ(found.end(), written.end());
-    EXPECT_EQ(found.last_sequence, written.last_sequence);
+    EXPECT_EQ(found.highest, written.highest);
   }
 }
 
@@ -213,7 +213,7 @@ TEST_F(McapFileTest, AFileThatSomebodyRemovedBeginsAnewWithTheNextTry) {
   const auto error = out.append(pair(1, 1));
   ASSERT_TRUE(error);
   EXPECT_NE(error->text.find("another program removed or truncated it"), std::string::npos);
-  EXPECT_TRUE(out.contents().last_sequence.empty());
+  EXPECT_TRUE(out.contents().highest.empty());
   EXPECT_FALSE(out.append(pair(0, 1)));
   EXPECT_EQ(pairs(scanned()), 1U);
 }
