@@ -94,6 +94,7 @@ SessionOutcome read_session(const std::string& label, const std::filesystem::pat
     outcome.frames.push_back({frame.sequence, to_seconds(frame.capture_time_ns), true, -1});
   }
   for (const DropRecord& drop : session.drops) {
+    if (drop.reason == DropReason::kLate) continue;  // it came
     outcome.frames.push_back({drop.sequence, to_seconds(drop.capture_time_ns), false, -1});
   }
   std::sort(outcome.frames.begin(), outcome.frames.end(),

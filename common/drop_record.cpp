@@ -11,7 +11,7 @@ namespace {
 std::optional<DropReason> parse_reason(std::string_view text) {
   for (const auto reason :
        {DropReason::kPolicy, DropReason::kBusy, DropReason::kFailed, DropReason::kShutdown,
-        DropReason::kRefused, DropReason::kUnknown, DropReason::kLost}) {
+        DropReason::kRefused, DropReason::kUnknown, DropReason::kLost, DropReason::kLate}) {
     if (to_string(reason) == text) return reason;
   }
   return std::nullopt;
@@ -35,6 +35,8 @@ std::string_view to_string(DropReason reason) {
       return "unknown";
     case DropReason::kLost:
       return "lost";
+    case DropReason::kLate:
+      return "late";
   }
   return "";
 }

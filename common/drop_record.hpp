@@ -10,7 +10,8 @@
 
 namespace orbbuf {
 
-/// Why a captured frame was not delivered. The numbers are the protocol's (docs/protocol.md).
+/// Why a captured frame was not delivered. The numbers are the protocol's (docs/protocol.md), all
+/// but kLate's.
 enum class DropReason : std::uint8_t {
   kPolicy = 1,    ///< the buffer was full and the policy chose this frame
   kBusy = 2,      ///< a newer frame came before this one could be encoded
@@ -18,9 +19,10 @@ enum class DropReason : std::uint8_t {
   kShutdown = 4,  ///< still undelivered when the daemon had to stop
   kRefused = 5,   ///< larger than the server accepts: wire::Welcome::max_frame_bytes
   kUnknown =
-      6,      ///< sent and not acknowledged when the daemon had to stop (the server may have it),
-              ///< or captured by a daemon that was killed, which left no more than its number
-  kLost = 7,  ///< acknowledged, but the server does not have it any more
+      6,        ///< sent and not acknowledged when the daemon had to stop (the server may have it),
+                ///< or captured by a daemon that was killed, which left no more than its number
+  kLost = 7,    ///< acknowledged, but the server does not have it any more
+  kLate = 255,  ///< files only: passed over live, and arrived later; late.csv says when
 };
 
 /// DropRecord::similarity if the neighbours were not compared.
@@ -40,7 +42,7 @@ struct DropRecord {
 /// The first line of a drop record file, without the line end: `sequence,reason,capture_time_s`.
 inline constexpr std::string_view kDropCsvHeader = "sequence,reason,capture_time_s";
 
-/// One word: `policy`, `busy`, `failed`, `shutdown`, `refused`, `unknown` or `lost`.
+/// One word: `policy`, `busy`, `failed`, `shutdown`, `refused`, `unknown`, `lost` or `late`.
 std::string_view to_string(DropReason reason);
 
 /// One line of a drop record file, without the line end: `17,policy,1.633012000`.

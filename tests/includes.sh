@@ -30,6 +30,7 @@ server/calibration: common
 server/recording: common
 server/recording/mcap/foxglove: common server/calibration
 server/recording/mcap: common server/calibration server/recording server/recording/mcap/foxglove
+server/recording/late_merge: common server/recording server/recording/mcap
 server/dataset: common server/calibration server/recording
 server/retention: common server/runtime server/recording
 server/live: common server/recording

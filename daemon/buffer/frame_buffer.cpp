@@ -64,6 +64,7 @@ void FrameBuffer::on_lost(const DropRecord& record) {
     case DropReason::kRefused:
     case DropReason::kUnknown:
     case DropReason::kLost:
+    case DropReason::kLate:
       ++counts_.dropped;
       break;
   }

@@ -3,6 +3,10 @@
 
 #include <spdlog/fmt/fmt.h>
 
+#include <algorithm>
+#include <cstdint>
+#include <iterator>
+#include <limits>
 #include <set>
 #include <span>
 #include <system_error>
@@ -26,7 +30,6 @@ class Check {
  public:
   explicit Check(RecordedSession session) : session_(std::move(session)) {
     report_.frames = session_.frames.size();
-    report_.dropped = session_.drops.size();
     report_.problems = session_.problems;
   }
 
@@ -34,13 +37,14 @@ class Check {
     for (auto& text : problems_of_order(session_)) report_.problems.push_back(std::move(text));
     check_drops();
     check_gaps();
+    count_missing();
     check_calibration();
-    check_strays(session_names::kImages);
-    if (session_.is_stereo) check_strays(session_names::kRightImages);
+    check_strays(session_names::kImages, left_image);
+    if (session_.is_stereo) check_strays(session_names::kRightImages, right_image);
     Progress progress("check", "frames", session_.frames.size());
     for (const RecordedFrame& frame : session_.frames) {
-      check_image(session_names::left_image(frame.sequence));
-      if (session_.is_stereo) check_image(session_names::right_image(frame.sequence));
+      check_image(left_image(frame));
+      if (session_.is_stereo) check_image(right_image(frame));
       progress.add();
     }
     return std::move(report_);
@@ -53,42 +57,73 @@ class Check {
   }
 
   void check_drops() {
-    for (const RecordedFrame& frame : session_.frames) delivered_.insert(frame.sequence);
+    for (const RecordedFrame& frame : session_.frames) {
+      delivered_.insert(frame.sequence);
+      if (session_.late.contains(frame.sequence)) ++report_.late;
+    }
     for (const DropRecord& drop : session_.drops) {
+      const bool is_late = drop.reason == DropReason::kLate;
+      const bool is_there = delivered_.contains(drop.sequence);
       if (!dropped_.insert(drop.sequence).second) {
         problem("drops.csv: frame {} is there twice", drop.sequence);
       }
-      if (delivered_.contains(drop.sequence)) {
-        problem("drops.csv: frame {} was delivered", drop.sequence);
-      }
+      if (is_there && !is_late) problem("drops.csv: frame {} was delivered", drop.sequence);
+      if (!is_there && is_late)
+        problem("drops.csv: frame {} came late, and is gone", drop.sequence);
+      if (!is_there) ++report_.dropped;
     }
   }
 
   void check_gaps() {
     std::set<Sequence> known = delivered_;
     known.insert(dropped_.begin(), dropped_.end());
-    Sequence next = 0;
     for (const Sequence sequence : known) {
-      if (sequence == next + 1) {
-        problem("frame {} was neither delivered nor dropped", next);
-      } else if (sequence > next) {
-        problem("frames {} to {} were neither delivered nor dropped", next, sequence - 1);
-      }
-      next = sequence + 1;
+      if (sequence > end_) report_gap(end_, sequence);
+      end_ = sequence + 1;
     }
-    check_end(next);
-    check_closing(next);
+    check_end(end_);
+    check_closing(known.size());
   }
 
-  void check_closing(Sequence next) {
+  /// Numbers from `first` up to `end` that no list has.
+  void report_gap(Sequence first, Sequence end) {
+    const Sequence held = std::clamp(first_held(), first, end);
+    const auto add = [&](Sequence from, Sequence to, const char* singular, const char* plural) {
+      if (to == from + 1) problem("frame {} {}", from, singular);
+      if (to > from + 1) problem("frames {} to {} {}", from, to - 1, plural);
+    };
+    add(first, held, "was neither delivered nor dropped", "were neither delivered nor dropped");
+    add(held, end, "is still on the robot, or lost", "are still on the robot, or lost");
+  }
+
+  /// What is missing from here on may be what the robot still has.
+  Sequence first_held() const {
+    const bool holds = session_.holds && session_.holds->held > 0;
+    return holds ? session_.holds->first : std::numeric_limits<Sequence>::max();
+  }
+
+  void count_missing() {
+    const auto missing_up_to = [&](Sequence end) {
+      const auto there = std::distance(delivered_.begin(), delivered_.lower_bound(end));
+      return end - static_cast<std::uint64_t>(there);
+    };
+    const auto missing = missing_up_to(end_);
+    const auto held = session_.holds ? session_.holds->held : 0;
+    const auto may_be_held = missing - missing_up_to(std::min(first_held(), end_));
+    report_.on_robot = held;
+    report_.lost = missing - std::min(held, may_be_held);
+  }
+
+  void check_closing(std::uint64_t known) {
     if (!session_.closing) return;
     const auto& [has_ended, stats, clock_offset_ns] = *session_.closing;
-    const std::uint64_t known = delivered_.size() + dropped_.size();
-    if (has_ended && stats && stats->captured > next) {
-      problem("frames {} to {} were neither delivered nor dropped", next, stats->captured - 1);
+    if (has_ended && stats && stats->captured > end_) {
+      report_gap(end_, stats->captured);
+      end_ = stats->captured;
     } else if (!has_ended && stats && stats->captured > known) {
       problem("not ended: up to {} frames unaccounted for at the robot's last report",
               stats->captured - known);
+      end_ = std::max(end_, stats->captured);
     } else if (!has_ended) {
       problem("not ended: it is not known how many frames are missing at the end");
     }
@@ -108,11 +143,16 @@ class Check {
     if (!camera) problem("camera.txt: {}", camera.error().text);
   }
 
-  /// DSO opens whatever is among the images.
-  void check_strays(const char* folder) {
+  /// DSO opens whatever is among the images. Late frames have theirs elsewhere until they are
+  /// merged, and if all are late there may be no such folder yet.
+  void check_strays(const char* folder, std::string (*image_of)(const RecordedFrame&)) {
     std::set<std::string> expected;
-    for (const Sequence sequence : delivered_) expected.insert(session_names::image(sequence));
+    for (const RecordedFrame& frame : session_.frames) {
+      const std::string image = image_of(frame);
+      if (image.starts_with(folder)) expected.insert(session_names::image(frame.sequence));
+    }
     std::error_code failed;
+    if (expected.empty() && !fs::exists(session_.folder / folder, failed)) return;
     fs::directory_iterator entry(session_.folder / folder, failed);
     for (; !failed && entry != fs::directory_iterator(); entry.increment(failed)) {
       const std::string name = entry->path().filename().string();
@@ -149,6 +189,7 @@ class Check {
   SessionReport report_;
   std::set<Sequence> delivered_;
   std::set<Sequence> dropped_;
+  Sequence end_ = 0;  // behind the last number that is known to be captured
   JpegCodec codec_;
 };
 
@@ -157,10 +198,17 @@ class Check {
 std::string summary(const SessionReport& report) {
   const std::size_t problems = report.problems.size();
   constexpr double kMiB = 1024.0 * 1024.0;
+  const std::string verdict =
+      problems == 0 ? "OK" : fmt::format("{} problem{}", problems, problems == 1 ? "" : "s");
+  const double mib = static_cast<double>(report.image_bytes) / kMiB;
+  if (report.late == 0 && report.on_robot == 0) {
+    return fmt::format("{}: {} frames, {} dropped, {:.1f} MiB of images", verdict, report.frames,
+                       report.dropped, mib);
+  }
   return fmt::format(
-      "{}: {} frames, {} dropped, {:.1f} MiB of images",
-      problems == 0 ? "OK" : fmt::format("{} problem{}", problems, problems == 1 ? "" : "s"),
-      report.frames, report.dropped, static_cast<double>(report.image_bytes) / kMiB);
+      "{}: {} captured: {} live, {} late, {} on the robot, {} lost; {:.1f} MiB of images", verdict,
+      report.frames + report.on_robot + report.lost, report.frames - report.late, report.late,
+      report.on_robot, report.lost, mib);
 }
 
 Result<SessionReport> check_session(const fs::path& folder) {

@@ -132,6 +132,10 @@ Result<ExportReport> export_session(const fs::path& folder, const fs::path& out,
     report.notes.push_back(fmt::format("the robot's clock was set: all times have {:+.3f} s added",
                                        static_cast<double>(clock_offset_ns) * 1e-9));
   }
+  if (session.value().holds && session.value().holds->held > 0) {
+    report.notes.push_back(
+        fmt::format("the robot still has {} frames of this session", session.value().holds->held));
+  }
   report.notes.insert(report.notes.end(), dataset.notes.begin(), dataset.notes.end());
   Output output(out);
   if (auto error = output.begin()) return std::move(*error);

@@ -40,9 +40,9 @@ void lay_out_tum_mono(Work& work) {
     checksums += session_lines::checksum(work.made.images.back().to, checksum->second) + '\n';
   };
   for (const RecordedFrame& frame : work.session.frames) {
-    add(session_names::left_image(frame.sequence), session_names::kImages, frame.sequence);
+    add(left_image(frame), session_names::kImages, frame.sequence);
     if (work.session.is_stereo) {
-      add(session_names::right_image(frame.sequence), session_names::kRightImages, frame.sequence);
+      add(right_image(frame), session_names::kRightImages, frame.sequence);
     }
     times +=
         session_lines::to_text({frame.sequence, frame.capture_time_ns, frame.exposure_ms}) + '\n';
@@ -61,9 +61,9 @@ void lay_out_euroc(Work& work) {
   std::string index = "#timestamp [ns],filename\n";
   for (const RecordedFrame& frame : work.session.frames) {
     const std::string stem = std::to_string(frame.capture_time_ns);
-    work.image(session_names::left_image(frame.sequence), "mav0/cam0/data", stem);
+    work.image(left_image(frame), "mav0/cam0/data", stem);
     if (work.session.is_stereo) {
-      work.image(session_names::right_image(frame.sequence), "mav0/cam1/data", stem);
+      work.image(right_image(frame), "mav0/cam1/data", stem);
     }
     index += fmt::format("{},{}.{}\n", frame.capture_time_ns, stem, work.extension);
   }
@@ -77,9 +77,9 @@ void lay_out_kitti(Work& work) {
   std::size_t number = 0;
   for (const RecordedFrame& frame : work.session.frames) {
     const std::string stem = fmt::format("{:0{}}", number++, work.digits);
-    work.image(session_names::left_image(frame.sequence), "image_0", stem);
+    work.image(left_image(frame), "image_0", stem);
     if (work.session.is_stereo) {
-      work.image(session_names::right_image(frame.sequence), "image_1", stem);
+      work.image(right_image(frame), "image_1", stem);
     }
     times += format_seconds(frame.capture_time_ns) + '\n';
   }
@@ -91,7 +91,7 @@ void lay_out_tum_rgbd(Work& work) {
   std::string index = "# color images\n# by orbbuf-server export\n# timestamp filename\n";
   for (const RecordedFrame& frame : work.session.frames) {
     const std::string stem = format_seconds(frame.capture_time_ns);
-    work.image(session_names::left_image(frame.sequence), "rgb", stem);
+    work.image(left_image(frame), "rgb", stem);
     index += fmt::format("{} {}\n", stem, work.made.images.back().to);
   }
   work.text("rgb.txt", std::move(index));

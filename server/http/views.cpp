@@ -93,6 +93,10 @@ void begin_robot(Json& json, const RobotMetrics& robot, RobotMetrics::Time now) 
            R"("frames":{},"bytes":{},"drops":{},"frame_rate":{:.2f},)",
            robot.info().robot_id, robot.info().session_id, robot.state(), robot.connections(),
            robot.frames(), robot.bytes(), robot.drops(), robot.frame_rate(now));
+  json.add(R"("late":{},"late_total":{},)", robot.late(), robot.late_total());
+  if (const auto& held = robot.on_robot()) {
+    json.add(R"("on_robot":{},"on_robot_total":{},)", held->present, held->all);
+  }
   if (const auto age = robot.timeline().age(now)) json.add(R"("age_s":{:.3f},)", to_seconds(*age));
   if (const FramePtr& frame = robot.newest()) {
     json.add(R"("image":{{"sequence":{},"width":{},"height":{},"is_stereo":{}}},)", frame->sequence,
@@ -158,6 +162,11 @@ std::optional<double> report_age(const RobotMetrics& robot, RobotMetrics::Time n
   return to_seconds(now - robot.report_time());
 }
 
+std::optional<double> on_robot(const RobotMetrics& robot, RobotMetrics::Time /*now*/) {
+  if (!robot.on_robot()) return std::nullopt;
+  return as_value(robot.on_robot()->all);
+}
+
 const auto kMetrics = std::to_array<Metric>({
     {"orbbuf_robot_connected", "1 while the robot has a connection, else 0", MetricType::Gauge,
      [](const auto& robot, auto) { return as_value(robot.is_connected()); }},
@@ -173,6 +182,10 @@ const auto kMetrics = std::to_array<Metric>({
      [](const auto& robot, auto) { return as_value(robot.drops()); }},
     {"orbbuf_unpublished_frames_total", "Of the frames taken, given up by [ros] and [dds]",
      MetricType::Counter, [](const auto& robot, auto) { return as_value(robot.lost()); }},
+    {"orbbuf_late_total", "Frames that arrived late, of all the robot's sessions",
+     MetricType::Counter, [](const auto& robot, auto) { return as_value(robot.late_total()); }},
+    {"orbbuf_on_robot", "Frames that the robot keeps to send them late, of all its sessions",
+     MetricType::Gauge, on_robot},
     {"orbbuf_frames_per_second", "Frames taken, of the last second or two", MetricType::Gauge,
      [](const auto& robot, auto now) { return as_value(robot.frame_rate(now)); }},
     {"orbbuf_newest_frame_age_seconds", "Since the newest frame was captured", MetricType::Gauge,
@@ -299,7 +312,8 @@ std::string robot_schema() {
       R"("image":{{"type":"object","properties":{{{},"is_stereo":{{"type":"boolean"}}}}}},)"
       R"("report":{{"type":"object","properties":{{{}}}}}}}}})",
       kRobotSchemaName,
-      numbers({"connections", "frames", "bytes", "drops", "frame_rate", "age_s", "lost"}),
+      numbers({"connections", "frames", "bytes", "drops", "frame_rate", "late", "late_total",
+               "on_robot", "on_robot_total", "age_s", "lost"}),
       numbers({"sequence", "width", "height"}),
       numbers({"age_s", "captured", "skipped", "failed", "dropped", "acknowledged", "waiting",
                "in_flight", "capacity", "waiting_bytes", "link_rate", "round_trip_us"}));

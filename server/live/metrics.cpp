@@ -52,6 +52,16 @@ void RobotMetrics::on_dropped(std::span<const DropRecord> records, Time now) {
   if (const auto watcher = watcher_.lock()) watcher->on_drops(*this, records);
 }
 
+void RobotMetrics::on_late(bool is_present_session) {
+  if (is_present_session) ++late_;
+  ++late_total_;
+}
+
+void RobotMetrics::follow(const RobotMetrics& before) {
+  late_total_ = before.late_total_;
+  if (before.on_robot_) on_robot_ = {0, before.on_robot_->all};
+}
+
 void RobotMetrics::on_ended(Time now) {
   pause_.clear();
   is_connected_ = false;
@@ -76,7 +86,9 @@ double RobotMetrics::frame_rate(Time now) const {
 
 std::shared_ptr<RobotMetrics> Metrics::begin(const SessionInfo& info) {
   auto metrics = std::make_shared<RobotMetrics>(info, keep_frames_, watcher_);
-  robots_[info.robot_id] = metrics;
+  auto& latest = robots_[info.robot_id];
+  if (latest) metrics->follow(*latest);
+  latest = metrics;
   while (robots_.size() > max_robots_) {
     const auto gone = std::ranges::min_element(robots_, {}, [](const auto& entry) {
       return entry.second->ended_at().value_or(RobotMetrics::Time::max());

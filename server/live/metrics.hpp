@@ -52,6 +52,15 @@ class RobotMetrics {
   void on_dropped(std::span<const DropRecord> records, Time now = Clock::now());
   /// Of those that the sinks have taken: given up since, for the readers of one of them.
   void on_lost(std::uint64_t total) { lost_ = total; }
+  /// A frame that its session's live stream had passed over has arrived, of this session or an
+  /// earlier one.
+  void on_late(bool is_present_session);
+  /// The robot has said how many such frames it keeps: of this session, and of all of them.
+  void on_spool(std::uint64_t held_present, std::uint64_t held_all) {
+    on_robot_ = {held_present, held_all};
+  }
+  /// What is of the robot and not of its session goes on.
+  void follow(const RobotMetrics& before);
   /// A sink fails: nothing more is taken from the robot until on_resumed().
   void on_paused(std::string why) { pause_ = std::move(why); }
   void on_resumed() { pause_.clear(); }
@@ -72,6 +81,17 @@ class RobotMetrics {
   std::uint64_t bytes() const { return bytes_; }
   std::uint64_t drops() const { return drops_; }
   std::uint64_t lost() const { return lost_; }
+  /// Frames of this session that arrived late; of all sessions, since this server was started.
+  std::uint64_t late() const { return late_; }
+  std::uint64_t late_total() const { return late_total_; }
+  /// Frames that the robot keeps, to send them late; nothing if it has not said so.
+  struct OnRobot {
+    std::uint64_t present = 0;  ///< of this session
+    std::uint64_t all = 0;      ///< of all its sessions
+
+    friend bool operator==(const OnRobot&, const OnRobot&) = default;
+  };
+  const std::optional<OnRobot>& on_robot() const { return on_robot_; }
   /// Frames a second, of the last second or two.
   double frame_rate(Time now) const;
 
@@ -96,6 +116,9 @@ class RobotMetrics {
   std::uint64_t bytes_ = 0;
   std::uint64_t drops_ = 0;
   std::uint64_t lost_ = 0;
+  std::uint64_t late_ = 0;
+  std::uint64_t late_total_ = 0;
+  std::optional<OnRobot> on_robot_;
   std::optional<wire::Report> report_;
   Time report_time_{};
   FramePtr newest_;

@@ -76,7 +76,7 @@ Result<std::string> ask(const fs::path& path) {
   return table;
 }
 
-constexpr std::size_t kColumns = 13;
+constexpr std::size_t kColumns = 15;
 constexpr std::size_t kWords = 3;  // at the left of their columns; numbers are at the right
 using Row = std::array<std::string, kColumns>;
 
@@ -92,6 +92,11 @@ Row row_of(const RobotMetrics& robot, RobotMetrics::Time now) {
           fmt::format("{:.1f}", robot.frame_rate(now)),
           robot.is_ended() ? "-" : to_text(robot.timeline().age(now))};
   std::fill(row.begin() + 5, row.end(), std::string(1, '-'));
+  row[13] = std::to_string(robot.late());
+  if (const auto& held = robot.on_robot()) {
+    row[14] = held->present == held->all ? std::to_string(held->all)
+                                         : fmt::format("{}/{}", held->present, held->all);
+  }
   if (!robot.report()) return row;
   const wire::Report& report = *robot.report();
   const wire::Stats& stats = report.stats;
@@ -113,7 +118,8 @@ Row row_of(const RobotMetrics& robot, RobotMetrics::Time now) {
 
 std::string to_table(const Metrics& metrics, RobotMetrics::Time now) {
   std::vector<Row> rows{{"ROBOT", "SESSION", "STATE", "FRAMES/S", "AGE", "BUFFER", "LINK",
-                         "ROUND TRIP", "CAPTURED", "DELIVERED", "DROPPED", "SKIPPED", "FAILED"}};
+                         "ROUND TRIP", "CAPTURED", "DELIVERED", "DROPPED", "SKIPPED", "FAILED",
+                         "LATE", "ON ROBOT"}};
   for (const auto& [id, robot] : metrics.robots()) rows.push_back(row_of(*robot, now));
   std::array<std::size_t, kColumns> widths{};
   for (const Row& row : rows) {

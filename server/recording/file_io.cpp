@@ -3,6 +3,7 @@
 
 #include <fcntl.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <cerrno>
 #include <cstdio>
@@ -69,6 +70,13 @@ std::optional<Error> write_file(const std::filesystem::path& path,
   }
   if (error) ::unlink(temporary.c_str());
   return error;
+}
+
+std::optional<Error> sync_file_system(const std::filesystem::path& folder) {
+  const UniqueFd fd(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (!fd) return system_error("open " + folder.string(), errno);
+  if (::syncfs(fd.get()) == 0) return std::nullopt;
+  return system_error("sync the file system of " + folder.string(), errno);
 }
 
 }  // namespace orbbuf

@@ -33,4 +33,8 @@ std::optional<Error> write_file(const std::filesystem::path& path,
                                 const std::filesystem::path& temporary,
                                 std::span<const std::uint8_t> bytes);
 
+/// syncfs(2): everything that was written to the file system of `folder` is on its device.
+/// Blocking.
+std::optional<Error> sync_file_system(const std::filesystem::path& folder);
+
 }  // namespace orbbuf

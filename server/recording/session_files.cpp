@@ -15,6 +15,8 @@
 #include "common/as_bytes.hpp"
 #include "server/recording/false_tail.hpp"
 #include "server/recording/file_io.hpp"
+#include "server/recording/late_list.hpp"
+#include "server/recording/sequence_set.hpp"
 #include "server/recording/session_lines.hpp"
 #include "server/recording/session_names.hpp"
 
@@ -34,9 +36,7 @@ std::optional<Sequence> sequence_of(std::string_view image) {
 }
 
 std::string times_line(const EncodedFrame& frame) {
-  constexpr std::uint32_t kNsPerMs = 1'000'000;
-  const std::string exposure_ms =
-      fmt::format("{}.{:06}", frame.exposure_ns / kNsPerMs, frame.exposure_ns % kNsPerMs);
+  const std::string exposure_ms = session_lines::exposure_ms(frame.exposure_ns);
   return session_lines::to_text({frame.sequence, frame.capture_time_ns, exposure_ms}) + '\n';
 }
 
@@ -51,13 +51,15 @@ std::string checksum_lines(const EncodedFrame& frame) {
 }
 
 /// Moves the images from `first` on; only what is named as a frame of ours. Returns how many.
-Result<std::size_t> orphan_images_from(const fs::path& folder, const char* images, Sequence first) {
+Result<std::size_t> orphan_images_from(const fs::path& folder, const char* images, Sequence first,
+                                       const SequenceSet& late) {
   std::vector<std::string> orphans;
   std::error_code failed;
   fs::directory_iterator entry(folder / images, failed);
   for (; !failed && entry != fs::directory_iterator(); entry.increment(failed)) {
     const auto sequence = sequence_of(entry->path().filename().string());
-    if (sequence && *sequence >= first) orphans.push_back(entry->path().filename().string());
+    if (!sequence || *sequence < first || late.contains(*sequence)) continue;
+    orphans.push_back(entry->path().filename().string());
   }
   if (failed && failed != std::errc::no_such_file_or_directory) {
     return system_error("read " + (folder / images).string(), failed.value());
@@ -67,6 +69,21 @@ Result<std::size_t> orphan_images_from(const fs::path& folder, const char* image
     if (!moved) return moved.error();
   }
   return orphans.size();
+}
+
+/// Behind the highest number in times.txt that did not come late.
+Result<Sequence> next_of_live_stream(const fs::path& folder, const SequenceSet& late) {
+  const auto numbers = read_times_numbers(folder);
+  if (!numbers) return numbers.error();
+  Sequence next = 0;
+  for (const auto& [first, end] : numbers.value().runs()) {
+    for (Sequence i = end; i > first; --i) {
+      if (late.contains(i - 1)) continue;
+      next = i;
+      break;
+    }
+  }
+  return next;
 }
 
 }  // namespace
@@ -112,6 +129,9 @@ Result<wire::Position> SessionFiles::recover() {
   auto drops = drops_.recover();
   if (!drops) return std::move(drops).error();
 
+  const auto listed = read_late(folder_);
+  if (!listed) return listed.error();
+  const SequenceSet late = numbers_of(listed.value());
   wire::Position position;
   if (times.value().lines > 0) {
     const auto last = session_lines::parse_times(times.value().last);
@@ -121,6 +141,11 @@ Result<wire::Position> SessionFiles::recover() {
                    times.value().last + "\", is not SEQUENCE SECONDS EXPOSURE"};
     }
     position.next_sequence = last->sequence + 1;
+    if (late.contains(last->sequence)) {
+      const auto live = next_of_live_stream(folder_, late);
+      if (!live) return live.error();
+      position.next_sequence = live.value();
+    }
   }
   if (drops.value().lines > 0) position.next_drop = drops.value().lines - 1;
   if (auto error = recover_end()) return std::move(*error);
@@ -129,7 +154,7 @@ Result<wire::Position> SessionFiles::recover() {
   }
   std::size_t orphans = 0;
   for (const char* images : {session_names::kImages, session_names::kRightImages}) {
-    const auto moved = orphan_images_from(folder_, images, position.next_sequence);
+    const auto moved = orphan_images_from(folder_, images, position.next_sequence, late);
     if (!moved) return moved.error();
     orphans += moved.value();
   }

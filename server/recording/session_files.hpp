@@ -21,6 +21,9 @@ namespace orbbuf {
 ///   camera.txt          the robot's calibration, if it sent one
 ///   drops.csv           the frames that will not come, kDropCsvHeader first
 ///   end.csv             whether the robot has ended the session, and its counts (SessionClosing)
+///   late/, late.csv, spool.csv   frames that came late (LateFiles); merge_late() puts them into
+///   the
+///                       lists above, sorted by number
 ///   orphans/            what recover() found and could not explain; no program reads it
 ///   checksums.sfv       `images/000123.jpg 8C4F21D3`: each image's CRC-32, as cksfv and rhash
 ///                       read it
@@ -36,10 +39,10 @@ class SessionFiles final : public SessionRecord {
   /// Touches nothing: the folder is made by the first write.
   SessionFiles(std::filesystem::path folder, std::string calibration);
 
-  /// How far the record in the folder reaches. A torn last line is cut off. What a kill or a power
-  /// cut left behind goes to the folder `orphans`: frames at the end that are not whole
-  /// (FalseTail), images of either side at or past the position, a temporary file. No folder is an
-  /// empty record. Reads all three lists.
+  /// How far the record in the folder reaches; late frames do not count, merged or not. A torn last
+  /// line is cut off. What a kill or a power cut left behind goes to the folder `orphans`: frames
+  /// at the end that are not whole (FalseTail), images of either side at or past the position but
+  /// those of late frames, a temporary file. No folder is an empty record. Reads all three lists.
   Result<wire::Position> recover();
 
   std::optional<Error> write(const EncodedFrame& frame) override;

@@ -3,12 +3,28 @@
 
 #include <spdlog/fmt/fmt.h>
 
+#include <algorithm>
+#include <array>
 #include <charconv>
+#include <cstddef>
 #include <system_error>
 
 #include "common/decimal.hpp"
 
 namespace orbbuf::session_lines {
+namespace {
+
+std::optional<std::uint32_t> parse_crc(std::string_view text) {
+  constexpr std::size_t kDigits = 8;
+  if (text.size() != kDigits) return std::nullopt;
+  std::uint32_t crc = 0;
+  const char* const end = text.data() + text.size();
+  const auto [stop, failed] = std::from_chars(text.data(), end, crc, 16);
+  if (failed != std::errc{} || stop != end) return std::nullopt;
+  return crc;
+}
+
+}  // namespace
 
 std::string to_text(const Times& times) {
   return fmt::format("{} {} {}", times.sequence, format_seconds(times.capture_time_ns),
@@ -25,19 +41,47 @@ std::optional<Times> parse_times(std::string_view line) {
   return Times{*sequence, *time, line.substr(second + 1)};
 }
 
+std::string exposure_ms(std::uint32_t exposure_ns) {
+  constexpr std::uint32_t kNsPerMs = 1'000'000;
+  return fmt::format("{}.{:06}", exposure_ns / kNsPerMs, exposure_ns % kNsPerMs);
+}
+
+std::string to_csv(const Late& late) {
+  return fmt::format("{},{},{},{:08X},{},{}", late.sequence, format_seconds(late.capture_time_ns),
+                     late.exposure_ms, late.crc,
+                     late.crc_right ? fmt::format("{:08X}", *late.crc_right) : "",
+                     format_seconds(late.arrived_ns));
+}
+
+std::optional<Late> parse_late(std::string_view line) {
+  std::array<std::string_view, 6> fields;
+  for (std::size_t i = 0; i < fields.size(); ++i) {
+    const auto end = line.find(',');
+    if ((end == line.npos) != (i + 1 == fields.size())) return std::nullopt;
+    fields[i] = line.substr(0, end);
+    line.remove_prefix(std::min(end, line.size() - 1) + 1);
+  }
+  const auto& [number, captured, exposure, left, right, arrived] = fields;
+  const auto sequence = parse_digits(number);
+  const auto capture_time_ns = parse_seconds(captured);
+  const auto crc = parse_crc(left);
+  const auto crc_right = parse_crc(right);
+  const auto arrived_ns = parse_seconds(arrived);
+  if (!sequence || !capture_time_ns || !crc || !arrived_ns) return std::nullopt;
+  if (!crc_right && !right.empty()) return std::nullopt;
+  return Late{*sequence, *capture_time_ns, std::string(exposure), *crc, crc_right, *arrived_ns};
+}
+
 std::string checksum(std::string_view image, std::uint32_t crc) {
   return fmt::format("{} {:08X}", image, crc);
 }
 
 std::optional<Checksum> parse_checksum(std::string_view line) {
-  constexpr std::size_t kDigits = 8;
   const auto blank = line.rfind(' ');
-  if (blank == std::string_view::npos || line.size() - blank - 1 != kDigits) return std::nullopt;
-  std::uint32_t crc = 0;
-  const char* const end = line.data() + line.size();
-  const auto [stop, failed] = std::from_chars(end - kDigits, end, crc, 16);
-  if (failed != std::errc{} || stop != end) return std::nullopt;
-  return Checksum{line.substr(0, blank), crc};
+  if (blank == std::string_view::npos) return std::nullopt;
+  const auto crc = parse_crc(line.substr(blank + 1));
+  if (!crc) return std::nullopt;
+  return Checksum{line.substr(0, blank), *crc};
 }
 
 }  // namespace orbbuf::session_lines

@@ -25,6 +25,25 @@ std::string to_text(const Times& times);
 /// `line`.
 std::optional<Times> parse_times(std::string_view line);
 
+/// As times.txt has it; 0: unknown.
+std::string exposure_ms(std::uint32_t exposure_ns);
+
+/// Of late.csv: `123,1.633012000,8.500000,0A1B2C3D,,1763779406.123456789`.
+struct Late {
+  Sequence sequence = 0;
+  std::int64_t capture_time_ns = 0;
+  std::string exposure_ms;                   ///< as times.txt has it
+  std::uint32_t crc = 0;                     ///< of the image, of stereo frames the left one
+  std::optional<std::uint32_t> crc_right{};  ///< nothing: the frame is not stereo
+  std::int64_t arrived_ns = 0;               ///< since the Unix epoch
+
+  friend bool operator==(const Late&, const Late&) = default;
+};
+inline constexpr std::string_view kLateHeader =
+    "sequence,capture_time_s,exposure_ms,crc,crc_right,arrived_s";
+std::string to_csv(const Late& late);
+std::optional<Late> parse_late(std::string_view line);
+
 /// Of checksums.sfv: `images/000123.jpg 0A1B2C3D`. image: its path in the folder.
 std::string checksum(std::string_view image, std::uint32_t crc);
 struct Checksum {

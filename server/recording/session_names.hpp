@@ -4,6 +4,7 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <string>
+#include <string_view>
 
 #include "common/frame.hpp"
 
@@ -19,6 +20,9 @@ inline constexpr const char* kEnd = "end.csv";
 inline constexpr const char* kChecksums = "checksums.sfv";
 inline constexpr const char* kOrphans = "orphans";
 inline constexpr const char* kIncoming = "incoming.tmp";
+inline constexpr const char* kLate = "late";
+inline constexpr const char* kLateList = "late.csv";
+inline constexpr const char* kSpool = "spool.csv";
 
 inline std::string image(Sequence sequence) { return fmt::format("{:06}.jpg", sequence); }
 
@@ -32,5 +36,8 @@ inline std::string left_image(Sequence sequence) {
 inline std::string right_image(Sequence sequence) {
   return fmt::format("{}/{}", kRightImages, image(sequence));
 }
+
+/// The same of a late frame, until it is merged: `late/images/000123.jpg`.
+inline std::string late_image(std::string_view image) { return fmt::format("{}/{}", kLate, image); }
 
 }  // namespace orbbuf::session_names

@@ -45,19 +45,29 @@ system_clock::time_point last_write(const struct stat& status) {
 bool is_session(const fs::path& folder) {
   const std::string recording = session_names::recording(folder.filename().string());
   return status_of(folder / session_names::kTimes) || status_of(folder / session_names::kDrops) ||
-         status_of(folder / recording);
+         status_of(folder / session_names::kLateList) || status_of(folder / recording);
 }
 
-/// Both images of the frame that a line of times.txt names; those that are not there count nothing.
-std::uint64_t bytes_of_images(const fs::path& folder, std::string_view line) {
-  const auto times = session_lines::parse_times(line);
-  if (!times) return 0;
+/// Both of a frame; those that are not there count nothing.
+std::uint64_t bytes_of_images(const fs::path& folder, Sequence sequence) {
   std::uint64_t bytes = 0;
   for (const auto& image :
-       {session_names::left_image(times->sequence), session_names::right_image(times->sequence)}) {
+       {session_names::left_image(sequence), session_names::right_image(sequence)}) {
     if (const auto status = status_of(folder / image)) bytes += bytes_on_disk(*status);
   }
   return bytes;
+}
+
+/// Of the frame that a line of times.txt names.
+std::uint64_t bytes_of_live(const fs::path& folder, std::string_view line) {
+  const auto times = session_lines::parse_times(line);
+  return times ? bytes_of_images(folder, times->sequence) : 0;
+}
+
+/// Of the frame that a line of late.csv names, until it is merged.
+std::uint64_t bytes_of_late(const fs::path& folder, std::string_view line) {
+  const auto late = session_lines::parse_late(line);
+  return late ? bytes_of_images(folder / session_names::kLate, late->sequence) : 0;
 }
 
 }  // namespace
@@ -102,24 +112,41 @@ bool SessionSurvey::go_on(steady_clock::time_point deadline) {
 }
 
 /// False: there is more to be read. Whatever is read counts, even of a pass that is given up.
-bool SessionSurvey::measure(const fs::path& folder, Measured& measured,
-                            steady_clock::time_point deadline) const {
+bool SessionSurvey::measure_list(const fs::path& folder, const char* list, BytesOf bytes_of,
+                                 ListedImages& images, steady_clock::time_point deadline) {
   constexpr std::size_t kBlock = 4096;  // a hundred frames, a millisecond
-  const UniqueFd times(::open((folder / session_names::kTimes).c_str(), O_RDONLY | O_CLOEXEC));
+  const UniqueFd file(::open((folder / list).c_str(), O_RDONLY | O_CLOEXEC));
+  struct stat status {};
+  if (!file || ::fstat(file.get(), &status) != 0) return true;
+  const bool is_same = status.st_ino == images.file && status.st_size >= images.read;
+  if (!is_same) images = {status.st_ino, 0, 0};
   std::array<char, kBlock> block;
-  while (times) {
-    const ssize_t got = ::pread(times.get(), block.data(), block.size(), measured.times_read);
+  for (;;) {
+    const ssize_t got = ::pread(file.get(), block.data(), block.size(), images.read);
     const std::string_view text(block.data(), static_cast<std::size_t>(std::max<ssize_t>(got, 0)));
     const auto end = text.rfind('\n');
-    if (end == std::string_view::npos) break;
+    if (end == std::string_view::npos) return true;
     std::string_view lines = text.substr(0, end + 1);
-    measured.times_read += static_cast<off_t>(lines.size());
+    images.read += static_cast<off_t>(lines.size());
     for (; !lines.empty(); lines.remove_prefix(lines.find('\n') + 1)) {
-      measured.image_bytes += bytes_of_images(folder, lines.substr(0, lines.find('\n')));
+      images.bytes += bytes_of(folder, lines.substr(0, lines.find('\n')));
     }
     if (steady_clock::now() >= deadline) return false;
   }
-  measured.session.bytes = measured.image_bytes;
+}
+
+bool SessionSurvey::measure(const fs::path& folder, Measured& measured,
+                            steady_clock::time_point deadline) const {
+  if (!measure_list(folder, session_names::kTimes, bytes_of_live, measured.live, deadline)) {
+    return false;
+  }
+  if (!status_of(folder / session_names::kLate)) {
+    measured.late = {};
+  } else if (!measure_list(folder, session_names::kLateList, bytes_of_late, measured.late,
+                           deadline)) {
+    return false;
+  }
+  measured.session.bytes = measured.live.bytes + measured.late.bytes;
   measured.session.last_write = {};
   std::error_code failed;
   for (fs::directory_iterator entry(folder, failed); !failed && entry != fs::directory_iterator();

@@ -10,6 +10,7 @@
 #include <map>
 #include <set>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -19,9 +20,9 @@ namespace orbbuf {
 
 /// Finds out what the sessions below a folder, PATH/ROBOT/SESSION, take on the disk, a little at a
 /// time. A folder without what a recording begins with is none, nor is a symbolic link. A session
-/// is measured by the images that times.txt names and the files beside it; of one that was measured
-/// before only what is new, so that a pass over what has not changed costs a few stat(2) a session.
-/// Blocking; thread-bound.
+/// is measured by the images that times.txt and late.csv name and the files beside it; of one that
+/// was measured before only what is new, unless a merge of late frames has replaced the list, so
+/// that a pass over what has not changed costs a few stat(2) a session. Blocking; thread-bound.
 class SessionSurvey {
  public:
   explicit SessionSurvey(std::filesystem::path path) : path_(std::move(path)) {}
@@ -37,13 +38,22 @@ class SessionSurvey {
 
  private:
   using Key = std::pair<std::string, std::string>;  // robot id, session id
+  /// The images that a list of frames names, as far as it was read.
+  struct ListedImages {
+    ino_t file = 0;
+    off_t read = 0;  // bytes of the list
+    std::uint64_t bytes = 0;
+  };
   struct Measured {
-    std::uint64_t image_bytes = 0;
-    off_t times_read = 0;  // bytes of times.txt
+    ListedImages live;
+    ListedImages late;
     KeptSession session;
   };
+  using BytesOf = std::uint64_t (*)(const std::filesystem::path& folder, std::string_view line);
 
   void list_robot(const std::filesystem::path& robot, std::set<Key>& found);
+  static bool measure_list(const std::filesystem::path& folder, const char* list, BytesOf bytes_of,
+                           ListedImages& images, std::chrono::steady_clock::time_point deadline);
   bool measure(const std::filesystem::path& folder, Measured& measured,
                std::chrono::steady_clock::time_point deadline) const;
 

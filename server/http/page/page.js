@@ -148,6 +148,9 @@ class Card {
     for (const name of ["captured", "acknowledged", "dropped", "skipped", "failed", "in_flight"]) {
       put(this.root, name, report ? report[name].toLocaleString("en") : "–", report ? report[name] : "");
     }
+    for (const name of ["late", "on_robot"]) {
+      put(this.root, name, now[name]?.toLocaleString("en") ?? "–", now[name] ?? "");
+    }
     const bar = this.root.querySelector(".bar");
     const share = report && report.capacity > 0 ? Math.min(1, report.waiting / report.capacity) : 0;
     bar.firstElementChild.style.width = `${100 * share}%`;
@@ -290,7 +293,7 @@ function showList(title, names, link) {
   summary(`${names.length}${names.length >= 1000 ? " or more" : ""}`);
 }
 
-// times.txt: SEQUENCE SECONDS EXPOSURE. drops.csv: sequence,reason,seconds.
+// times.txt: SEQUENCE SECONDS EXPOSURE. drops.csv: sequence,reason,seconds; what came late is in times.txt, too.
 function readRecord(times, drops) {
   const frames = [], lost = [];
   for (const line of times.split("\n")) {
@@ -299,7 +302,7 @@ function readRecord(times, drops) {
   }
   for (const line of drops.split("\n").slice(1)) {
     const [sequence, reason, at] = line.split(",");
-    if (at !== undefined) lost.push({ sequence: Number(sequence), reason, at: Number(at) });
+    if (at !== undefined && reason !== "late") lost.push({ sequence: Number(sequence), reason, at: Number(at) });
   }
   return { frames, lost };
 }

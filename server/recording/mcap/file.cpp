@@ -108,7 +108,7 @@ std::optional<Error> File::append(const Batch& batch) {
   if (auto error = close_written(std::move(fd), path_)) return error;
   for (const auto& [message, offset] : batch.messages()) {
     contents_.open.push_back({message, (is_first ? 0 : contents_.chunk.records_bytes) + offset});
-    contents_.last_sequence[message.channel_id] = message.sequence;
+    raise(contents_.highest, message.channel_id, message.sequence);
   }
   contents_.chunk = head;
   return std::nullopt;
@@ -201,10 +201,14 @@ std::optional<Error> File::close_chunk(int fd) {
 bool File::is_full(const Batch& batch) const {
   if (contents_.open.empty()) return false;
   const std::uint64_t first_ns = contents_.chunk.time.first_ns;
-  const std::uint64_t now_ns = batch.messages().front().head.time_ns;
+  const MessageHead& next = batch.messages().front().head;
+  const std::uint64_t now_ns = next.time_ns;
+  const bool goes_back = std::ranges::any_of(contents_.open, [&](const MessageAt& message) {
+    return message.head.channel_id == next.channel_id && message.head.sequence >= next.sequence;
+  });
   const auto steps = std::min(contents_.chunk_indexes.size() / kIndexStep, kMostSteps);
   return contents_.chunk.records_bytes + batch.records().size() > kChunkBytes << steps ||
-         now_ns >= first_ns + (kChunkNs << steps);
+         now_ns >= first_ns + (kChunkNs << steps) || goes_back;
 }
 
 }  // namespace orbbuf::mcap

@@ -39,7 +39,7 @@ inline constexpr std::string_view kDropSchema =
     R"("sec":{"type":"integer"},"nsec":{"type":"integer"}}},)"
     R"("sequence":{"type":"integer"},)"
     R"("reason":{"type":"string","enum":["policy","busy","failed","shutdown",)"
-    R"("refused","unknown","lost"]},)"
+    R"("refused","unknown","lost","late"]},)"
     R"("similarity":{"type":"integer"}}})";
 
 }  // namespace orbbuf::foxglove

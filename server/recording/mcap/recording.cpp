@@ -85,14 +85,18 @@ Recording::Recording(std::filesystem::path path, const SessionInfo& info)
       file_(std::move(path), fmt::format("{} {}", kLibrary, ORBBUF_VERSION)) {}
 
 Result<wire::Position> Recording::recover(const std::optional<wire::Position>& files) {
+  const auto listed = files ? read_late(file_.path().parent_path()) : LateList{};
+  if (!listed) return listed.error();
+  const SequenceSet late = numbers_of(listed.value());
   auto error = file_.recover([&](const MessageHead& head) {
     if (!files) return false;
     if (head.channel_id == kDrops) return head.sequence >= files->next_drop;
-    return is_image(head.channel_id) && head.sequence >= files->next_sequence;
+    return is_image(head.channel_id) && head.sequence >= files->next_sequence &&
+           !late.contains(head.sequence);
   });
   if (error) return std::move(*error);
   wire::Position position;
-  for (const auto& [channel, sequence] : file_.contents().last_sequence) {
+  for (const auto& [channel, sequence] : file_.contents().highest) {
     const std::uint64_t next = std::uint64_t{sequence} + 1;
     if (channel == kDrops) position.next_drop = next;
     if (is_image(channel)) position.next_sequence = std::max(position.next_sequence, next);
@@ -134,7 +138,24 @@ std::optional<Error> Recording::take_missed_drops(const std::filesystem::path& f
 }
 
 std::optional<Error> Recording::write(const EncodedFrame& frame) {
-  if (frame.sequence < known_.next_sequence) return std::nullopt;
+  return frame.sequence < known_.next_sequence ? std::nullopt : append(frame);
+}
+
+Result<SequenceSet> Recording::frames_among(const LateList& late) const {
+  std::set<std::uint64_t> times_ns;
+  for (const session_lines::Late& frame : late) {
+    times_ns.insert(head_of(kImage, frame.sequence, frame.capture_time_ns).time_ns);
+  }
+  const auto messages = messages_at(file_.path(), file_.contents(), times_ns);
+  if (!messages) return messages.error();
+  SequenceSet found;
+  for (const MessageHead& message : messages.value()) {
+    if (is_image(message.channel_id)) found.insert(message.sequence);
+  }
+  return found;
+}
+
+std::optional<Error> Recording::append(const EncodedFrame& frame) {
   const bool is_stereo = frame.is_stereo();
   Batch batch;
   add_image(frame, is_stereo ? kLeftImage : kImage, frame.left(), batch);
@@ -165,7 +186,7 @@ std::optional<Error> Recording::write_drops(const wire::Dropped& dropped) {
 std::optional<Error> Recording::finish(SessionClosing& closing) {
   File::Described described;
   std::set<std::uint16_t> schemas;
-  for (const auto& [channel, sequence] : file_.contents().last_sequence) {
+  for (const auto& [channel, highest] : file_.contents().highest) {
     if (!is_ours(channel)) continue;
     schemas.insert(kind_of(channel).schema);
     with_channel(channel, robot_id_,
@@ -184,7 +205,7 @@ std::optional<Error> Recording::finish(SessionClosing& closing) {
 
 /// Where the channel has its first message.
 void Recording::describe(std::uint16_t channel, Batch& batch) const {
-  if (file_.contents().last_sequence.contains(channel)) return;
+  if (file_.contents().highest.contains(channel)) return;
   with_schema(kind_of(channel).schema, [&](const Schema& record) { batch.add(record); });
   with_channel(channel, robot_id_, [&](const Channel& record) { batch.add(record); });
 }

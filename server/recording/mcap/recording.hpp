@@ -11,7 +11,9 @@
 #include "common/frame.hpp"
 #include "common/wire.hpp"
 #include "server/calibration/camera_info.hpp"
+#include "server/recording/late_list.hpp"
 #include "server/recording/mcap/file.hpp"
+#include "server/recording/sequence_set.hpp"
 #include "server/recording/session_info.hpp"
 #include "server/recording/session_record.hpp"
 
@@ -47,11 +49,17 @@ class Recording final : public SessionRecord {
                                    const wire::Position& files);
   static constexpr std::uint64_t kMostMissed = 1000;
 
+  /// Those of these frames that the recording has already. Requires recover().
+  Result<SequenceSet> frames_among(const LateList& late) const;
+  /// A frame of any number, without looking whether it is there.
+  std::optional<Error> write_late(const EncodedFrame& frame) { return append(frame); }
+
   std::optional<Error> write(const EncodedFrame& frame) override;
   std::optional<Error> write_drops(const wire::Dropped& dropped) override;
   std::optional<Error> finish(SessionClosing& closing) override;
 
  private:
+  std::optional<Error> append(const EncodedFrame& frame);
   std::optional<Error> take_missed_drops(const std::filesystem::path& folder);
   void describe(std::uint16_t channel, Batch& batch) const;
   void add_image(const EncodedFrame& frame, std::uint16_t channel,

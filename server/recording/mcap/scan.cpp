@@ -148,7 +148,7 @@ bool take_closed_chunk(Source& file, Contents& contents) {
   if (next.empty() || static_cast<Opcode>(next[0]) != Opcode::kChunk) return false;
   for (const auto& [channel, offset] : indexes.last_offsets) {
     const auto message = message_head_at(file, at + kChunkHeadBytes + offset);
-    if (message) contents.last_sequence[channel] = message->sequence;
+    if (message) raise(contents.highest, channel, message->sequence);
   }
   contents.chunk = *head;
   close_chunk(contents, indexes.counts, indexes.bytes);
@@ -166,8 +166,8 @@ void take_open_chunk(Source& file, Contents& contents,
   const auto chunk = record_at(file, contents.chunk_offset);
   if (!chunk || chunk->opcode != Opcode::kChunk) return;
   const std::uint64_t begin = contents.chunk_offset + kChunkHeadBytes;
-  const bool is_beyond_before = std::ranges::any_of(contents.last_sequence, [&](const auto& last) {
-    return is_beyond({last.first, last.second, 0});
+  const bool is_beyond_before = std::ranges::any_of(contents.highest, [&](const auto& highest) {
+    return is_beyond({highest.first, highest.second, 0});
   });
   std::uint64_t end = begin;
   while (const auto record = record_at(file, end)) {
@@ -177,12 +177,32 @@ void take_open_chunk(Source& file, Contents& contents,
       if (!is_beyond_before && is_beyond(*message)) break;
       extend(contents.chunk.time, contents.open.empty(), {message->time_ns, message->time_ns});
       contents.open.push_back({*message, end - begin});
-      contents.last_sequence[message->channel_id] = message->sequence;
+      raise(contents.highest, message->channel_id, message->sequence);
     }
     end = record->end;
   }
   contents.chunk.records_bytes = end - begin;
   contents.chunk.records_crc = crc_of(file, begin, end);
+}
+
+/// Of a closed chunk, whose message indexes begin at `indexes_at`.
+void take_messages_at(Source& file, std::uint64_t chunk_at, std::uint64_t indexes_at,
+                      const std::set<std::uint64_t>& times_ns, std::vector<MessageHead>& found) {
+  const Bytes indexes = message_indexes_at(file, indexes_at).bytes;
+  FieldReader records(indexes);
+  while (records.left() > 0) {
+    records.u8();
+    FieldReader index(records.bytes(records.u64()));
+    index.u16();
+    index.u32();
+    while (index.left() > 0) {
+      const std::uint64_t time_ns = index.u64();
+      const std::uint64_t offset = index.u64();
+      if (!times_ns.contains(time_ns)) continue;
+      const auto message = message_head_at(file, chunk_at + kChunkHeadBytes + offset);
+      if (message) found.push_back(*message);
+    }
+  }
 }
 
 /// The end of magic and header; 0 if they are torn.
@@ -206,6 +226,12 @@ Result<std::uint64_t> header_end(Source& file, const std::filesystem::path& path
 }
 
 }  // namespace
+
+void raise(std::map<std::uint16_t, std::uint32_t>& highest, std::uint16_t channel,
+           std::uint32_t sequence) {
+  auto& known = highest.emplace(channel, sequence).first->second;
+  known = std::max(known, sequence);
+}
 
 void extend(TimeSpan& time, bool is_first, const TimeSpan& more) {
   time.first_ns = is_first ? more.first_ns : std::min(time.first_ns, more.first_ns);
@@ -256,6 +282,33 @@ Result<Contents> scan(const std::filesystem::path& path, std::string_view librar
   take_open_chunk(file, contents, is_beyond);
   if (file.failed() != 0) return system_error("read " + path.string(), file.failed());
   return contents;
+}
+
+Result<std::vector<MessageHead>> messages_at(const std::filesystem::path& path,
+                                             const Contents& contents,
+                                             const std::set<std::uint64_t>& times_ns) {
+  std::vector<MessageHead> found;
+  for (const MessageAt& message : contents.open) {
+    if (times_ns.contains(message.head.time_ns)) found.push_back(message.head);
+  }
+  if (contents.chunk_indexes.empty()) return found;
+  const UniqueFd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  if (!fd) return system_error("open " + path.string(), errno);
+  Source file(fd.get(), contents.chunk_offset);
+  FieldReader records(contents.chunk_indexes);
+  while (records.left() > 0) {
+    records.u8();
+    FieldReader index(records.bytes(records.u64()));
+    const std::uint64_t first_ns = index.u64();
+    const std::uint64_t last_ns = index.u64();
+    const std::uint64_t at = index.u64();
+    const std::uint64_t bytes = index.u64();
+    const auto wanted = times_ns.lower_bound(first_ns);
+    if (wanted == times_ns.end() || *wanted > last_ns) continue;
+    take_messages_at(file, at, at + bytes, times_ns, found);
+  }
+  if (file.failed() != 0) return system_error("read " + path.string(), file.failed());
+  return found;
 }
 
 }  // namespace orbbuf::mcap

@@ -5,6 +5,8 @@
 
 #include <filesystem>
 
+#include "server/recording/late_files.hpp"
+#include "server/recording/late_merge.hpp"
 #include "tests/server/dataset/recording.hpp"
 
 namespace orbbuf {
@@ -24,6 +26,16 @@ class CheckSession : public test::Recording {
     const auto report = check_session(session_);
     EXPECT_TRUE(report);
     return report ? report.value().problems : std::vector<std::string>{"an error"};
+  }
+  void add_late(const std::vector<Sequence>& numbers, bool is_stereo = false) const {
+    LateFiles late(session_);
+    for (const Sequence number : numbers) {
+      auto frame = test::jpeg_frame_ptr(number, kWidth, kHeight);
+      if (is_stereo) {
+        frame = test::stereo_frame_ptr(frame, test::jpeg_frame_ptr(number + 50, kWidth, kHeight));
+      }
+      ASSERT_TRUE(late.write(*frame, 0));
+    }
   }
   void append(const char* file, const std::string& text) const {
     write_file(session_ / file, read_file(session_ / file) + text);
@@ -92,6 +104,101 @@ TEST_F(CheckSession, AnEndThatCannotBeReadIsAProblem) {
   record();
   write_file(session_ / "end.csv", "ended\n");
   EXPECT_THAT(problems(), ElementsAre("end.csv: cannot be read"));
+}
+
+TEST_F(CheckSession, LateFramesAreSoundBeforeAndAfterTheMerge) {
+  for (const bool is_stereo : {false, true}) {
+    fs::remove_all(session_);
+    record(is_stereo);
+    add_late({3, 7}, is_stereo);
+    const auto check = [&] {
+      const auto report = check_session(session_);
+      ASSERT_TRUE(report);
+      EXPECT_THAT(report.value().problems, IsEmpty());
+      EXPECT_THAT(summary(report.value()),
+                  StartsWith("OK: 10 captured: 7 live, 2 late, 0 on the robot, 1 lost; 0.0 MiB"));
+      EXPECT_EQ(report.value().dropped, 1U);
+    };
+    check();
+    ASSERT_TRUE(merge_late(session_));
+    check();
+    EXPECT_EQ(test::read_lines(session_ / "times.txt").size(), 9U);
+  }
+}
+
+TEST_F(CheckSession, ASessionOfLateFramesOnlyIsASession) {
+  add_late({1, 0});
+  EXPECT_THAT(problems(), IsEmpty());
+  ASSERT_TRUE(merge_late(session_));
+  EXPECT_THAT(problems(), IsEmpty());
+}
+
+TEST_F(CheckSession, LateFramesMayBeNamedAfterTheyWereMerged) {
+  record();
+  replace("drops.csv", "7,failed,0.280000000\n", "");
+  add_late({7});
+  ASSERT_TRUE(merge_late(session_));
+  append("drops.csv", "7,failed,0.280000000\n");
+  EXPECT_THAT(problems(), IsEmpty());
+}
+
+TEST_F(CheckSession, NamesALateImageThatIsGoneOrNotAsItCame) {
+  record();
+  add_late({3, 4, 7});
+  fs::remove(session_ / "late/images/000003.jpg");
+  flip_a_byte("late/images/000004.jpg", 100);
+  EXPECT_THAT(problems(),
+              ElementsAre("late/images/000003.jpg: missing",
+                          "late/images/000004.jpg: not as it was received, by its checksum"));
+}
+
+TEST_F(CheckSession, NamesALateImageThatBrokeAfterTheMerge) {
+  record();
+  add_late({3, 4});
+  ASSERT_TRUE(merge_late(session_));
+  flip_a_byte("images/000003.jpg", 100);
+  EXPECT_THAT(problems(),
+              ElementsAre("images/000003.jpg: not as it was received, by its checksum"));
+}
+
+TEST_F(CheckSession, NamesALateFrameThatIsGone) {
+  record();
+  replace("drops.csv", "3,busy", "3,late");
+  EXPECT_THAT(problems(), ElementsAre("drops.csv: frame 3 came late, and is gone"));
+}
+
+TEST_F(CheckSession, CountsWhatTheRobotStillHas) {
+  record();
+  using Counts = std::pair<std::size_t, std::size_t>;
+  const auto check = [&](const RobotHolds& holds) {
+    EXPECT_FALSE(LateFiles(session_).note(holds));
+    const auto report = check_session(session_);
+    return report ? Counts(report.value().on_robot, report.value().lost) : Counts(99, 99);
+  };
+  EXPECT_EQ(check({0, 0, 0}), Counts(0, 3));
+  EXPECT_EQ(check({2, 4, 0}), Counts(2, 1));
+  EXPECT_EQ(check({1, 4, 0}), Counts(1, 2));
+  EXPECT_EQ(check({1, 3, 0}), Counts(1, 2));
+  EXPECT_EQ(check({3, 3, 0}), Counts(3, 0));
+  EXPECT_EQ(check({5, 3, 0}), Counts(5, 0));   // two that no list knows
+  EXPECT_EQ(check({5, 12, 0}), Counts(5, 3));  // no list knows any
+  EXPECT_EQ(check({0, 0, 0}), Counts(0, 3));
+}
+
+TEST_F(CheckSession, WhatNoListNamesMayBeOnTheRobot) {
+  record();
+  replace("drops.csv", "4,policy,0.160000000\n3,busy,0.120000000\n", "");
+  replace("end.csv", "ended,10,", "ended,12,");
+  ASSERT_FALSE(LateFiles(session_).note({2, 4, 0}));
+  EXPECT_THAT(problems(), ElementsAre("frame 3 was neither delivered nor dropped",
+                                      "frame 4 is still on the robot, or lost",
+                                      "frames 10 to 11 are still on the robot, or lost"));
+}
+
+TEST_F(CheckSession, ACountOfTheRobotsThatCannotBeReadIsAProblem) {
+  record();
+  write_file(session_ / "spool.csv", "many\n");
+  EXPECT_THAT(problems(), ElementsAre("spool.csv: cannot be read"));
 }
 
 TEST_F(CheckSession, NamesAMissingImageOfEitherSide) {
@@ -260,7 +367,7 @@ TEST_F(CheckSession, AFolderThatIsNoSessionIsAnError) {
   const auto report = check_session(session_);
   ASSERT_FALSE(report);
   EXPECT_EQ(report.error().text,
-            session_.string() + ": not a session: neither times.txt nor drops.csv in it");
+            session_.string() + ": not a session: neither times.txt, drops.csv nor late.csv in it");
   EXPECT_FALSE(check_session(folder_ / "nowhere"));
 }
 

@@ -8,6 +8,8 @@
 #include <limits>
 
 #include "server/dataset/check_session.hpp"
+#include "server/recording/late_files.hpp"
+#include "server/recording/late_merge.hpp"
 #include "tests/server/dataset/recording.hpp"
 #include "tests/server/resource_limit.hpp"
 
@@ -67,6 +69,30 @@ class ExportSession : public test::Recording {
 
   const fs::path out_ = folder_ / "some" / "out";
 };
+
+TEST_F(ExportSession, HasLateFramesBeforeAndAfterTheMerge) {
+  record();
+  LateFiles late(session_);
+  for (const Sequence number : {7, 4}) {
+    ASSERT_TRUE(late.write(*test::jpeg_frame_ptr(number, kWidth, kHeight), 0));
+  }
+  ASSERT_FALSE(late.note({1, 3, 0}));
+  for (const char* name : {"before", "after"}) {
+    const fs::path out = folder_ / name;
+    const auto report = to(out, Layout::kTumMono);
+    ASSERT_TRUE(report) << report.error().text;
+    EXPECT_EQ(report.value().frames, 9U);
+    EXPECT_THAT(report.value().notes, Contains("the robot still has 1 frames of this session"));
+    EXPECT_EQ(test::read_lines(out / "times.txt").at(4), "5 0.200000000 8.500000");
+    EXPECT_THAT(test::read_lines(out / "drops.csv"), Contains("4,late,0.160000000"));
+    EXPECT_THAT(test::read_lines(out / "drops.csv"), Contains("3,busy,0.120000000"));
+    const auto checked = check_session(out);
+    ASSERT_TRUE(checked);
+    EXPECT_THAT(checked.value().problems, IsEmpty());
+    EXPECT_THAT(summary(checked.value()), StartsWith("OK: 10 captured: 7 live, 2 late, 0 on"));
+    ASSERT_TRUE(merge_late(session_));
+  }
+}
 
 TEST_F(ExportSession, LinksOnTheSameFileSystem) {
   record(true);

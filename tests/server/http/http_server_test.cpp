@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "server/http/views.hpp"
 #include "testing/captured_log.hpp"
 #include "tests/server/frames.hpp"
 #include "tests/server/http/http_client.hpp"
@@ -134,6 +135,22 @@ TEST_F(HttpServerTest, MetricsAreTheSameStats) {
         "orbbuf_robot_round_trip_seconds{robot=\"r\"} 0.04"}) {
     EXPECT_THAT(answer.body, HasSubstr(std::string(line) + "\n"));
   }
+}
+
+TEST_F(HttpServerTest, WhatArrivesLateIsShownAndCounted) {
+  Metrics metrics(1);
+  const auto robot = metrics.begin({"r", "s", ""});
+  const auto json = [&] { return to_json(metrics, 0, RobotMetrics::Time()); };
+  const auto prometheus = [&] { return to_prometheus(metrics, RobotMetrics::Time()); };
+  EXPECT_THAT(json(), HasSubstr(R"("late":0,"late_total":0,"now":)"));
+  EXPECT_THAT(prometheus(), Not(HasSubstr("orbbuf_on_robot")));
+  robot->on_late(true);
+  robot->on_late(false);
+  robot->on_spool(3, 10);
+  EXPECT_THAT(json(), HasSubstr(R"("late":1,"late_total":2,"on_robot":3,"on_robot_total":10,)"));
+  EXPECT_THAT(prometheus(), HasSubstr("orbbuf_late_total{robot=\"r\"} 2\n"));
+  EXPECT_THAT(prometheus(), HasSubstr("orbbuf_on_robot{robot=\"r\"} 10\n"));
+  EXPECT_THAT(robot_schema(), HasSubstr(R"("on_robot_total":{"type":"number"})"));
 }
 
 TEST_F(HttpServerTest, WithoutRobotsThereAreNoMetrics) { EXPECT_EQ(get("/metrics").status, 200); }

@@ -62,6 +62,31 @@ TEST(RobotMetrics, KnowWhetherTheRobotIsThere) {
   EXPECT_TRUE(robot.is_ended());
 }
 
+TEST(RobotMetrics, CountWhatArrivesLate) {
+  RobotMetrics robot({"r", "s", ""});
+  EXPECT_EQ(robot.on_robot(), std::nullopt);
+  robot.on_late(true);
+  robot.on_late(false);
+  robot.on_late(true);
+  robot.on_spool(3, 10);
+  EXPECT_EQ(robot.late(), 2U);
+  EXPECT_EQ(robot.late_total(), 3U);
+  EXPECT_EQ(robot.on_robot(), (RobotMetrics::OnRobot{3, 10}));
+  EXPECT_EQ(robot.frames(), 0U);
+}
+
+TEST(Metrics, WhatIsOnTheRobotOutlivesTheSession) {
+  Metrics metrics(4);
+  const auto first = metrics.begin({"r", "s1", ""});
+  first->on_late(true);
+  first->on_spool(3, 10);
+  const auto second = metrics.begin({"r", "s2", ""});
+  EXPECT_EQ(second->late(), 0U);
+  EXPECT_EQ(second->late_total(), 1U);
+  EXPECT_EQ(second->on_robot(), (RobotMetrics::OnRobot{0, 10}));
+  EXPECT_EQ(metrics.begin({"other", "s1", ""})->late_total(), 0U);
+}
+
 TEST(Metrics, ANewSessionTakesThePlaceOfTheRobotsEarlierOne) {
   Metrics metrics(4);
   const auto first = metrics.begin({"r", "s1", ""});

@@ -47,14 +47,19 @@ TEST_F(StatusSocketTest, GivesTheTableToWhoeverAsks) {
   const auto robot = metrics_.begin({"tb3", "s1", ""});
   robot->on_connected();
   robot->on_report({{120, 1, 2, 10, 100, 7, 0}, 25, 1000, 1'500'000, 40'000});
+  robot->on_late(true);
+  robot->on_spool(4, 9);
   metrics_.begin({"silent", "s2", ""})->on_ended();
   start();
   for (int i = 0; i < 2; ++i) {
     const std::string table = ask_status(path_).value();
     EXPECT_THAT(table, HasSubstr("ROBOT   SESSION  STATE      FRAMES/S  AGE  BUFFER"));
+    EXPECT_THAT(table, HasSubstr("FAILED  LATE  ON ROBOT\n"));
     EXPECT_THAT(table, HasSubstr("silent  s2       ended           0.0    -       -"));
     EXPECT_THAT(table, HasSubstr("tb3     s1       connected       0.0    -    7/25  1.50 MB/s"));
-    EXPECT_THAT(table, HasSubstr(" 40.0 ms       120        100       10        1       2\n"));
+    EXPECT_THAT(
+        table,
+        HasSubstr(" 40.0 ms       120        100       10        1       2     1       4/9\n"));
   }
 }
 
@@ -106,7 +111,8 @@ TEST_F(StatusSocketTest, ATableThatWasCutShortIsNone) {
 }
 
 TEST(StatusTable, HasItsHeadingWithoutRobots) {
-  EXPECT_THAT(to_table(Metrics(1), RobotMetrics::Time()), MatchesRegex("ROBOT .*FAILED\n"));
+  EXPECT_THAT(to_table(Metrics(1), RobotMetrics::Time()),
+              MatchesRegex("ROBOT .*FAILED  LATE  ON ROBOT\n"));
 }
 
 }  // namespace

@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "server/recording/late_files.hpp"
+#include "server/recording/late_merge.hpp"
 #include "testing/captured_log.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
@@ -231,6 +233,35 @@ TEST_F(SessionFilesTest, ASessionWithoutChecksumsIsBelieved) {
   for (Sequence i = 0; i < 2; ++i) EXPECT_FALSE(out.write(plain_frame(i)));
   std::filesystem::remove(folder_ / "checksums.sfv");
   EXPECT_EQ(recovered(), (wire::Position{2, 0}));
+}
+
+TEST_F(SessionFilesTest, LateFramesAreNotItsOwn) {
+  const test::CapturedLog log;
+  auto out = files();
+  for (const Sequence i : {0, 1, 5}) EXPECT_FALSE(out.write(plain_frame(i)));
+  LateFiles late(folder_);
+  for (const Sequence i : {9, 3}) ASSERT_TRUE(late.write(plain_frame(i), 0));
+  EXPECT_EQ(recovered(), (wire::Position{6, 0}));
+  std::filesystem::rename(folder_ / "late/images/000009.jpg", folder_ / "images/000009.jpg");
+  EXPECT_EQ(recovered(), (wire::Position{6, 0}));
+  EXPECT_EQ(read_file(folder_ / "images/000009.jpg"), as_text(plain_frame(9).jpeg));
+  ASSERT_TRUE(merge_late(folder_));
+  EXPECT_EQ(recovered(), (wire::Position{6, 0}));
+  EXPECT_EQ(names(folder_ / "images").size(), 5U);
+  EXPECT_TRUE(log.lines("session").empty());
+}
+
+TEST_F(SessionFilesTest, AmongLateFramesTheLastOfTheLiveStreamIsFound) {
+  LateFiles late(folder_);
+  for (const Sequence i : {4, 5, 6, 9}) ASSERT_TRUE(late.write(plain_frame(i), 0));
+  ASSERT_TRUE(merge_late(folder_));
+  EXPECT_EQ(recovered(), wire::Position{});
+  auto out = files();
+  EXPECT_FALSE(out.write(plain_frame(7)));
+  test::write_file(folder_ / "times.txt",
+                   "4 0.160000000 0\n5 0.200000000 0\n6 0.240000000 0\n"
+                   "7 0.280000000 0\n9 0.360000000 0\n");
+  EXPECT_EQ(recovered(), (wire::Position{8, 0}));
 }
 
 TEST_F(SessionFilesTest, AllImagesGoneIsAnEmptyRecord) {

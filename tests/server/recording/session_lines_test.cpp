@@ -10,7 +10,9 @@ namespace orbbuf {
 namespace {
 
 using session_lines::Checksum;
+using session_lines::Late;
 using session_lines::parse_checksum;
+using session_lines::parse_late;
 using session_lines::parse_times;
 using session_lines::Times;
 
@@ -29,6 +31,30 @@ TEST(SessionLines, WhatIsNoLineOfTimesIsNone) {
         "1 2.0 0", "1 2.000000000 3 4", "-1 2.000000000 0", "18446744073709551616 2.000000000 0"}) {
     EXPECT_EQ(parse_times(line), std::nullopt) << line;
   }
+}
+
+TEST(SessionLines, LateFramesAreReadBackAsTheyWereWritten) {
+  const Late mono{123, 1'633'012'000, "8.500000", 0xA1B, std::nullopt, 1'763'779'406'123'456'789};
+  const Late pair{std::numeric_limits<Sequence>::max(), -1, "0.000000", 0, 0xFFFFFFFF, 0};
+  EXPECT_EQ(to_csv(mono), "123,1.633012000,8.500000,00000A1B,,1763779406.123456789");
+  for (const Late& late : {mono, pair}) EXPECT_EQ(parse_late(to_csv(late)), late) << to_csv(late);
+}
+
+TEST(SessionLines, WhatIsNoLineOfLateFramesIsNone) {
+  for (const char* line :
+       {"", ",", "1,1.000000000,0,00000A1B,", "1,1.000000000,0,00000A1B,,", ",,,,,",
+        "1,1.000000000,0,00000A1B,,1.000000000,", "-1,1.000000000,0,00000A1B,,1.000000000",
+        "1,1.0,0,00000A1B,,1.000000000", "1,1.000000000,0,A1B,,1.000000000",
+        "1,1.000000000,0,,00000A1B,1.000000000", "1,1.000000000,0,00000A1B,x,1.000000000",
+        "sequence,capture_time_s,exposure_ms,crc,crc_right,arrived_s"}) {
+    EXPECT_EQ(parse_late(line), std::nullopt) << line;
+  }
+}
+
+TEST(SessionLines, ExposureIsInMilliseconds) {
+  EXPECT_EQ(session_lines::exposure_ms(0), "0.000000");
+  EXPECT_EQ(session_lines::exposure_ms(8'500'001), "8.500001");
+  EXPECT_EQ(session_lines::exposure_ms(4'294'967'295), "4294.967295");
 }
 
 TEST(SessionLines, AChecksumIsOfEightDigits) {

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include "server/recording/late_files.hpp"
 #include "tests/server/retention/sessions_on_disk.hpp"
 
 namespace orbbuf {
@@ -15,6 +16,7 @@ using std::chrono::steady_clock;
 TEST(RemoveFolder, RemovesAllOfItAndFollowsNoLink) {
   const test::TemporaryFolder folder;
   test::make_session(folder.path(), "r/s", 3);
+  ASSERT_TRUE(LateFiles(folder / "r/s").write(test::plain_pair(3, 50, 50), 0));
   fs::create_directories(folder / "r/s/mine/deeper");
   test::write_file(folder / "kept", "text");
   fs::create_directories(folder / "kept_folder");

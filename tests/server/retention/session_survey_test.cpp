@@ -4,6 +4,8 @@
 #include <gmock/gmock.h>
 #include <unistd.h>
 
+#include "server/recording/late_files.hpp"
+#include "server/recording/late_merge.hpp"
 #include "tests/server/retention/sessions_on_disk.hpp"
 
 namespace orbbuf {
@@ -51,6 +53,33 @@ TEST_F(SurveyTest, OfOneThatGrowsItAddsWhatIsNew) {
   ASSERT_EQ(sessions.size(), 1U);
   EXPECT_GT(sessions[0].bytes, before);
   EXPECT_LE(sessions[0].bytes, before + 8192);
+}
+
+TEST_F(SurveyTest, LateFramesCountBeforeAndAfterTheyAreMerged) {
+  make_session(folder_.path(), "r/s", 300, std::chrono::hours(5));
+  const auto measured = [&] {
+    const auto sessions = found();
+    return sessions.size() == 1 ? sessions[0].bytes : 0;
+  };
+  measured();
+  LateFiles late(folder_ / "r/s");
+  for (Sequence i = 400; i < 500; ++i) {
+    ASSERT_TRUE(late.write(test::plain_pair(i, 5000, 3000), 0));
+    if (i == 450) measured();
+  }
+  // The folders in late/ are not counted.
+  EXPECT_NEAR(static_cast<double>(measured()),
+              static_cast<double>(test::disk_usage(folder_ / "r/s")), 3 * 16'384);
+  EXPECT_GT(measured(), 400 * 8192U);
+  EXPECT_LT(std::chrono::system_clock::now() - found()[0].last_write, std::chrono::hours(1));
+  ASSERT_TRUE(merge_late(folder_ / "r/s"));
+  EXPECT_EQ(measured(), test::disk_usage(folder_ / "r/s"));
+}
+
+TEST_F(SurveyTest, ASessionOfLateFramesOnlyIsASession) {
+  LateFiles late(folder_ / "r/s");
+  ASSERT_TRUE(late.write(test::plain_frame(3), 0));
+  EXPECT_EQ(found().size(), 1U);
 }
 
 TEST_F(SurveyTest, APassGoesOnWhereItWasInterrupted) {

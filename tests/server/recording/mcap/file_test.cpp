@@ -5,7 +5,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <set>
 #include <string>
+#include <vector>
 
 #include "common/as_bytes.hpp"
 #include "testing/temporary_folder.hpp"
@@ -48,7 +51,7 @@ class McapFileTest : public testing::Test {
     for (const auto& [message, offset] : contents.open) ++counts[message.channel_id];
     EXPECT_EQ(counts[1], counts[2]);
     if (counts[1] > 0) {
-      EXPECT_EQ(contents.last_sequence.at(2) + 1, counts[2]);
+      EXPECT_EQ(contents.highest.at(2) + 1, counts[2]);
     }
     return counts[1];
   }
@@ -110,7 +113,7 @@ TEST_F(McapFileTest, WhatWasRecoveredIsWhatWasWritten) {
     EXPECT_EQ(found.closed.messages, written.closed.messages);
     EXPECT_EQ(found.chunk.records_crc, written.chunk.records_crc);
     EXPECT_EQ(found.end(), written.end());
-    EXPECT_EQ(found.last_sequence, written.last_sequence);
+    EXPECT_EQ(found.highest, written.highest);
   }
 }
 
@@ -141,6 +144,45 @@ TEST_F(McapFileTest, AKillBetweenABatchAndTheHeadThatTakesItInLosesTheBatch) {
   EXPECT_FALSE(out.append(pair(2, 2)));
   test::write_file(path_, before + content().substr(before.size()));
   EXPECT_EQ(pairs(scanned()), 2U);
+}
+
+TEST_F(McapFileTest, NumbersThatGoBackBeginAChunk) {
+  auto out = file();
+  for (const std::uint32_t i : {0, 8, 9}) EXPECT_FALSE(out.append(pair(i, i * kSecond / 25)));
+  EXPECT_EQ(out.contents().closed.chunks, 0U);
+  for (const std::uint32_t i : {3, 4, 4}) EXPECT_FALSE(out.append(pair(i, i * kSecond / 25)));
+  EXPECT_EQ(out.contents().closed.chunks, 2U);
+  EXPECT_EQ(out.contents().highest.at(1), 9U);
+  EXPECT_EQ(scanned().highest, out.contents().highest);
+  for (const std::uint32_t i : {5, 20}) EXPECT_FALSE(out.append(pair(i, i * kSecond / 25)));
+  EXPECT_EQ(out.contents().closed.chunks, 2U);
+  EXPECT_EQ(scanned().highest.at(1), 20U);
+}
+
+TEST_F(McapFileTest, FindsMessagesByTheirTimes) {
+  auto out = file();
+  const auto found = [&](const std::set<std::uint64_t>& times_ns) {
+    std::vector<std::uint32_t> numbers;
+    const auto messages = messages_at(path_, scanned(), times_ns);
+    EXPECT_TRUE(messages);
+    for (const MessageHead& message : messages.value()) {
+      EXPECT_TRUE(times_ns.contains(message.time_ns));
+      if (message.channel_id == 1) numbers.push_back(message.sequence);
+    }
+    std::sort(numbers.begin(), numbers.end());
+    return numbers;
+  };
+  EXPECT_TRUE(found({0}).empty());
+  for (std::uint32_t i = 0; i < 35; ++i) EXPECT_FALSE(out.append(pair(i, i * kSecond / 10)));
+  ASSERT_EQ(out.contents().closed.chunks, 3U);
+  using Numbers = std::vector<std::uint32_t>;
+  EXPECT_EQ(found({0, 13 * kSecond / 10, 13 * kSecond / 10 + 2, 34 * kSecond / 10}),
+            (Numbers{0, 13, 34}));
+  EXPECT_EQ(found({9 * kSecond / 10, 10 * kSecond / 10}), (Numbers{9, 10}));
+  EXPECT_TRUE(found({}).empty());
+  EXPECT_FALSE(out.append(pair(13, 13 * kSecond / 10)));
+  EXPECT_FALSE(out.finish({}));
+  EXPECT_EQ(found({13 * kSecond / 10}), (Numbers{13, 13}));
 }
 
 TEST_F(McapFileTest, AFinishedFileGoesOn) {
@@ -213,7 +255,7 @@ TEST_F(McapFileTest, AFileThatSomebodyRemovedBeginsAnewWithTheNextTry) {
   const auto error = out.append(pair(1, 1));
   ASSERT_TRUE(error);
   EXPECT_NE(error->text.find("another program removed or truncated it"), std::string::npos);
-  EXPECT_TRUE(out.contents().last_sequence.empty());
+  EXPECT_TRUE(out.contents().highest.empty());
   EXPECT_FALSE(out.append(pair(0, 1)));
   EXPECT_EQ(pairs(scanned()), 1U);
 }

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <limits>
 
+#include "server/recording/late_files.hpp"
 #include "server/recording/session_files.hpp"
 #include "testing/captured_log.hpp"
 #include "testing/temporary_folder.hpp"
@@ -124,6 +125,38 @@ TEST_F(McapRecordingTest, WhatTheFilesLackWasNotAcknowledgedAndGoes) {
   EXPECT_FALSE(out.write_drops({0, {{3, 0}, {4, 0}}}));
   EXPECT_EQ(recovered(wire::Position{3, 0}), (wire::Position{3, 0}));
   EXPECT_EQ(recovered(wire::Position{3, 2}), (wire::Position{3, 2}));
+}
+
+TEST_F(McapRecordingTest, ReachesAsFarAsTheHighestNumberInAnyOrder) {
+  auto out = recording();
+  for (const Sequence i : {0, 1, 9}) EXPECT_FALSE(out.write(plain_frame(i)));
+  for (const Sequence i : {4, 5}) EXPECT_FALSE(out.write_late(plain_frame(i)));
+  EXPECT_EQ(recovered(), (wire::Position{10, 0}));
+  EXPECT_EQ(recovered(wire::Position{10, 0}), (wire::Position{10, 0}));
+}
+
+TEST_F(McapRecordingTest, SaysWhichLateFramesItHas) {
+  auto out = recording();
+  for (Sequence i = 0; i < 60; i += 3) EXPECT_FALSE(out.write(plain_pair(i, 10, 10)));
+  EXPECT_FALSE(out.write_drops({0, {{1, plain_frame(1).capture_time_ns, DropReason::kPolicy}}}));
+  EXPECT_FALSE(out.write_late(plain_pair(4, 10, 10)));
+  LateList late(5);
+  const Sequence numbers[] = {1, 3, 4, 57, 60};
+  for (std::size_t i = 0; i < late.size(); ++i) {
+    late[i].sequence = numbers[i];
+    late[i].capture_time_ns = plain_frame(numbers[i]).capture_time_ns;
+  }
+  const auto found = out.frames_among(late);
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found.value().runs(), (std::map<Sequence, Sequence>{{3, 5}, {57, 58}}));
+}
+
+TEST_F(McapRecordingTest, WhatCameLateIsNoLeftoverOfAKill) {
+  auto out = recording();
+  for (const Sequence i : {0, 1, 2}) EXPECT_FALSE(out.write(plain_frame(i)));
+  for (const Sequence i : {5, 6}) EXPECT_FALSE(out.write_late(plain_frame(i)));
+  ASSERT_TRUE(LateFiles(path_.parent_path()).write(plain_frame(5), 0));
+  EXPECT_EQ(recovered(wire::Position{3, 0}), (wire::Position{6, 0}));  // and without number 6
 }
 
 TEST_F(McapRecordingTest, WhenTheFilesAreGoneTheRecordingIsKept) {
