@@ -10,6 +10,7 @@
 #include <csignal>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <utility>
 
 #include "common/service_status.hpp"
@@ -30,6 +31,7 @@ class Robot {
   bool run();
 
  private:
+  Spool* open_spool(const SpoolSettings& settings);
   void await_signal();
   void await_reload();
   void on_source_ended(bool failed);
@@ -46,6 +48,7 @@ class Robot {
   const wire::Hello hello_;
   DropLog drops_;
   SessionLog log_;
+  std::optional<Spool> spool_;  // nothing: dropped frames are not kept
   Sender sender_;
   Pipeline pipeline_;
   asio::steady_timer report_timer_{io_};
@@ -105,10 +108,10 @@ Robot::Robot(const Settings& settings)
                           })),
       hello_(make_hello(settings)),
       log_(settings.buffer.drop_log, hello_.robot_id, hello_.session_id),
-      sender_(io_, settings.link, hello_, buffer_, drops_, log_),
+      sender_(io_, settings.link, hello_, buffer_, drops_, log_, open_spool(settings.spool)),
       pipeline_(
           std::move(source_), settings.jpeg, buffer_,
-          {[this] { asio::post(io_, [this] { sender_.wake(); }); },
+          {[this] { asio::post(io_, [this] { sender_.on_pushed(); }); },
            [this](bool failed) { asio::post(io_, [this, failed] { on_source_ended(failed); }); }}),
       health_(service_),
       drop_log_(settings.buffer.drop_log),
@@ -123,6 +126,13 @@ bool Robot::run() {
   io_.run();
   log_stats();
   return !source_failed_ && (is_complete_ || is_stopping_);
+}
+
+/// Null without a path.
+Spool* Robot::open_spool(const SpoolSettings& settings) {
+  if (settings.path.empty()) return nullptr;
+  return &spool_.emplace(settings, hello_.robot_id, hello_.session_id,
+                         [this] { asio::post(io_, [this] { sender_.wake(); }); });
 }
 
 void Robot::await_signal() {

@@ -81,6 +81,13 @@ std::optional<wire::Ack> RobotClient::whole_ack() const {
   return wire::parse_ack(message->header, message->body).value();
 }
 
+std::optional<wire::LateAck> RobotClient::late_ack() const {
+  auto message = read();
+  while (message && message->header.type == wire::Type::kAck) message = read();
+  if (!message || message->header.type != wire::Type::kLateAck) return std::nullopt;
+  return wire::parse_late_ack(message->header, message->body).value();
+}
+
 std::optional<wire::Position> RobotClient::bye() const {
   const auto message = read(wire::Type::kBye);
   if (!message) return std::nullopt;
@@ -111,10 +118,15 @@ void RobotClient::close(bool abruptly) {
 }
 
 std::optional<RobotClient::Message> RobotClient::read(wire::Type type) const {
+  auto message = read();
+  return message && message->header.type == type ? std::move(message) : std::nullopt;
+}
+
+std::optional<RobotClient::Message> RobotClient::read() const {
   std::array<std::uint8_t, wire::kHeaderBytes> bytes{};
   if (!read_exactly(bytes)) return std::nullopt;
   const auto header = wire::parse_header(bytes, 0);
-  if (!header || header.value().type != type) return std::nullopt;
+  if (!header) return std::nullopt;
   Message message{header.value(), std::vector<std::uint8_t>(header.value().body_bytes)};
   if (!read_exactly(message.body)) return std::nullopt;
   return message;

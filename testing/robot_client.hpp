@@ -31,6 +31,8 @@ class RobotClient {
   std::optional<wire::Position> welcome() const;
   std::optional<wire::Position> ack() const;
   std::optional<wire::Ack> whole_ack() const;
+  /// The next late ack; acks before it are read and forgotten.
+  std::optional<wire::LateAck> late_ack() const;
   std::optional<wire::Position> bye() const;
   std::optional<wire::ErrorMessage> error() const;
   /// Reads acks until one covers `next` frames. False if something else comes.
@@ -48,6 +50,7 @@ class RobotClient {
     std::vector<std::uint8_t> body;
   };
   std::optional<Message> read(wire::Type type) const;
+  std::optional<Message> read() const;
   bool read_exactly(std::span<std::uint8_t> bytes) const;
 
   UniqueFd socket_;

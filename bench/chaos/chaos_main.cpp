@@ -29,6 +29,7 @@ struct Options {
   std::string control = "both";
   bool has_two_links = false;
   bool has_tls = false;
+  bool has_spool = false;
 };
 
 void play(Stage& stage, const std::vector<Step>& plan, std::ostream& log) {
@@ -52,6 +53,7 @@ void report(const CheckResult& found, const Options& options, std::size_t sessio
   result("sessions", sessions);
   result("captured", found.captured);
   result("delivered", found.delivered);
+  if (options.has_spool) result("late", found.late);
   result("dropped", found.dropped);
   result("died_with_robot", found.died_with_robot);
   result("lost", found.lost);
@@ -79,7 +81,7 @@ int run(Options options) {
   std::fflush(stdout);
 
   Stage stage(options.programs, options.work, controls,
-              {options.has_two_links ? 2 : 1, options.has_tls});
+              {options.has_two_links ? 2 : 1, options.has_tls, options.has_spool});
   std::ofstream log(options.work / "events.txt");
   stage.begin();
   play(stage, plan, log);
@@ -106,6 +108,7 @@ int main(int argc, char** argv) {
   app.add_flag("--two-links", options.has_two_links,
                "link.interfaces; cuts take one, the other, both");
   app.add_flag("--tls", options.has_tls, "the link under TLS");
+  app.add_flag("--spool", options.has_spool, "robots with spools: no frame is given up");
   CLI11_PARSE(app, argc, argv);
   return orbbuf::bench::run_program("chaos", [&] { return run(options); });
 }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/chaos/check.hpp"
 
+#include <spdlog/fmt/fmt.h>
+
 #include <algorithm>
 #include <array>
 #include <cstdio>
@@ -70,6 +72,9 @@ bool parse(const std::string& line, Stats& stats) {
                      &stats.acknowledged, &stats.waiting, &stats.in_flight) == 7;
 }
 
+/// Frames that a robot that is killed may have in its memory only: two seconds and a half.
+constexpr Frame kAtRisk = 100;
+
 /// The check of one session; each question is a function.
 class SessionCheck {
  public:
@@ -78,6 +83,7 @@ class SessionCheck {
 
   void run() {
     read_log();
+    read_late();
     read_delivered();
     read_dropped();
     compare_images();
@@ -85,6 +91,7 @@ class SessionCheck {
     session_.was_killed ? check_killed() : check_ended();
     result_.captured += captured_;
     result_.delivered += delivered_.size();
+    result_.late += late_.size();
     result_.dropped += dropped_.size();
   }
 
@@ -117,11 +124,26 @@ class SessionCheck {
     }
   }
 
+  void read_late() {
+    for (const std::string& line : drop_lines(session_.files / "late.csv")) {
+      if (!late_.insert(std::stoull(line)).second) problem(result_.repeated, "late again: " + line);
+    }
+  }
+
   void read_dropped() {
     for (const std::string& line : drop_lines(session_.files / "drops.csv")) {
       const Frame frame = std::stoull(line);
-      if (!dropped_.insert(frame).second) problem(result_.repeated, "dropped again: " + line);
+      if (!named_.insert(frame).second) problem(result_.repeated, "dropped again: " + line);
+      const bool is_late = line.find(",late,") != std::string::npos;
+      if (is_late != (late_.contains(frame) && delivered_.contains(frame))) {
+        problem(result_.unexplained, "late and not, or the reverse: " + line);
+      }
+      if (is_late) continue;
+      dropped_.insert(frame);
       if (delivered_.contains(frame)) problem(result_.repeated, "delivered, dropped: " + line);
+      const bool was_encoded =
+          line.find(",busy,") == std::string::npos && line.find(",failed,") == std::string::npos;
+      if (session_.has_spool && was_encoded) not_late_.insert(frame);
     }
   }
 
@@ -155,7 +177,12 @@ class SessionCheck {
     const std::vector<std::string> ours = drop_lines(session_.files / "drops.csv");
     const std::vector<std::string> robots = drop_lines(session_.drop_log);
     const auto shorter = static_cast<std::ptrdiff_t>(std::min(ours.size(), robots.size()));
-    const bool is_prefix = std::equal(ours.begin(), ours.begin() + shorter, robots.begin());
+    const auto is_same = [](const std::string& our, const std::string& robots_own) {
+      const bool is_late = our.find(",late,") != std::string::npos;  // the server has changed that
+      return is_late ? std::stoull(our) == std::stoull(robots_own) : our == robots_own;
+    };
+    const bool is_prefix =
+        std::equal(ours.begin(), ours.begin() + shorter, robots.begin(), is_same);
     if (!is_prefix || (!session_.was_killed && ours.size() != robots.size())) {
       problem(result_.unexplained, "the drop records of robot and server differ");
     }
@@ -172,8 +199,11 @@ class SessionCheck {
       if (!is_recorded(frame)) problem(result_.lost, "frame " + std::to_string(frame));
     }
     if (frames_seen() > captured_) problem(result_.unexplained, "frames that were never captured");
-    if (last_.acknowledged != delivered_.size() || last_.waiting != 0 || last_.in_flight != 0 ||
-        last_.skipped + last_.failed + last_.dropped != dropped_.size()) {
+    for (const Frame frame : not_late_) {
+      problem(result_.lost, fmt::format("frame {} was dropped and never came", frame));
+    }
+    if (last_.acknowledged + late_.size() != delivered_.size() || last_.waiting != 0 ||
+        last_.in_flight != 0 || last_.skipped + last_.failed + last_.dropped != named_.size()) {
       problem(result_.unexplained, "the closing stats are not the server's record");
     }
   }
@@ -184,6 +214,14 @@ class SessionCheck {
     captured_ = std::max(captured_, frames_seen());
     const Frame reach = delivered_.empty() ? 0 : *delivered_.rbegin() + 1;
     for (Frame frame = 0; frame < captured_; ++frame) {
+      if (not_late_.contains(frame)) {
+        // In the memory of the process, and not yet on its disk.
+        if (frame + kAtRisk >= captured_) {
+          ++result_.died_with_robot;
+        } else {
+          problem(result_.lost, fmt::format("frame {} was dropped and never came", frame));
+        }
+      }
       if (is_recorded(frame)) continue;
       if (frame < reach && !robots_drops_.contains(frame)) {
         problem(result_.lost, "frame " + std::to_string(frame));
@@ -207,7 +245,10 @@ class SessionCheck {
   Stats last_;
   Frame captured_ = 0;
   std::set<Frame> delivered_;
-  std::set<Frame> dropped_;
+  std::set<Frame> late_;
+  std::set<Frame> named_;     // in the drop record, those that came late as well
+  std::set<Frame> dropped_;   // for good
+  std::set<Frame> not_late_;  // of these, the ones that the spool should have had
   std::set<Frame> robots_drops_;
   int unfinished_ = 0;
 };

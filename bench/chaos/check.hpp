@@ -15,12 +15,14 @@ struct Session {
   std::filesystem::path log;       ///< all that the robot printed
   std::filesystem::path drop_log;  ///< the robot's own record of dropped frames
   bool was_killed = false;         ///< by -9; otherwise it ended in peace, everything said
+  bool has_spool = false;          ///< then every frame that was dropped must have come late
 };
 
 /// Frames of all sessions, each counted once.
 struct CheckResult {
   std::uint64_t captured = 0;
   std::uint64_t delivered = 0;
+  std::uint64_t late = 0;             ///< of those delivered
   std::uint64_t dropped = 0;          ///< in the server's drop record
   std::uint64_t died_with_robot = 0;  ///< captured by a robot that was killed before it could tell
   std::uint64_t lost = 0;             ///< should be in one of these and is not

@@ -3,10 +3,12 @@
 
 #include <spdlog/fmt/fmt.h>
 
+#include <algorithm>
 #include <array>
 #include <csignal>
 #include <fstream>
 #include <stdexcept>
+#include <thread>
 #include <utility>
 
 #include "daemon/buffer/make_policy.hpp"
@@ -79,7 +81,11 @@ std::vector<std::string> Stage::available(const Words& wanted, std::string& why)
 }
 
 Stage::Stage(Programs programs, fs::path work, const Words& controls, LinkKind kind)
-    : programs_(std::move(programs)), work_(std::move(work)), links_(kind.links), hosts_(links_) {
+    : programs_(std::move(programs)),
+      work_(std::move(work)),
+      links_(kind.links),
+      has_spool_(kind.has_spool),
+      hosts_(links_) {
   if (!hosts_.exist()) throw std::runtime_error(hosts_.why());
   fs::create_directories(work_);
   make_source();
@@ -139,7 +145,7 @@ void Stage::start_server() {
   port_ = line->substr(line->rfind(':') + 1);
 }
 
-void Stage::start_robot(Robot& robot) {
+void Stage::start_robot(Robot& robot, double fps) {
   static constexpr std::array kCapacities{25, 3, 60, 10};
   const std::size_t n = sessions_.size();
   Session session;
@@ -150,11 +156,12 @@ void Stage::start_robot(Robot& robot) {
                  "link.drain_timeout=1 min",
                  "source.kind=folder",
                  "source.path=" + source().string(),
-                 "source.fps=40",
+                 fmt::format("source.fps={}", fps),
                  "source.loop=true",
                  "buffer.policy=" + std::string(kPolicies.at(n % kPolicies.size())),
                  fmt::format("buffer.capacity={}", kCapacities.at(n % kCapacities.size())),
                  "buffer.drop_log=" + drops.string()};
+  if (has_spool_) settings.push_back("spool.path=" + (work_ / ("spool-" + robot.id)).string());
   if (links_ == 2) {
     settings = settings + Words{R"(link.interfaces=["wire", "wire2"])", "link.return_after=1 s"};
   }
@@ -166,6 +173,7 @@ void Stage::start_robot(Robot& robot) {
   const std::string id = after(*line, ", session ");
   session.name = robot.id + " " + id.substr(0, id.find(','));
   session.files = work_ / "out" / robot.id / id.substr(0, id.find(','));
+  session.has_spool = has_spool_;
   session.drop_log = drops / (id.substr(0, id.find(',')) + ".csv");
   robot.session = n;
   sessions_.push_back(session);
@@ -233,16 +241,48 @@ void Stage::apply(const Step& step) {
   }
 }
 
-void Stage::end() {
-  on_robot(shape(kCalmMbit));
+void Stage::end_robots() {
   std::string failed;
   for (const Robot& robot : robots_) robot.process->signal(SIGTERM);
   for (Robot& robot : robots_) {
     if (robot.process->wait(kPatience) != 0) failed += robot.id + " ended badly; ";
     bury_robot(robot, false);
   }
-  stop_server(SIGTERM);
   if (!failed.empty()) throw std::runtime_error(failed + "logs in " + work_.string());
+}
+
+/// A last session of each robot, with little of its own to send, until the server has all that is
+/// late and has merged it.
+void Stage::send_spools() {
+  for (Robot& robot : robots_) start_robot(robot, 2);
+  const auto is_merged = [this](const Session& session) {
+    const fs::path late = session.files / "late";
+    const auto robot = std::ranges::find(
+        robots_, session.files, [&](const Robot& one) { return sessions_.at(one.session).files; });
+    return robot != robots_.end() || !fs::exists(late);
+  };
+  for (Robot& robot : robots_) {
+    if (!robot.process->wait_for_line(" spooled 0", std::chrono::seconds(600))) {
+      throw std::runtime_error(robot.id + " never sent all that it kept");
+    }
+  }
+  const auto limit = std::chrono::steady_clock::now() + kPatience;
+  while (!std::ranges::all_of(sessions_, is_merged)) {
+    if (std::chrono::steady_clock::now() > limit) {
+      throw std::runtime_error("the server never merged the late frames");
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  }
+}
+
+void Stage::end() {
+  on_robot(shape(kCalmMbit));
+  end_robots();
+  if (has_spool_) {
+    send_spools();
+    end_robots();
+  }
+  stop_server(SIGTERM);
 }
 
 }  // namespace orbbuf::chaos

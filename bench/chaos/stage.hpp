@@ -20,10 +20,11 @@ struct Programs {
   std::filesystem::path server;
 };
 
-/// How the robots reach the server.
+/// How the robots reach the server, and what they keep.
 struct LinkKind {
-  int links = 1;         ///< or 2: then cuts take the first, the second and both in turn
-  bool has_tls = false;  ///< with keys made for the purpose
+  int links = 1;           ///< or 2: then cuts take the first, the second and both in turn
+  bool has_tls = false;    ///< with keys made for the purpose
+  bool has_spool = false;  ///< a folder for each robot, which its sessions share
 };
 
 /// A server and a robot for each congestion control, in two network namespaces, and all that can
@@ -42,7 +43,8 @@ class Stage {
   /// Server and robots, each robot with a policy and a capacity of its own.
   void begin();
   void apply(const Step& step);
-  /// All robots and the server end in peace; throws std::runtime_error if one does not.
+  /// All robots and the server end in peace; with spools, each robot has sent what it kept before.
+  /// Throws std::runtime_error if one does not.
   void end();
 
   const std::vector<Session>& sessions() const { return sessions_; }
@@ -56,6 +58,8 @@ class Stage {
     std::size_t session;  ///< in sessions_
   };
 
+  static constexpr double kFps = 40;
+
   void make_source();
   void make_keys();
   void cut();
@@ -63,7 +67,9 @@ class Stage {
   void on_robot(const std::vector<std::string>& command) const;
   void on_server(const std::vector<std::string>& command) const;
   void start_server();
-  void start_robot(Robot& robot);
+  void start_robot(Robot& robot, double fps = kFps);
+  void end_robots();
+  void send_spools();
   /// It has ended, or is killed: keeps what it printed, and names its session.
   void bury_robot(Robot& robot, bool was_killed);
   void stop_server(int signal);
@@ -71,6 +77,7 @@ class Stage {
   const Programs programs_;
   const std::filesystem::path work_;
   const int links_;
+  const bool has_spool_;
   std::unique_ptr<test::Certificates> keys_;  // null: plain TCP
   test::Namespaces hosts_;
   int cuts_ = 0;

@@ -132,6 +132,7 @@ void FrameBuffer::refuse_newest() {
   assert(!in_flight_.empty());
   const EncodedFrame& frame = *in_flight_.back().frame;
   final_drops_.push_back(record_of(frame, DropReason::kRefused));
+  if (in_flight_.back().is_spooled) for_spool_.acknowledged.push_back(frame.sequence);  // no use
   in_flight_bytes_ -= frame.jpeg.size();
   in_flight_.pop_back();
   ++counts_.dropped;
@@ -181,10 +182,38 @@ void FrameBuffer::resume(Sequence next) {
       count_delivered(entry);
     } else {
       final_drops_.push_back(record_of(*entry.frame, DropReason::kPolicy, similarity));
+      hand_to_spool(entry);
     }
   }
   unconfirmed_drops_.clear();
   room_.notify_all();
+}
+
+void FrameBuffer::collect_for_spool(ForSpool& spool, bool those_at_risk) {
+  spool.frames.clear();
+  spool.acknowledged.clear();
+  const std::lock_guard lock(mutex_);
+  if (those_at_risk && has_spool_) {
+    for (auto* const entries : {&in_flight_, &waiting_}) {
+      for (Entry& entry : *entries) {
+        if (std::exchange(entry.is_old, true)) hand_to_spool(entry);
+      }
+    }
+  }
+  std::swap(spool, for_spool_);
+}
+
+Sequence FrameBuffer::first_undelivered() const {
+  const std::lock_guard lock(mutex_);
+  if (!in_flight_.empty()) return in_flight_.front().frame->sequence;
+  if (!waiting_.empty()) return waiting_.front().frame->sequence;
+  return std::numeric_limits<Sequence>::max();
+}
+
+/// An entry whose frame is moved elsewhere afterwards, or which stays.
+void FrameBuffer::hand_to_spool(Entry& entry) {
+  if (has_spool_ && !std::exchange(entry.is_spooled, true))
+    for_spool_.frames.push_back(entry.frame);
 }
 
 void FrameBuffer::collect_drops(std::vector<DropRecord>& drops) {
@@ -197,6 +226,7 @@ void FrameBuffer::give_up_waiting() {
   const std::lock_guard lock(mutex_);
   const auto first = std::ranges::find(waiting_, false, &Entry::was_taken);
   for (auto entry = first; entry != waiting_.end(); ++entry) {
+    hand_to_spool(*entry);
     final_drops_.push_back(record_of(*entry->frame, DropReason::kShutdown));
     waiting_bytes_ -= entry->frame->jpeg.size();
     ++counts_.dropped;
@@ -207,13 +237,16 @@ void FrameBuffer::give_up_waiting() {
 
 void FrameBuffer::give_up() {
   const std::lock_guard lock(mutex_);
-  for (const auto& [entry, similarity] : unconfirmed_drops_) {
+  for (auto& [entry, similarity] : unconfirmed_drops_) {
+    hand_to_spool(entry);
     final_drops_.push_back(record_of(*entry.frame, DropReason::kPolicy, similarity));
   }
-  for (const Entry& entry : in_flight_) {
+  for (Entry& entry : in_flight_) {
+    hand_to_spool(entry);
     final_drops_.push_back(record_of(*entry.frame, DropReason::kUnknown));
   }
-  for (const Entry& entry : waiting_) {
+  for (Entry& entry : waiting_) {
+    hand_to_spool(entry);
     const auto reason = entry.was_taken ? DropReason::kUnknown : DropReason::kShutdown;
     final_drops_.push_back(record_of(*entry.frame, reason));
   }
@@ -305,6 +338,7 @@ void FrameBuffer::drop(Entry& entry, std::uint16_t similarity) {
   if (entry.was_taken) {
     unconfirmed_drops_.push_back({std::move(entry), similarity});
   } else {
+    hand_to_spool(entry);
     final_drops_.push_back(record_of(*entry.frame, DropReason::kPolicy, similarity));
   }
 }
@@ -329,6 +363,7 @@ void FrameBuffer::lose_delivered(Sequence next) {
 
 void FrameBuffer::count_delivered(Entry& entry) {
   ++counts_.acknowledged;
+  if (entry.is_spooled) for_spool_.acknowledged.push_back(entry.frame->sequence);
   const Delivered delivered{entry.frame->sequence, entry.frame->capture_time_ns};
   if (delivered_.size() < kMostRemembered) {
     delivered_.push_back(delivered);

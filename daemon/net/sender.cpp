@@ -20,7 +20,7 @@ constexpr std::chrono::seconds kByeTimeout{2};
 }  // namespace
 
 Sender::Sender(boost::asio::io_context& io, const LinkSettings& settings, wire::Hello hello,
-               FrameBuffer& buffer, DropLog& drops, SessionLog& log)
+               FrameBuffer& buffer, DropLog& drops, SessionLog& log, Spool* spool)
     : buffer_(buffer),
       drops_(drops),
       log_(log),
@@ -29,7 +29,11 @@ Sender::Sender(boost::asio::io_context& io, const LinkSettings& settings, wire::
       earlier_(io, link_),
       hello_(std::move(hello)),
       drain_timer_(io),
-      report_timer_(io) {}
+      report_timer_(io) {
+  if (spool != nullptr) {
+    backfill_.emplace(io, *spool, buffer, hello_.session_id, [this] { wake(); });
+  }
+}
 
 void Sender::start(std::vector<EarlierSession> earlier) {
   reporter_.start(Clock::now());
@@ -49,6 +53,7 @@ void Sender::on_connected(const wire::Position& position) {
   }
   confirmed_ = position.next_sequence;
   drops_.rewind(position.next_drop);
+  if (backfill_) backfill_->on_connected(link_.takes_late(), link_.max_frame_bytes());
 }
 
 bool Sender::can_be_at(const wire::Position& position) const {
@@ -59,6 +64,7 @@ void Sender::on_disconnected() {
   is_bye_sent_ = false;
   rate_.on_lost();
   buffer_.return_in_flight();
+  if (backfill_) backfill_->on_disconnected();
 }
 
 void Sender::on_ack(const wire::Ack& ack) {
@@ -68,6 +74,10 @@ void Sender::on_ack(const wire::Ack& ack) {
   confirmed_ = std::max(confirmed_, position.next_sequence);
   drops_.acknowledge(position.next_drop);
   wake();
+}
+
+void Sender::on_late_ack(const wire::LateAck& ack) {
+  if (backfill_) backfill_->on_late_ack(ack.next);
 }
 
 void Sender::on_bye(const wire::Position& /*position*/) {
@@ -80,9 +90,19 @@ void Sender::wake() {
   collect_drops();  // so that the buffer does not keep those of a long outage
 }
 
+void Sender::on_pushed() {
+  if (backfill_) backfill_->on_captured(Clock::now());
+  wake();
+}
+
+void Sender::write(std::vector<std::uint8_t> message) {
+  if (backfill_) backfill_->on_written(Clock::now(), message.size(), rate_.bytes_per_s());
+  link_.write(std::move(message));
+}
+
 void Sender::write_next() {
   collect_drops();
-  if (reporter_.is_due()) return link_.write(next_report());
+  if (reporter_.is_due()) return write(next_report());
   // After an outage the drop records are many: frames first, then turn by turn.
   const bool is_drops_turn = std::exchange(is_drops_turn_, false) && drops_.has_unsent();
   if (FramePtr frame = is_drops_turn ? nullptr : take_frame()) {
@@ -92,10 +112,26 @@ void Sender::write_next() {
   } else if (drops_.has_unsent()) {
     const wire::Dropped dropped = drops_.take_unsent();
     written_drops_end_ = std::max(written_drops_end_, dropped.first_drop + dropped.records.size());
-    link_.write(wire::encode(dropped));
+    write(wire::encode(dropped));
   } else if (done_ && !is_bye_sent_ && is_settled()) {
     say_bye();
+  } else if (backfill_ && !done_) {
+    write_late();
   }
+}
+
+/// Nothing live waits for the link.
+void Sender::write_late() {
+  const auto now = Clock::now();
+  auto message = backfill_->take_spool_message(now);
+  if (message.empty() && is_live()) {
+    message = backfill_->take_part(now, rate_.bytes_per_s());
+  }
+  if (!message.empty()) write(std::move(message));
+}
+
+bool Sender::is_live() const {
+  return buffer_.stats().waiting == 0 && rate_.has_room(round_trip()) && !link_.is_stalled();
 }
 
 FramePtr Sender::take_frame() {
@@ -110,6 +146,7 @@ FramePtr Sender::take_frame() {
   }
   if (!frame) return nullptr;
   rate_.on_written(now, frame->sequence, frame->jpeg.size());
+  if (backfill_) backfill_->on_written(now, frame->jpeg.size(), rate_.bytes_per_s());
   spdlog::debug("link: frame {} is the kernel's from here on", frame->sequence);
   collect_drops();  // those that were passed over for it
   return frame;
@@ -131,6 +168,7 @@ void Sender::collect_drops() {
   buffer_.collect_drops(collected_);
   drops_.add(collected_);
   log_.add(collected_);
+  if (backfill_) backfill_->collect();
 }
 
 void Sender::note_state() {
@@ -159,7 +197,10 @@ std::vector<std::uint8_t> Sender::next_report() {
 /// After a last report, so that the server's stats are those of the end.
 void Sender::say_bye() {
   is_bye_sent_ = true;
-  auto message = next_report();
+  std::vector<std::uint8_t> message;
+  if (backfill_) message = backfill_->take_spool_message(Clock::now(), true);
+  const auto report = next_report();
+  message.insert(message.end(), report.begin(), report.end());
   const auto bye = wire::encode(wire::Bye{{buffer_.stats().captured, drops_.next_drop()}});
   message.insert(message.end(), bye.begin(), bye.end());
   link_.write(std::move(message));
@@ -173,10 +214,15 @@ void Sender::report_each_second() {
   if (!reporter_.is_time(Clock::now())) return;
   const wire::Stats stats = buffer_.stats();
   reporter_.look(Clock::now(), stats, link_.progress());
+  std::string spooled;
+  if (backfill_) {
+    backfill_->collect_at_risk();
+    spooled = fmt::format(" spooled {}", backfill_->stats().frames);
+  }
   spdlog::info(
-      "captured {} skipped {} failed {} dropped {} acknowledged {} waiting {} in flight {}{}",
+      "captured {} skipped {} failed {} dropped {} acknowledged {} waiting {} in flight {}{}{}",
       stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged, stats.waiting,
-      stats.in_flight,
+      stats.in_flight, spooled,
       !is_connected()      ? ", no connection"
       : link_.is_stalled() ? ", stalled"
                            : "");

@@ -12,6 +12,7 @@
 #include "common/drop_record.hpp"
 #include "common/wire.hpp"
 #include "daemon/buffer/frame_buffer.hpp"
+#include "daemon/net/backfill.hpp"
 #include "daemon/net/drop_log.hpp"
 #include "daemon/net/earlier_sessions.hpp"
 #include "daemon/net/link_rate.hpp"
@@ -30,16 +31,19 @@ namespace orbbuf {
 /// record is sent until acknowledged. Thread-bound to `main`, the thread that runs the io_context.
 class Sender final : private ServerLink::Owner {
  public:
-  /// `buffer`, `drops` and `log` must outlive the sender. Nothing happens before start(). Throws
-  /// std::runtime_error if the keys of settings.tls cannot be used.
+  /// `buffer`, `drops`, `log` and `spool`, which is null if dropped frames are not kept, must
+  /// outlive the sender. Nothing happens before start(). Throws std::runtime_error if the keys of
+  /// settings.tls cannot be used.
   Sender(boost::asio::io_context& io, const LinkSettings& settings, wire::Hello hello,
-         FrameBuffer& buffer, DropLog& drops, SessionLog& log);
+         FrameBuffer& buffer, DropLog& drops, SessionLog& log, Spool* spool = nullptr);
 
   /// First the server gets what it lacks of `earlier` sessions.
   void start(std::vector<EarlierSession> earlier = {});
 
   /// There may be something new to send.
   void wake();
+  /// A frame was pushed.
+  void on_pushed();
 
   /// For the reports: wire::Report::clock_offset_ns.
   void set_clock_offset(std::chrono::nanoseconds offset) { clock_offset_ = offset; }
@@ -56,11 +60,15 @@ class Sender final : private ServerLink::Owner {
   bool can_be_at(const wire::Position& position) const override;
   void on_disconnected() override;
   void on_ack(const wire::Ack& ack) override;
+  void on_late_ack(const wire::LateAck& ack) override;
   void on_bye(const wire::Position& position) override;
   void on_writable() override { write_next(); }
 
   void report_each_second();
   void write_next();
+  void write(std::vector<std::uint8_t> message);
+  void write_late();
+  bool is_live() const;
   FramePtr take_frame();
   bool is_too_large(const EncodedFrame& frame);
   void collect_drops();
@@ -82,6 +90,7 @@ class Sender final : private ServerLink::Owner {
   EarlierSessions earlier_;
   const wire::Hello hello_;
   LinkRate rate_;
+  std::optional<Backfill> backfill_;  // nothing: there is no spool
   Reporter reporter_;
   boost::asio::steady_timer drain_timer_;
   boost::asio::steady_timer report_timer_;

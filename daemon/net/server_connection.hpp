@@ -37,6 +37,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
     virtual std::optional<Error> refusal_of(const wire::Position& position) = 0;
     virtual void on_welcome(const wire::Position& position) = 0;
     virtual void on_ack(const wire::Ack& ack) = 0;
+    virtual void on_late_ack(const wire::LateAck& ack) = 0;
     /// The server's last message: all is recorded up to `position`, or it is going down.
     virtual void on_bye(const wire::Position& position) = 0;
     /// The last message has gone to the kernel, which has little left unsent: the moment to choose
@@ -72,6 +73,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   const Way& way() const { return way_; }
   /// As the welcome says it: 0 if it does not.
   std::uint32_t max_frame_bytes() const { return max_frame_bytes_; }
+  bool takes_late() const { return takes_late_; }
   /// Of the protocol; the newest before the welcome.
   std::uint8_t version() const { return version_; }
   /// The server's side answered and wants no connection with this robot: its error says so, or the
@@ -117,6 +119,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   bool has_said_hello_ = false;
   bool is_welcome_ = false;
   std::uint32_t max_frame_bytes_ = 0;
+  bool takes_late_ = false;
   std::uint8_t version_ = wire::kProtocolVersion;
   std::vector<std::uint8_t> message_;  // being written
   FramePtr frame_;                     // being written

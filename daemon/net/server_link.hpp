@@ -107,6 +107,7 @@ class ServerLink final : private ServerConnection::Owner {
     /// The server answered a hello, and not with a welcome. The link goes on trying.
     virtual void on_refused() {}
     virtual void on_ack(const wire::Ack& ack) = 0;
+    virtual void on_late_ack(const wire::LateAck& /*ack*/) {}
     /// The server's last message on this connection: its record reaches `position`.
     virtual void on_bye(const wire::Position& position) = 0;
     /// The kernel has little left to send: the moment to choose the next message.
@@ -142,6 +143,7 @@ class ServerLink final : private ServerConnection::Owner {
   bool is_writable() const { return connection_ && connection_->is_writable(); }
   /// The largest frame that the server accepts; 0: not known. A larger one costs the connection.
   std::uint32_t max_frame_bytes() const { return connection_ ? connection_->max_frame_bytes() : 0; }
+  bool takes_late() const { return connection_ && connection_->takes_late(); }
   /// Of the connection. Requires is_writable().
   std::uint8_t protocol_version() const { return connection_->version(); }
   /// Requires is_writable().
@@ -159,6 +161,7 @@ class ServerLink final : private ServerConnection::Owner {
   std::optional<Error> refusal_of(const wire::Position& position) override;
   void on_welcome(const wire::Position& position) override;
   void on_ack(const wire::Ack& ack) override;
+  void on_late_ack(const wire::LateAck& ack) override { owner_->on_late_ack(ack); }
   void on_bye(const wire::Position& position) override;
   void on_writable() override;
   void on_failed(const ServerConnection& from, const Error& error) override;

@@ -22,6 +22,7 @@ using boost::system::error_code;
 using wire::ErrorCode;
 
 constexpr std::chrono::seconds kPartingTime{1};
+constexpr std::uint64_t kMostLateWrites = 8;  // of one robot at once
 
 tcp::endpoint peer_of(const tcp::socket& socket) {
   error_code gone;  // then there is no address, and the next read fails
@@ -38,7 +39,8 @@ Connection::Connection(tcp::socket socket, std::shared_ptr<TlsContext> tls,
       settings_(settings),
       owner_(owner),
       timer_(stream_.get_executor()),
-      reader_(settings.max_frame_bytes) {}
+      reader_(settings.max_frame_bytes),
+      late_(settings.max_frame_bytes) {}
 
 void Connection::start() {
   error_code ignored;  // acks are then merely later
@@ -84,7 +86,8 @@ void Connection::on_attached(wire::Position position) {
   state_ = State::kServing;
   spdlog::info("{}: session {} at frame {}, {}", name(), session_->info().session_id,
                position.next_sequence, software_);
-  send(encode(wire::Welcome{version_, position, version_ >= 2 ? settings_.max_frame_bytes : 0}));
+  send(encode(wire::Welcome{version_, position, version_ >= 2 ? settings_.max_frame_bytes : 0,
+                            version_ >= 4 && owner_.late_arrivals() != nullptr}));
   read();
 }
 
@@ -159,6 +162,10 @@ void Connection::handle(Message message) {
       session_->on_report(report.value());
       return read();
     }
+    case wire::Type::kLate:
+      return handle_late(message);
+    case wire::Type::kSpool:
+      return handle_spool(message);
     case wire::Type::kBye: {
       const auto bye = wire::parse_bye(message.header, message.body);
       if (!bye) return fail(bye.error());
@@ -225,6 +232,58 @@ void Connection::handle_dropped(const Message& message) {
   });
 }
 
+/// The stream is read on while it is written, so that it does not hold the live frames.
+void Connection::handle_late(const Message& message) {
+  if (version_ < 4 || owner_.late_arrivals() == nullptr) {
+    return fail({ErrorCode::kUnexpected, "a late frame, which this server does not take"});
+  }
+  const auto part = wire::parse_late(message.header, message.body);
+  if (!part) return fail(part.error());
+  auto late = late_.add(part.value());
+  if (!late) return fail(late.error());
+  if (!late.value()) return read();
+  if (late_written_ - late_kept_ >= kMostLateWrites) {
+    late_waiting_ = std::move(*late.value());
+    return;
+  }
+  write_late(std::move(*late.value()));
+  read();
+}
+
+void Connection::write_late(wire::LateFrame late) {
+  const auto number = late_written_++;
+  const bool is_present_session = late.session_id == session_->info().session_id;
+  owner_.late_arrivals()->write(robot_id_, std::move(late), weak_from_this(),
+                                [weak = weak_from_this(), number, is_present_session] {
+                                  if (const auto self = weak.lock()) {
+                                    self->on_late_kept(number, is_present_session);
+                                  }
+                                });
+}
+
+void Connection::on_late_kept(std::uint64_t number, bool is_present_session) {
+  late_kept_on_.insert(number);
+  while (late_kept_on_.erase(late_kept_) > 0) ++late_kept_;
+  if (state_ != State::kServing) return;
+  session_->on_late(is_present_session);
+  is_late_ack_due_ = true;
+  send_next();
+  if (!late_waiting_ || late_written_ - late_kept_ >= kMostLateWrites) return;
+  write_late(*std::exchange(late_waiting_, std::nullopt));
+  read();
+}
+
+void Connection::handle_spool(const Message& message) {
+  if (version_ < 4 || owner_.late_arrivals() == nullptr) {
+    return fail({ErrorCode::kUnexpected, "unexpected spool"});
+  }
+  const auto spool = wire::parse_spool(message.header, message.body);
+  if (!spool) return fail(spool.error());
+  session_->on_spool(spool.value());
+  owner_.late_arrivals()->on_spool(robot_id_, spool.value());
+  read();
+}
+
 void Connection::on_taken() {
   if (state_ != State::kServing) return;
   if (version_ >= 2 && session_->received() > received_) {
@@ -248,7 +307,8 @@ void Connection::part(std::vector<std::uint8_t> last_words) {
   }
   state_ = State::kParting;
   if (const auto session = std::exchange(session_, nullptr)) session->detach(*this);
-  is_ack_due_ = false;
+  is_ack_due_ = is_late_ack_due_ = false;
+  late_waiting_.reset();
   start_timer(kPartingTime);
   send(std::move(last_words));
   if (!is_reading_) read();
@@ -270,6 +330,9 @@ void Connection::send_next() {
     out_ = encode(
         wire::Ack{session_->kept(), version_ >= 2 ? std::optional(received_) : std::nullopt});
     is_ack_due_ = false;
+  } else if (is_late_ack_due_) {
+    out_ = encode(wire::LateAck{late_kept_});
+    is_late_ack_due_ = false;
   } else if (state_ == State::kParting) {
     if (has_peer_closed_) return close();
     error_code ignored;  // if that fails the connection is gone, which reading shows

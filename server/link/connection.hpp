@@ -10,12 +10,16 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "common/net/stream.hpp"
 #include "common/wire.hpp"
+#include "server/link/late_arrivals.hpp"
+#include "server/link/late_assembly.hpp"
 #include "server/link/message_reader.hpp"
 #include "server/link/session.hpp"
 #include "server/settings.hpp"
@@ -31,6 +35,8 @@ class ConnectionOwner {
   /// Must end in connection->join() or connection->refuse().
   virtual void on_hello(const std::shared_ptr<Connection>& connection,
                         const wire::Hello& hello) = 0;
+  /// Null: late frames are not taken.
+  virtual LateArrivals* late_arrivals() = 0;
   /// The last call: the socket is closed.
   virtual void on_closed(const std::shared_ptr<Connection>& connection) = 0;
 };
@@ -92,6 +98,10 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   bool expect_near(const char* what, std::uint64_t number, std::uint64_t position);
   void handle_frame(Message message);
   void handle_dropped(const Message& message);
+  void handle_late(const Message& message);
+  void write_late(wire::LateFrame late);
+  void on_late_kept(std::uint64_t number, bool is_present_session);
+  void handle_spool(const Message& message);
   void on_taken();
 
   void fail(const wire::Fault& fault, spdlog::level::level_enum level = spdlog::level::warn);
@@ -121,6 +131,11 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   bool is_timer_running_ = false;
 
   MessageReader reader_;
+  LateAssembly late_;
+  std::uint64_t late_written_ = 0;        // late frames that were handed on
+  std::uint64_t late_kept_ = 0;           // all below it
+  std::set<std::uint64_t> late_kept_on_;  // of those beyond; one that failed is behind the others
+  std::optional<wire::LateFrame> late_waiting_;  // nothing more is read
   std::array<std::uint8_t, 4096> discarded_{};
   bool is_reading_ = false;
   bool has_peer_closed_ = false;
@@ -129,6 +144,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   std::vector<std::uint8_t> out_;
   std::vector<std::uint8_t> waiting_;  // welcome, last words; before any ack
   bool is_ack_due_ = false;
+  bool is_late_ack_due_ = false;
   Sequence received_ = 0;  // as the last ack said it
   bool is_writing_ = false;
 };

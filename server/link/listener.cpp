@@ -43,7 +43,14 @@ Listener::Listener(asio::io_context& main, asio::thread_pool& pool, Settings set
       acceptor_(listen_on(main, "listen on", settings_.listen.address,
                           settings_.listen.receive_buffer_bytes)),
       retry_(main),
-      allowed_(settings_.listen.robots) {}
+      allowed_(settings_.listen.robots) {
+  if (!settings_.sinks.files_enabled) return;
+  const bool is_awaited = settings_.sinks.files_sync == FilesSync::kAck;
+  late_.emplace(main_, pool_, settings_.sinks.files_path, is_awaited ? commit_.get() : nullptr,
+                [this](const std::string& robot_id, const std::string& session_id) {
+                  return has_session(robot_id, session_id);
+                });
+}
 
 void Listener::start() {
   spdlog::info("{}listening on {}", tls_ ? "with TLS, " : "", to_text(endpoint()));
@@ -143,6 +150,9 @@ void Listener::on_hello(const std::shared_ptr<Connection>& connection, const wir
     if (known->second->is_closing()) return connection->refuse("the session is being closed");
     return connection->join(known->second);
   }
+  if (late_ && late_->is_merging(key.first, key.second)) {
+    return connection->refuse("the session is being merged with its late frames");
+  }
   const auto [waiting, is_new] = opening_.try_emplace(key);
   if (const auto old = std::exchange(waiting->second, connection)) old->on_replaced();
   if (is_new) open(key, SessionInfo{key.first, key.second, hello.calibration});
@@ -206,12 +216,16 @@ std::shared_ptr<Session> Listener::begin(const SessionKey& key, SessionInfo info
                                          OpenedSession opened) {
   auto sinks = make_sinks(settings_.sinks, info, std::move(opened), main_, pool_, commit_.get());
   const Session::Timeouts timeouts{settings_.session_timeout, settings_.drain_timeout};
-  auto session = std::make_shared<Session>(main_, std::move(info), std::move(sinks), timeouts,
-                                           Session::Events{[this, key] {
-                                                             sessions_.erase(key);
-                                                             check_stopped();
-                                                           },
-                                                           sink_failed_});
+  auto session =
+      std::make_shared<Session>(main_, std::move(info), std::move(sinks), timeouts,
+                                Session::Events{[this, key] {
+                                                  sessions_.erase(key);
+                                                  if (late_ && !stopped_) {
+                                                    late_->on_closed(key.first, key.second);
+                                                  }
+                                                  check_stopped();
+                                                },
+                                                sink_failed_});
   if (metrics_ != nullptr) session->show(metrics_->begin(session->info()));
   sessions_.emplace(key, session);
   return session;

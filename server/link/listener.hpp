@@ -10,6 +10,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 #include <string>
 #include <utility>
@@ -69,6 +70,7 @@ class Listener final : public ConnectionOwner {
   static constexpr std::chrono::milliseconds kRetry{200};
 
   void on_hello(const std::shared_ptr<Connection>& connection, const wire::Hello& hello) override;
+  LateArrivals* late_arrivals() override { return late_ ? &*late_ : nullptr; }
   void on_closed(const std::shared_ptr<Connection>& connection) override;
 
   void accept();
@@ -88,6 +90,7 @@ class Listener final : public ConnectionOwner {
   const Settings settings_;
   Metrics* const metrics_;
   const std::unique_ptr<GroupCommit> commit_;  // null: no syncs
+  std::optional<LateArrivals> late_;           // nothing: there are no files
   std::shared_ptr<TlsContext> tls_;            // null: plain TCP
   boost::asio::ip::tcp::acceptor acceptor_;
   boost::asio::steady_timer retry_;

@@ -150,6 +150,21 @@ void Session::on_report(const wire::Report& report) {
       stats.waiting, stats.in_flight);
 }
 
+void Session::on_late(bool is_present_session) {
+  if (metrics_) metrics_->on_late(is_present_session);
+}
+
+void Session::on_spool(const wire::Spool& spool) {
+  if (!metrics_) return;
+  std::uint64_t present = 0;
+  std::uint64_t all = 0;
+  for (const wire::SpooledSession& session : spool.sessions) {
+    all += session.frames;
+    if (session.session_id == info_.session_id) present += session.frames;
+  }
+  metrics_->on_spool(present, all);
+}
+
 /// So that the record has them even if this process dies.
 void Session::note() {
   SessionClosing reported = closing_;

@@ -87,6 +87,10 @@ class Session : public std::enable_shared_from_this<Session> {
   void write(FramePtr frame, Taken taken);
   void write_drops(wire::Dropped dropped, Taken taken);
   void on_report(const wire::Report& report);
+  /// For the metrics: a late frame is kept, of this session or an earlier one.
+  void on_late(bool is_present_session);
+  /// For the metrics: what the robot still has.
+  void on_spool(const wire::Spool& spool);
 
   /// The robot ends the session, with its totals: close(SessionEnd::kBye) follows.
   void on_bye(const wire::Bye& bye);

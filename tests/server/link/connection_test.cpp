@@ -203,7 +203,7 @@ TEST_F(ConnectionTest, AFrameWithAWrongChecksumIsNotTaken) {
 TEST_F(ConnectionTest, AProtocolWeDoNotSpeakIsRefused) {
   const auto robot = connect();
   robot.send(wire::encode(wire::Hello{4, 5, "r1", "s1", "from the future", ""}));
-  expect_end(robot, ErrorCode::kVersion, "the robot speaks protocol 4 to 5, we speak 1 to 3");
+  expect_end(robot, ErrorCode::kVersion, "the robot speaks protocol 4 to 5, we speak 1 to 4");
 }
 
 TEST_F(ConnectionTest, TheNewestVersionThatBothKnowIsTaken) {

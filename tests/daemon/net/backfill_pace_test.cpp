@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/net/backfill_pace.hpp"
+
+#include <gtest/gtest.h>
+
+namespace orbbuf {
+namespace {
+
+using namespace std::chrono_literals;
+using Time = BackfillPace::Time;
+
+constexpr double kRate = 1e6;  // bytes a second: one in a microsecond
+
+/// A camera of 25 frames a second, from `start_` on.
+class BackfillPaceTest : public ::testing::Test {
+ protected:
+  BackfillPaceTest() {
+    for (int i = 0; i < 10; ++i) capture();
+  }
+  /// Returns the time.
+  Time capture(std::chrono::milliseconds after = 40ms) {
+    now_ += after;
+    pace_.on_captured(now_);
+    return now_;
+  }
+  std::size_t bytes_at(std::chrono::microseconds later, double rate = kRate) const {
+    return pace_.next(now_ + later, rate).bytes;
+  }
+
+  Time now_{1h};
+  BackfillPace pace_;
+};
+
+TEST_F(BackfillPaceTest, APartEndsBeforeTheNextFrameIsExpected) {
+  EXPECT_EQ(bytes_at(0us), BackfillPace::kMostBytes);
+  EXPECT_EQ(bytes_at(23'000us), BackfillPace::kMostBytes);
+  EXPECT_NEAR(static_cast<double>(bytes_at(30'000us)), 9'500, 10);  // but for the guard
+  EXPECT_NEAR(static_cast<double>(bytes_at(38'000us)), 1'500, 10);
+  EXPECT_EQ(bytes_at(39'000us), 0U);  // 500 bytes are too few
+  EXPECT_EQ(pace_.next(now_ + 39ms, kRate).again, now_ + 80ms);
+}
+
+TEST_F(BackfillPaceTest, WhatWasWrittenKeepsTheLinkBusy) {
+  pace_.on_written(now_, 30'000, kRate);
+  EXPECT_EQ(bytes_at(0us), 0U);
+  EXPECT_EQ(pace_.next(now_, kRate).again, now_ + 30ms);
+  EXPECT_NEAR(static_cast<double>(bytes_at(29'000us)), 9'500, 10);  // behind it
+  EXPECT_NEAR(static_cast<double>(bytes_at(31'000us)), 8'500, 10);
+  pace_.on_written(now_, 30'000, kRate);
+  EXPECT_EQ(bytes_at(35'000us), 0U);
+  EXPECT_EQ(pace_.next(now_ + 35ms, kRate).again, now_ + 60ms);
+}
+
+TEST_F(BackfillPaceTest, AnUnsteadyCameraIsGivenMoreTime) {
+  for (int i = 0; i < 40; ++i) capture(i % 2 == 0 ? 36ms : 44ms);
+  EXPECT_LT(bytes_at(30'000us), 3'000U);
+  EXPECT_GT(bytes_at(20'000us), 9'000U);
+}
+
+TEST_F(BackfillPaceTest, WithoutLiveFramesOnlyTheLinkCounts) {
+  EXPECT_EQ(bytes_at(81'000us), BackfillPace::kMostBytes);
+  EXPECT_EQ(bytes_at(10'000'000us), BackfillPace::kMostBytes);
+  pace_.on_written(now_ + 10s, 16'000, kRate);
+  EXPECT_EQ(bytes_at(10'000'000us), 0U);
+}
+
+TEST_F(BackfillPaceTest, ALongPauseIsNotTakenForTheInterval) {
+  capture(10s);
+  EXPECT_LT(bytes_at(50'000us), 16'000U);
+  for (int i = 0; i < 60; ++i) capture();
+  EXPECT_NEAR(static_cast<double>(bytes_at(30'000us)), 9'000, 1'000);
+}
+
+TEST_F(BackfillPaceTest, AnUnknownRateIsTakenForALowOne) {
+  EXPECT_NEAR(static_cast<double>(bytes_at(0us, 0)), 0.0395 * BackfillPace::kUnknownRate, 10);
+}
+
+TEST(BackfillPaceOfNoCamera, BeginsAtOnce) {
+  EXPECT_EQ(BackfillPace().next(Time(1h), kRate).bytes, BackfillPace::kMostBytes);
+}
+
+TEST(BackfillPaceOfNoCamera, AfterTheFirstFrameTheSecondOneIsAwaited) {
+  BackfillPace pace;
+  pace.on_captured(Time(1h));
+  EXPECT_EQ(pace.next(Time(1h), kRate).bytes, 0U);
+  EXPECT_EQ(pace.next(Time(1h), kRate).again, Time(1h) + 1s);
+  EXPECT_EQ(pace.next(Time(1h) + 1s, kRate).bytes, BackfillPace::kMostBytes);
+}
+
+}  // namespace
+}  // namespace orbbuf
