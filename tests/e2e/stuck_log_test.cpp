@@ -78,7 +78,7 @@ std::string get(const Address& page, const std::string& path) {
 }
 
 TEST(StuckLog, RobotServerAndHealthzGoOn) {
-  constexpr int kFrames = 100;
+  constexpr int kLoggedFrames = 100;
   const TemporaryFolder folder;
   LogPipe server_log(folder / "server.log");
   LogPipe robot_log(folder / "robot.log");
@@ -92,12 +92,13 @@ TEST(StuckLog, RobotServerAndHealthzGoOn) {
   server_log.fill();
   robot_log.fill();
 
-  Process robot(robot_command("r", address,
-                              {"source.frames=" + std::to_string(kFrames), "source.realtime=false",
-                               "source.width=160", "source.height=120", "log.level=trace"},
-                              robot_log.where()));
+  Process robot(
+      robot_command("r", address,
+                    {"source.frames=" + std::to_string(kLoggedFrames), "source.realtime=false",
+                     "source.width=160", "source.height=120", "log.level=trace"},
+                    robot_log.where()));
   EXPECT_EQ(robot.wait(), 0);
-  expect_exactly_once(read_record(folder / "out", "r"), kFrames);
+  expect_exactly_once(read_record(folder / "out", "r"), kLoggedFrames);
   EXPECT_THAT(get(parse_address(page.substr(0, page.find('/'))).value(), "/healthz"),
               HasSubstr("200 OK"));
 

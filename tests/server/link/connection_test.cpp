@@ -202,8 +202,8 @@ TEST_F(ConnectionTest, AFrameWithAWrongChecksumIsNotTaken) {
 
 TEST_F(ConnectionTest, AProtocolWeDoNotSpeakIsRefused) {
   const auto robot = connect();
-  robot.send(wire::encode(wire::Hello{4, 5, "r1", "s1", "from the future", ""}));
-  expect_end(robot, ErrorCode::kVersion, "the robot speaks protocol 4 to 5, we speak 1 to 4");
+  robot.send(wire::encode(wire::Hello{5, 6, "r1", "s1", "from the future", ""}));
+  expect_end(robot, ErrorCode::kVersion, "the robot speaks protocol 5 to 6, we speak 1 to 4");
 }
 
 TEST_F(ConnectionTest, TheNewestVersionThatBothKnowIsTaken) {
