@@ -174,7 +174,7 @@ TEST_F(SpoolTest, AFrameForgottenWhileItIsHandedOutIsStillCountedWhenAcknowledge
 TEST_F(SpoolTest, AFrameForgottenInASegmentThatIsNotReadIsFound) {
   WatchedSpool spool(settings(), "a");
   spool.add(0, 40, kLarge);
-  spool.wait_until([&] { return spool->stats().bytes > 0 && segments().size() > 7; });
+  while (segments().size() < 8) std::this_thread::yield();  // no news of what is written
   spool->forget(20);
   spool->forget(20);
   spool->forget(1000);
@@ -258,8 +258,7 @@ TEST_F(SpoolTest, TheOldestOfTooManySessionsIsEvicted) {
   std::filesystem::create_directories(path());
   for (std::uint64_t number = 100; number <= 100 + Spool::kMostSessions; ++number) {
     const auto file = path() / ("000000000" + std::to_string(number) + ".segment");
-    auto made =
-        SegmentWriter::create(file, {"robot", "session-" + std::to_string(number), number});
+    auto made = SegmentWriter::create(file, {"robot", "session-" + std::to_string(number), number});
     ASSERT_TRUE(made && made.value().append(*spool_frame(number, 1)));
   }
   WatchedSpool spool(settings(), "last");
