@@ -161,7 +161,7 @@ class SegmentQueue {
   Segment* find(std::uint64_t number);
   bool is_being_read(const Segment& segment) const;
   std::deque<Segment>::const_iterator oldest() const;
-  Evicted take_out(std::deque<Segment>::const_iterator segment);
+  Evicted take_out(std::size_t index);
 
   const std::string session_id_;
   std::deque<Segment> segments_;

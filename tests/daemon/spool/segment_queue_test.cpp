@@ -174,7 +174,7 @@ TEST(SegmentQueue, FramesOfASegmentThatIsNotLoadedAreForgottenWhenItIs) {
   Files files;
   files.add(1, "old", {0, 1, 2});
   files.begin(2);
-  for (const Sequence sequence : {10, 12, 14}) files.write(sequence);
+  for (const Sequence sequence : {10U, 12U, 14U}) files.write(sequence);
   files.queue.complete(100);
   files.queue.forget(12);
   files.queue.forget(13);

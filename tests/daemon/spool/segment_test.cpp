@@ -101,7 +101,7 @@ TEST_F(SegmentTest, AnEmptyOneHasAHeaderAndNoRecords) {
 TEST_F(SegmentTest, FramesComeBackAsTheyWere) {
   auto writer = create();
   std::vector<SegmentRecord> records;
-  for (const Sequence sequence : {8, 2, 5})
+  for (const Sequence sequence : {8U, 2U, 5U})
     records.push_back(append(writer, sequence, 1 + sequence * 1000));
   EXPECT_EQ(open().scan(), records);
   ASSERT_FALSE(writer.complete());

@@ -55,7 +55,7 @@ TEST_F(SpoolTest, OneFrameComesBackAsItWas) {
 
 TEST_F(SpoolTest, FramesComeInTheOrderInWhichTheyWereAdded) {
   WatchedSpool spool(settings(), "a");
-  for (const Sequence sequence : {5, 3, 9, 4}) spool->add(spool_frame(sequence));
+  for (const Sequence sequence : {5U, 3U, 9U, 4U}) spool->add(spool_frame(sequence));
   EXPECT_THAT(spool->held(), ElementsAre(Held{"a", 4, 3}));
   EXPECT_THAT(spool.take(4), ElementsAre(5, 3, 9, 4));
   spool->acknowledge(2);
