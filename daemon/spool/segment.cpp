@@ -10,9 +10,9 @@
 #include <array>
 #include <cerrno>
 #include <initializer_list>
-#include <limits>
 #include <memory>
 #include <span>
+#include <tuple>
 
 #include "common/byte_order.hpp"
 #include "common/wire.hpp"
@@ -168,7 +168,7 @@ std::optional<Error> SegmentWriter::sync() {
 }
 
 std::optional<Error> SegmentWriter::complete() {
-  if (const auto failed = add_footer()) return failed;
+  if (auto failed = add_footer()) return failed;
   return sync();
 }
 
@@ -300,7 +300,7 @@ std::optional<Error> SegmentReader::complete(const std::vector<SegmentRecord>& r
   writer.header_crc_ = header_crc_;
   for (const SegmentRecord& record : records) writer.range_.add(record.sequence);
   if (::ftruncate(file_.get(), static_cast<off_t>(writer.bytes_)) != 0) return writer.undo(errno);
-  const auto failed = writer.add_footer();
+  auto failed = writer.add_footer();
   bytes_ = writer.bytes();
   return failed;
 }

@@ -242,18 +242,18 @@ std::optional<std::uint64_t> SegmentQueue::take_finished() {
 std::optional<SegmentQueue::Evicted> SegmentQueue::evict_frames() {
   const auto found = oldest();
   if (found == segments_.end() || !found->is_complete) return std::nullopt;
-  return take_out(found);
+  return take_out(static_cast<std::size_t>(found - segments_.cbegin()));
 }
 
 std::optional<SegmentQueue::Evicted> SegmentQueue::evict() {
   const auto foreign = std::find_if(segments_.begin(), segments_.end(),
                                     [](const Segment& segment) { return segment.is_foreign; });
   if (foreign == segments_.end()) return evict_frames();
-  return take_out(foreign);
+  return take_out(static_cast<std::size_t>(foreign - segments_.begin()));
 }
 
-SegmentQueue::Evicted SegmentQueue::take_out(std::deque<Segment>::const_iterator place) {
-  Segment& segment = segments_[static_cast<std::size_t>(place - segments_.begin())];
+SegmentQueue::Evicted SegmentQueue::take_out(std::size_t index) {
+  Segment& segment = segments_[index];
   for (HandedOut& frame : handed_out_) {
     if (frame.number != segment.number || segment.entries[frame.index].is_gone) continue;
     frame.is_evicted = true;
@@ -261,7 +261,7 @@ SegmentQueue::Evicted SegmentQueue::take_out(std::deque<Segment>::const_iterator
   }
   std::erase_if(ready_, [&](const Ready& ready) { return ready.number == segment.number; });
   Evicted evicted{segment.number, {segment.session_id, segment.held()}};
-  segments_.erase(place);
+  segments_.erase(segments_.begin() + static_cast<std::ptrdiff_t>(index));
   return evicted;
 }
 

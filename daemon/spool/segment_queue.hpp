@@ -45,6 +45,8 @@ class SegmentQueue {
   struct Lost {
     std::string session_id;
     FrameRange range;
+
+    friend bool operator==(const Lost&, const Lost&) = default;
   };
   /// A segment to remove.
   struct Evicted {
@@ -102,7 +104,8 @@ class SegmentQueue {
   /// A complete segment of which nothing is held, which is no longer part of the queue.
   std::optional<std::uint64_t> take_finished();
   /// Takes out the oldest segment with frames, but not the one that is written; nothing if there is
-  /// no other. Frames that are handed out are not lost yet.
+  /// no other. Frames that are handed out are not lost yet. Forgotten ones that await load() count
+  /// as lost.
   std::optional<Evicted> evict_frames();
   /// Takes out another robot's oldest one, or else as evict_frames().
   std::optional<Evicted> evict();
@@ -158,7 +161,7 @@ class SegmentQueue {
   Segment* find(std::uint64_t number);
   bool is_being_read(const Segment& segment) const;
   std::deque<Segment>::const_iterator oldest() const;
-  Evicted take_out(std::deque<Segment>::const_iterator segment);
+  Evicted take_out(std::size_t index);
 
   const std::string session_id_;
   std::deque<Segment> segments_;

@@ -65,6 +65,9 @@ TEST(Settings, SampleFileHoldsEveryKeyWithItsDefault) {
   EXPECT_EQ(sample.link.drain_timeout, fallback.link.drain_timeout);
   EXPECT_EQ(sample.link.unsent_bytes, fallback.link.unsent_bytes);
   EXPECT_EQ(sample.link.tls, fallback.link.tls);
+  EXPECT_EQ(sample.spool.path, fallback.spool.path);
+  EXPECT_EQ(sample.spool.size_bytes, fallback.spool.size_bytes);
+  EXPECT_EQ(sample.spool.rate_bytes_per_s, fallback.spool.rate_bytes_per_s);
 }
 
 TEST(Settings, DropLogIsInTheServicesStateFolder) {
@@ -74,6 +77,17 @@ TEST(Settings, DropLogIsInTheServicesStateFolder) {
   EXPECT_EQ(with({"buffer.drop_log="}).buffer.drop_log, "");
   EXPECT_EQ(with({"buffer.drop_log=/tmp/drops"}).buffer.drop_log, "/tmp/drops");
   ::unsetenv("STATE_DIRECTORY");
+}
+
+TEST(Settings, SpoolIsOffUntilItHasAFolder) {
+  EXPECT_EQ(with({}).spool.path, "");
+  EXPECT_EQ(with({}).spool.size_bytes, 8ULL << 30);
+  EXPECT_EQ(with({}).spool.rate_bytes_per_s, 4U << 20);
+  const Settings s = with({"spool.path=/tmp/spool", "spool.size=4 MiB", "spool.rate=0 B"});
+  EXPECT_EQ(s.spool.path, "/tmp/spool");
+  EXPECT_EQ(s.spool.size_bytes, SpoolSettings::kMinBytes);
+  EXPECT_EQ(s.spool.rate_bytes_per_s, 0U);
+  EXPECT_NE(why({"spool.size=4095 KiB"}).find("spool.size"), std::string::npos);
 }
 
 TEST(Settings, EveryValueReachesItsPlace) {

@@ -55,7 +55,7 @@ TEST_F(SpoolTest, OneFrameComesBackAsItWas) {
 
 TEST_F(SpoolTest, FramesComeInTheOrderInWhichTheyWereAdded) {
   WatchedSpool spool(settings(), "a");
-  for (const Sequence sequence : {5, 3, 9, 4}) spool->add(spool_frame(sequence));
+  for (const Sequence sequence : {5U, 3U, 9U, 4U}) spool->add(spool_frame(sequence));
   EXPECT_THAT(spool->held(), ElementsAre(Held{"a", 4, 3}));
   EXPECT_THAT(spool.take(4), ElementsAre(5, 3, 9, 4));
   spool->acknowledge(2);
@@ -174,7 +174,7 @@ TEST_F(SpoolTest, AFrameForgottenWhileItIsHandedOutIsStillCountedWhenAcknowledge
 TEST_F(SpoolTest, AFrameForgottenInASegmentThatIsNotReadIsFound) {
   WatchedSpool spool(settings(), "a");
   spool.add(0, 40, kLarge);
-  spool.wait_until([&] { return spool->stats().bytes > 0 && segments().size() > 7; });
+  while (segments().size() < 8) std::this_thread::yield();  // no news of what is written
   spool->forget(20);
   spool->forget(20);
   spool->forget(1000);
@@ -258,8 +258,7 @@ TEST_F(SpoolTest, TheOldestOfTooManySessionsIsEvicted) {
   std::filesystem::create_directories(path());
   for (std::uint64_t number = 100; number <= 100 + Spool::kMostSessions; ++number) {
     const auto file = path() / ("000000000" + std::to_string(number) + ".segment");
-    auto made =
-        SegmentWriter::create(file, {"robot", "session-" + std::to_string(number), number});
+    auto made = SegmentWriter::create(file, {"robot", "session-" + std::to_string(number), number});
     ASSERT_TRUE(made && made.value().append(*spool_frame(number, 1)));
   }
   WatchedSpool spool(settings(), "last");
