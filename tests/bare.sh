@@ -15,7 +15,7 @@ EXPECTED=(
   'no names of multicast DNS here'          # avahi-daemon, which a root without services cannot run
   'units: no systemd-analyze'               # the package systemd, which nothing else needs
 )
-EXPECTED_OF_A_USER=('not root' 'Operation not permitted' 'ptrace is not permitted')
+EXPECTED_OF_A_USER=('not root' 'Operation not permitted' 'ptrace is not permitted' 'this user cannot mount')
 
 mkdir -p build
 work=$(mktemp -d "$PWD/build/bare.XXXXXX")

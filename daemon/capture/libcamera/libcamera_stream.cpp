@@ -5,10 +5,8 @@
 #include "daemon/capture/libcamera/libcamera_stream.hpp"
 
 #include <libcamera/libcamera.h>
-#include <linux/dma-buf.h>
 #include <spdlog/fmt/fmt.h>
 #include <sys/eventfd.h>
-#include <sys/ioctl.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -19,10 +17,10 @@
 #include <vector>
 
 #include "common/unique_fd.hpp"
-#include "daemon/capture/buffer_mapping.hpp"
 #include "daemon/capture/libcamera/libcamera_controls.hpp"
 #include "daemon/capture/libcamera/libcamera_formats.hpp"
 #include "daemon/capture/libcamera/libcamera_manager.hpp"
+#include "daemon/capture/libcamera/libcamera_planes.hpp"
 
 namespace orbbuf {
 namespace {
@@ -37,35 +35,12 @@ std::string_view hint_at(int error) {
   return error == EACCES ? "; add the user to group video" : "";
 }
 
-/// Before and after the CPU reads a DMA buffer: on some processors its cache does not know that the
-/// camera has written. A buffer that is none needs nothing.
-void synchronise(const FrameBuffer& buffer, std::size_t planes, std::uint64_t moment) {
-  dma_buf_sync sync{};
-  sync.flags = DMA_BUF_SYNC_READ | moment;
-  for (std::size_t i = 0; i < planes; ++i) {
-    ::ioctl(buffer.planes()[i].fd.get(), DMA_BUF_IOCTL_SYNC, &sync);
-  }
-}
-
-using Mappings = std::vector<BufferMapping>;  // a buffer's, one for each plane
-
-/// In gray all that is read of an image is in its first plane. Planes may share a descriptor.
-Mappings map_planes(const FrameBuffer& buffer, bool color) {
-  Mappings mappings;
-  for (const FrameBuffer::Plane& plane : buffer.planes()) {
-    mappings.emplace_back(plane.fd.get(), 0, std::size_t{plane.offset} + plane.length);
-    if (!color) break;
-  }
-  return mappings;
-}
-
 /// The part of a plane that was filled; empty if there is no such plane.
-std::span<const std::uint8_t> filled(const FrameBuffer& buffer, const Mappings& mappings,
+std::span<const std::uint8_t> filled(const FrameBuffer& buffer, const LibcameraPlanes& planes,
                                      std::size_t plane) {
   const auto filled_planes = buffer.metadata().planes();
-  if (plane >= mappings.size() || plane >= filled_planes.size()) return {};
-  const auto memory = mappings[plane].bytes().subspan(buffer.planes()[plane].offset);
-  return memory.first(std::min<std::size_t>(filled_planes[plane].bytesused, memory.size()));
+  if (plane >= filled_planes.size()) return {};
+  return planes.filled(plane, filled_planes[plane].bytesused);
 }
 
 std::uint32_t exposure_ns_of(const libcamera::ControlList& metadata) {
@@ -116,7 +91,7 @@ class LibcameraStream::Capture {
   bool is_acquired_ = false;
   LibcameraSetup setup_;
   std::unique_ptr<libcamera::FrameBufferAllocator> allocator_;
-  std::vector<Mappings> mappings_;
+  std::vector<LibcameraPlanes> planes_;
   std::vector<std::unique_ptr<Request>> requests_;  // each with the buffer of its place
 
   UniqueFd event_;  // readable while something is in one of these, which libcamera's thread fills
@@ -130,7 +105,7 @@ LibcameraStream::Capture::~Capture() {
   camera_->requestCompleted.disconnect(this);
   camera_->disconnected.disconnect(this);
   requests_.clear();
-  mappings_.clear();
+  planes_.clear();
   allocator_.reset();
   if (is_acquired_) camera_->release();
 }
@@ -170,10 +145,7 @@ void LibcameraStream::Capture::make_requests() {
   allocator_ = std::make_unique<libcamera::FrameBufferAllocator>(camera_);
   must("allocate buffers", allocator_->allocate(setup_.stream));
   for (const auto& buffer : allocator_->buffers(setup_.stream)) {
-    mappings_.push_back(map_planes(*buffer, setup_.mode.color));
-    if (!std::ranges::all_of(mappings_.back(), &BufferMapping::operator bool)) {
-      must("map its buffers", -errno);
-    }
+    if (!planes_.emplace_back(*buffer, setup_.mode.color)) must("map its buffers", -errno);
     requests_.push_back(camera_->createRequest(requests_.size()));
     must("create requests", requests_.back() ? 0 : -ENOMEM);
     must("create requests", requests_.back()->addBuffer(setup_.stream, buffer.get()));
@@ -226,16 +198,16 @@ CameraBuffer LibcameraStream::Capture::lend(Request& request) {
   lent.stamp_ns = stamp_ns_of(request.metadata(), frame);
   lent.exposure_ns = exposure_ns_of(request.metadata());
   lent.is_corrupt = frame.status == libcamera::FrameMetadata::FrameError;
-  const Mappings& mappings = mappings_[lent.index];
-  synchronise(buffer, mappings.size(), DMA_BUF_SYNC_START);
-  lent.data = filled(buffer, mappings, 0);
-  lent.chroma = {filled(buffer, mappings, 1), filled(buffer, mappings, 2)};
+  const LibcameraPlanes& planes = planes_[lent.index];
+  planes.begin_reading();
+  lent.data = filled(buffer, planes, 0);
+  lent.chroma = {filled(buffer, planes, 1), filled(buffer, planes, 2)};
   return lent;
 }
 
 std::optional<Error> LibcameraStream::Capture::give_back(std::size_t index) {
   Request& request = *requests_[index];
-  synchronise(*request.findBuffer(setup_.stream), mappings_[index].size(), DMA_BUF_SYNC_END);
+  planes_[index].end_reading();
   request.reuse(Request::ReuseBuffers);
   const int status = camera_->queueRequest(&request);
   if (status == 0) return std::nullopt;

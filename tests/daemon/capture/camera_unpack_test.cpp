@@ -104,6 +104,13 @@ TEST(CameraUnpack, InColourPaddingIsLeftOutAndPlanesMayLieApart) {
   EXPECT_THAT(pixels_of(apart), ElementsAre(0, 1, 2, 3, 6, 7, 8, 9, 90, 91, 92, 93));
 }
 
+TEST(CameraUnpack, InColourPaddedPlanesMayFollowTheLumaInOneBuffer) {
+  const auto yuv420 = unpack(color_mode(CameraFormat::kYuv420, 6), counting(18));
+  EXPECT_THAT(pixels_of(yuv420), ElementsAre(0, 1, 2, 3, 6, 7, 8, 9, 12, 13, 15, 16));
+  EXPECT_EQ(unpack(color_mode(CameraFormat::kYuv420, 6), counting(17)).defect, "");
+  EXPECT_NE(unpack(color_mode(CameraFormat::kYuv420, 6), counting(16)).defect, "");
+}
+
 TEST(CameraUnpack, InColourTheLastOddColumnAndRowAreRepeated) {
   CameraMode odd = color_mode(CameraFormat::kYuv420, 3);
   odd.width_px = 3;
