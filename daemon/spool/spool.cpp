@@ -17,7 +17,7 @@ using std::chrono::seconds;
 constexpr std::uint64_t kMinSegmentBytes = 1 << 20;
 constexpr std::uint64_t kMaxSegmentBytes = 64 << 20;
 constexpr std::uint64_t kSegments = 64;
-constexpr seconds kSyncInterval{5};
+constexpr seconds kSyncInterval{1};
 constexpr seconds kCursorInterval{1};
 constexpr seconds kRetryInterval{5};
 constexpr seconds kLogInterval{10};

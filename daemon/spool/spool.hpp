@@ -40,7 +40,7 @@ struct SpoolSettings {
 ///
 /// Thread-bound to `main`, which it never has wait for the disk: a thread `spool` of its own writes
 /// what add() brings, not faster than the rate, and reads ahead what next() hands out. After a kill
-/// or a power cut, all frames of the last sync are found again; the files are synced every 5 s.
+/// or a power cut, all frames of the last sync are found again; the files are synced every second.
 /// Those acknowledged in the last second before it are handed out once more.
 ///
 /// A disk that is full or fails costs frames, never the process: the spool tries again every 5 s.
