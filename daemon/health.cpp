@@ -42,10 +42,12 @@ void Health::tell(const wire::Report& report, const Sender& sender) {
   const auto rate = [seconds](std::uint64_t from, std::uint64_t to) {
     return static_cast<double>(to - std::min(from, to)) / seconds;
   };
-  service_.status(fmt::format(
-      "{:.1f} frames/s captured, {:.1f} delivered; buffer {} of {}; link {}",
-      rate(before.captured, stats.captured), rate(before.acknowledged, stats.acknowledged),
-      stats.waiting, report.capacity, describe(sender.link())));
+  const auto spooled = sender.spooled();
+  service_.status(
+      fmt::format("{:.1f} frames/s captured, {:.1f} delivered; buffer {} of {}{}; link {}",
+                  rate(before.captured, stats.captured),
+                  rate(before.acknowledged, stats.acknowledged), stats.waiting, report.capacity,
+                  spooled ? fmt::format("; spool {}", *spooled) : "", describe(sender.link())));
 }
 
 void Health::feed_if_moving() {

@@ -212,7 +212,10 @@ class SessionCheck {
   /// drop record, at least in the robot's own, which it writes before it sends.
   void check_killed() {
     captured_ = std::max(captured_, frames_seen());
-    const Frame reach = delivered_.empty() ? 0 : *delivered_.rbegin() + 1;
+    Frame reach = 0;  // of the live stream
+    for (const Frame frame : delivered_) {
+      if (!late_.contains(frame)) reach = frame + 1;
+    }
     for (Frame frame = 0; frame < captured_; ++frame) {
       if (not_late_.contains(frame)) {
         // In the memory of the process, and not yet on its disk.
@@ -223,7 +226,8 @@ class SessionCheck {
         }
       }
       if (is_recorded(frame)) continue;
-      if (frame < reach && !robots_drops_.contains(frame)) {
+      const bool should_be_spooled = session_.has_spool && frame + kAtRisk < captured_;
+      if (should_be_spooled || (frame < reach && !robots_drops_.contains(frame))) {
         problem(result_.lost, "frame " + std::to_string(frame));
       } else {
         ++result_.died_with_robot;

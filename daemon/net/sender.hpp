@@ -49,6 +49,10 @@ class Sender final : private ServerLink::Owner {
   void set_clock_offset(std::chrono::nanoseconds offset) { clock_offset_ = offset; }
 
   const ServerLink& link() const { return link_; }
+  /// Frames in the spool; nothing without one.
+  std::optional<std::uint64_t> spooled() const {
+    return backfill_ ? std::optional(backfill_->stats().frames) : std::nullopt;
+  }
   void reload_tls() { link_.reload_tls(); }
 
   /// No more frames will come: delivers what waits, for at most drain_timeout, gives up the rest by
