@@ -67,7 +67,8 @@ one_side() {
   local spool=() first port robot session ended
   trap rig_down EXIT
   rig_up
-  shape "$(cat "$shared/mbit")"
+  # Not `shape`: its bucket of 32 KB would give a live frame what the gap before it has saved.
+  tc -n "$robot_ns" qdisc replace dev wire root tbf rate "$(cat "$shared/mbit")mbit" burst 4kb latency 100ms
   [ "$side" = without ] || spool=("spool.path=$work/spool")
   start server "${on_server[@]}" "$build/server/orbbuf-server" --set "listen.address=$ADDRESS_cubic:0" \
     --set listen.insecure=true --set "files.path=$work/data"

@@ -140,5 +140,39 @@ TEST_F(ChaosCheck, OneUnfinishedImageMayBeLeftOfAKilledRobot) {
   EXPECT_EQ(result().unexplained, 1U);
 }
 
+TEST_F(ChaosCheck, AFrameThatCameLateIsDeliveredAndNamedAsLate) {
+  session_.has_spool = true;
+  add_image(3);
+  write_file(session_.files / "times.txt",
+             "0 0.0 1\n1 0.1 1\n2 0.2 1\n3 0.3 1\n4 0.4 1\n5 0.5 1\n");
+  write_file(session_.files / "late.csv", "head\n3,0.3,1,0,,9.0\n");
+  EXPECT_EQ(result().unexplained, 1U) << "the drop record does not say so";
+  write_drops("3,late,0.3\n");
+  EXPECT_EQ(result().problems, std::vector<std::string>());
+  EXPECT_EQ(result().late, 1U);
+  EXPECT_EQ(result().delivered, 6U);
+  write_file(session_.files / "late.csv", "head\n3,0.3,1,0,,9.0\n3,0.3,1,0,,9.1\n");
+  EXPECT_EQ(result().repeated, 1U);
+}
+
+TEST_F(ChaosCheck, WithASpoolAFrameThatWasDroppedAndNeverCameIsLost) {
+  session_.has_spool = true;
+  EXPECT_EQ(result().lost, 1U);
+  write_drops("3,busy,0.3\n");
+  write_file(session_.drop_log, read_file(session_.files / "drops.csv"));
+  EXPECT_EQ(result().lost, 0U);
+}
+
+TEST_F(ChaosCheck, OfAKilledRobotOnlyItsLastFramesMayBeMissingFromTheSpool) {
+  session_.has_spool = true;
+  kill();
+  EXPECT_EQ(result().lost, 0U);
+  EXPECT_EQ(result().died_with_robot, 3U);  // frame 3, and two more
+  write_file(session_.log,
+             "now info [main] captured 200 skipped 0 failed 0 dropped 1 acknowledged 3 waiting 196 "
+             "in flight 0, no connection\n");
+  EXPECT_EQ(result().lost, 95U);  // 3 and 6 to 99
+}
+
 }  // namespace
 }  // namespace orbbuf::chaos
