@@ -25,6 +25,17 @@ const std::string& string_of(const Setting& setting, std::string_view key,
   return value->get();
 }
 
+std::vector<std::string> strings_of(const Setting& setting, std::string_view key,
+                                    std::string_view expected) {
+  const auto* const array = setting.node->as_array();
+  if (array == nullptr) refuse_type(setting, key, expected);
+  std::vector<std::string> got;
+  for (const toml::node& element : *array) {
+    got.push_back(string_of({&element, setting.where, false}, key, expected));
+  }
+  return got;
+}
+
 }  // namespace
 
 struct ConfigReader::State : ConfigSource {
@@ -56,13 +67,16 @@ std::vector<std::string> ConfigReader::texts(std::string_view key) {
   if (setting->is_override && setting->node->is_string()) {
     return {string_of(*setting, key, kExpected)};
   }
-  const auto* const array = setting->node->as_array();
-  if (array == nullptr) refuse_type(*setting, key, kExpected);
-  std::vector<std::string> got;
-  for (const toml::node& element : *array) {
-    got.push_back(string_of({&element, setting->where, false}, key, kExpected));
-  }
-  return got;
+  return strings_of(*setting, key, kExpected);
+}
+
+std::vector<std::string> ConfigReader::one_or_more_texts(std::string_view key,
+                                                         const std::vector<std::string>& fallback) {
+  constexpr std::string_view kExpected = "a string or an array of strings";
+  const auto setting = state_->ask(key);
+  if (!setting) return fallback;
+  if (setting->node->is_string()) return {string_of(*setting, key, kExpected)};
+  return strings_of(*setting, key, kExpected);
 }
 
 bool ConfigReader::flag(std::string_view key, bool fallback) {

@@ -40,6 +40,9 @@ class ConfigReader {
   std::string text(std::string_view key, std::string_view fallback);
   /// An array of strings; none by default. An override may be one bare word.
   std::vector<std::string> texts(std::string_view key);
+  /// A string, or an array of strings.
+  std::vector<std::string> one_or_more_texts(std::string_view key,
+                                             const std::vector<std::string>& fallback);
   bool flag(std::string_view key, bool fallback);
   std::int64_t integer(std::string_view key, std::int64_t fallback, std::int64_t min,
                        std::int64_t max);

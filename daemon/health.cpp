@@ -19,7 +19,7 @@ constexpr std::chrono::seconds kTellInterval{1};
 
 std::string describe(const ServerLink& link) {
   if (link.is_stalled()) return "stalled";
-  if (link.is_connected()) return "connected";
+  if (link.is_connected()) return "connected to " + to_string(link.server());
   if (link.last_error().empty()) return "connecting";
   return "no connection: " + link.last_error();
 }

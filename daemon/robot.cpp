@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/robot.hpp"
 
+#include <spdlog/fmt/ranges.h>
 #include <spdlog/spdlog.h>
 
 #include <boost/asio/io_context.hpp>
@@ -11,7 +12,9 @@
 #include <cstdint>
 #include <limits>
 #include <optional>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include "common/service_status.hpp"
 #include "daemon/capture/make_source.hpp"
@@ -68,8 +71,10 @@ wire::Hello make_hello(const Settings& settings) {
   hello.session_id = new_session_id();
   hello.software = "orbbufd " ORBBUF_VERSION;
   hello.calibration = settings.calibration;
+  std::vector<std::string> names;
+  for (const Address& server : settings.link.servers) names.push_back(to_string(server));
   spdlog::info("robot {}, session {}, policy {}, server {}", hello.robot_id, hello.session_id,
-               settings.buffer.policy, to_string(settings.link.server));
+               settings.buffer.policy, fmt::join(names, ", "));
   return hello;
 }
 

@@ -167,11 +167,27 @@ void read_interfaces(ConfigReader& config, LinkSettings& link) {
       config.duration("link.return_after", link.return_after, milliseconds(0), hours(24));
 }
 
+void read_servers(ConfigReader& config, std::vector<Address>& servers) {
+  constexpr std::size_t kMost = 8;
+  const auto texts = config.one_or_more_texts("link.server", {to_string(servers.front())});
+  servers.clear();
+  for (const std::string& text : texts) {
+    const auto server = parse_address(text);
+    if (!server) config.fail("link.server", server.error().text);
+    if (server.value().port == 0) config.fail("link.server", "port must not be 0");
+    if (std::ranges::find(servers, server.value()) != servers.end()) {
+      config.fail("link.server", "names a server twice: " + text);
+    }
+    servers.push_back(server.value());
+  }
+  if (servers.empty()) config.fail("link.server", "names no server");
+  if (servers.size() > kMost) {
+    config.fail("link.server", "more than " + std::to_string(kMost) + " servers");
+  }
+}
+
 void read_link(ConfigReader& config, LinkSettings& link) {
-  const auto server = parse_address(config.text("link.server", to_string(link.server)));
-  if (!server) config.fail("link.server", server.error().text);
-  link.server = server.value();
-  if (link.server.port == 0) config.fail("link.server", "port must not be 0");
+  read_servers(config, link.servers);
   read_interfaces(config, link);
   link.attempt_interval =
       config.duration("link.attempt_interval", link.attempt_interval, milliseconds(20), hours(1));

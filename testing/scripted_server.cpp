@@ -30,13 +30,21 @@ void ScriptedServer::accept_beside() {
   accept();
 }
 
-wire::Hello ScriptedServer::welcome(const wire::Position& position) {
-  accept();
-  const Message message = read(wire::Type::kHello);
-  auto hello = wire::parse_hello(message.header, message.body);
+wire::Hello ScriptedServer::accept_hello() {
+  std::optional<Message> message;
+  while (!message) {
+    accept();
+    message = read_any();
+  }
+  auto hello = wire::parse_hello(message->header, message->body);
   if (!hello) throw std::runtime_error(hello.error().text);
-  send(wire::encode(wire::Welcome{wire::kProtocolVersion, position}));
   return hello.value();
+}
+
+wire::Hello ScriptedServer::welcome(const wire::Position& position) {
+  wire::Hello hello = accept_hello();
+  send(wire::encode(wire::Welcome{wire::kProtocolVersion, position}));
+  return hello;
 }
 
 std::optional<Message> ScriptedServer::read_any() {
@@ -75,5 +83,10 @@ void ScriptedServer::ack(const wire::Position& position, std::optional<Sequence>
 }
 
 void ScriptedServer::close() { socket_.close(); }
+
+void ScriptedServer::die() {
+  acceptor_.close();
+  socket_.close();
+}
 
 }  // namespace orbbuf::test

@@ -32,7 +32,9 @@ class ScriptedServer {
   void accept();
   /// Takes the next connection; the one before stays open, and silent.
   void accept_beside();
-  /// accept(), hello, welcome.
+  /// Takes the next connection on which the robot says hello: those of other attempts it closes.
+  wire::Hello accept_hello();
+  /// accept_hello(), welcome.
   wire::Hello welcome(const wire::Position& position);
 
   /// The next message; nothing once the peer has closed.
@@ -45,6 +47,8 @@ class ScriptedServer {
   /// received: all that is acknowledged, unless the test says more.
   void ack(const wire::Position& position, std::optional<Sequence> received = std::nullopt);
   void close();
+  /// As a program that is killed: ends the connection, and takes no more.
+  void die();
 
  private:
   boost::asio::io_context io_;

@@ -8,6 +8,7 @@
 #   path      the same over round trips of up to 2 s, plain and under TLS
 #   name      the same with a name server behind the outage, and SIGTERM in the middle of a lookup
 #   failover  how soon frames come over the second of two links when one fails
+#   servers   how soon frames come at the second of two servers when the first is killed, or cut off
 #   cost      what attempts to connect send while the link is down
 #   lte       over recorded mobile links: how many attempts there are, and what they cost
 #   slow      64 kbit/s, and a queue of 2 s that others keep full
@@ -17,7 +18,7 @@
 # Usage: bench/link/run.sh BUILD_FOLDER [--full|--quick] [--seed N] [--only PART[,PART...]]
 #          [--outages SECONDS[,SECONDS...]] [--repeats N] [--round-trips MS[,MS...]] [--seconds N]
 # --full repeats the long outages twenty times too, --quick is a look. --outages and --repeats are for
-# the outages of the parts; --repeats for the failures of `failover`, too; --round-trips for `path`;
+# the outages of the parts; --repeats for the failures of `failover` and `servers`, too; --round-trips for `path`;
 # --seconds for each link of `lte`. The traces are in $ORBBUF_TRACES.
 set -euo pipefail
 build=$(cd "$1" && pwd)
@@ -54,6 +55,8 @@ RANDOM=$seed
 . "$here/path.sh"
 # shellcheck source=bench/link/failover.sh
 . "$here/failover.sh"
+# shellcheck source=bench/link/servers.sh
+. "$here/servers.sh"
 # shellcheck source=bench/link/lte.sh
 . "$here/lte.sh"
 # shellcheck source=bench/link/slow.sh
@@ -75,6 +78,7 @@ wants() { [ -z "$only" ] || [[ ,$only, == *,$1,* ]]; }
 ! wants path || paths "${path_plan[@]}"
 ! wants name || names "$name_repeats"
 ! wants failover || failovers "$failovers"
+! wants servers || lost_servers "$failovers"
 ! wants cost || attempt_cost
 ! wants lte || mobile_links "$lte_seconds"
 ! wants slow || slow_link

@@ -37,7 +37,9 @@ class AttemptPace {
   void on_round_trip(Duration round_trip) { round_trip_ = round_trip; }
 
   /// When to begin the next attempt; may have passed.
-  Time next(Time now) { return attempt_ + interval(now) * extra_(random_) / kHundred; }
+  Time next(Time now) { return attempt_ + slowed(interval(now)) * extra_(random_) / kHundred; }
+  /// The same for another server, which has not refused the robot.
+  Time next_elsewhere(Time now) { return attempt_ + interval(now) * extra_(random_) / kHundred; }
   /// When to begin the first attempt after a connection broke: up to one interval later, at random.
   Time first(Time now) { return std::max(soonest(), now + shortest_ * part_(random_) / kHundred); }
 
@@ -52,6 +54,7 @@ class AttemptPace {
   static constexpr int kHundred = 100;
 
   Duration interval(Time now) const;
+  Duration slowed(Duration interval) const;
 
   const Duration shortest_;
   const unsigned at_once_;

@@ -5,7 +5,9 @@
 
 #include <boost/asio/post.hpp>
 #include <cstring>
+#include <map>
 #include <mutex>
+#include <string>
 #include <system_error>
 #include <thread>
 #include <utility>
@@ -52,11 +54,10 @@ struct NameLookup::Shared {
   std::mutex mutex;
   asio::io_context* io;  // null: nothing waits for an answer any more; guarded by mutex
   Found found;           // of the io_context's thread, like the rest
-  int pending = 0;
+  std::map<std::string, int> pending;  // by HOST:PORT; none is 0
 };
 
-NameLookup::NameLookup(asio::io_context& io, Address server, Found found)
-    : server_(std::move(server)), shared_(std::make_shared<Shared>()) {
+NameLookup::NameLookup(asio::io_context& io, Found found) : shared_(std::make_shared<Shared>()) {
   shared_->io = &io;
   shared_->found = std::move(found);
 }
@@ -67,24 +68,25 @@ NameLookup::~NameLookup() {
   shared_->io = nullptr;
 }
 
-void NameLookup::start() {
-  if (shared_->pending == kMostAtOnce) return;
-  const auto look_up = [shared = shared_, server = server_] {
+void NameLookup::start(const Address& server) {
+  const std::string name = to_string(server);
+  if (shared_->pending[name] == kMostAtOnce) return;
+  const auto look_up = [shared = shared_, server, name] {
     name_this_thread("lookup");
     auto result = resolve(server);
     const std::lock_guard lock(shared->mutex);
     if (shared->io == nullptr) return;
-    asio::post(*shared->io, [shared, result = std::move(result)] {
-      --shared->pending;
-      if (shared->found) shared->found(result);
+    asio::post(*shared->io, [shared, server, name, result = std::move(result)] {
+      if (--shared->pending[name] == 0) shared->pending.erase(name);
+      if (shared->found) shared->found(server, result);
     });
   };
   try {
     std::thread(look_up).detach();
-    ++shared_->pending;
+    ++shared_->pending[name];
   } catch (const std::system_error& error) {
-    asio::post(*shared_->io, [shared = shared_, why = failure(server_, error.what())] {
-      if (shared->found) shared->found(why);
+    asio::post(*shared_->io, [shared = shared_, server, why = failure(server, error.what())] {
+      if (shared->found) shared->found(server, why);
     });
   }
 }

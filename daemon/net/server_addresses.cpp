@@ -8,45 +8,157 @@
 namespace orbbuf {
 namespace {
 
+using namespace std::chrono_literals;
+
 constexpr std::size_t kTurns = 4;  // of which all but one are the good address's
+constexpr auto kRecent = 10s;      // an older answer says nothing about the link as it is now
+
+/// The one of `servers` with that name; null if there is none.
+template <class Servers>
+auto* find(Servers& servers, const Address& name) {
+  const auto found =
+      std::ranges::find_if(servers, [&](const auto& server) { return server.name == name; });
+  return found == servers.end() ? nullptr : &*found;
+}
 
 }  // namespace
 
-ServerAddresses::ServerAddresses(Address server) : server_(std::move(server)) {
-  if (const auto endpoint = numeric()) all_.push_back(*endpoint);
-  is_numeric_ = !all_.empty();
+ServerAddresses::Server::Server(Address named) : name(std::move(named)) {
+  if (const auto endpoint = numeric()) all.push_back(*endpoint);
+  is_numeric = !all.empty();
 }
 
-std::optional<ServerAddresses::Endpoint> ServerAddresses::numeric() const {
+std::optional<ServerAddresses::Endpoint> ServerAddresses::Server::numeric() const {
   boost::system::error_code is_name;
-  const auto address = boost::asio::ip::make_address(server_.host, is_name);
+  const auto address = boost::asio::ip::make_address(name.host, is_name);
   if (is_name) return std::nullopt;
-  return Endpoint(address, server_.port);
+  return Endpoint(address, name.port);
 }
 
-bool ServerAddresses::found(std::vector<Endpoint> endpoints) {
-  const auto known = std::exchange(all_, std::move(endpoints));
-  const auto news = std::ranges::find_if(all_, [&](const Endpoint& endpoint) {
+bool ServerAddresses::Server::found(const std::vector<Endpoint>& endpoints) {
+  const auto known = std::exchange(all, endpoints);
+  const auto news = std::ranges::find_if(all, [&](const Endpoint& endpoint) {
     return std::ranges::find(known, endpoint) == known.end();
   });
-  const bool is_new = news != all_.end();
+  const bool is_new = news != all.end();
   if (is_new) {  // it is next
-    other_ = static_cast<std::size_t>(news - all_.begin());
-    turn_ = kTurns - 1;
+    other = static_cast<std::size_t>(news - all.begin());
+    turn = kTurns - 1;
   }
-  if (good_ && std::ranges::find(all_, *good_) == all_.end()) all_.push_back(*good_);
+  if (good && std::ranges::find(all, *good) == all.end()) all.push_back(*good);
   return is_new;
 }
 
-void ServerAddresses::welcomed_at(const Endpoint& endpoint) {
-  good_ = endpoint;
-  turn_ = 0;
+ServerAddresses::Endpoint ServerAddresses::Server::next() {
+  if (const auto endpoint = numeric()) return *endpoint;
+  if (good && ++turn % kTurns != 0) return *good;
+  return all[other++ % all.size()];
 }
 
-ServerAddresses::Endpoint ServerAddresses::next() {
-  if (const auto endpoint = numeric()) return *endpoint;
-  if (good_ && ++turn_ % kTurns != 0) return *good_;
-  return all_[other_++ % all_.size()];
+ServerAddresses::ServerAddresses(std::vector<Address> servers) : configured_(servers.size()) {
+  for (Address& server : servers) servers_.emplace_back(std::move(server));
+}
+
+std::vector<Address> ServerAddresses::names() const {
+  std::vector<Address> names;
+  for (const Server& server : servers_) {
+    if (!server.is_numeric) names.push_back(server.name);
+  }
+  return names;
+}
+
+bool ServerAddresses::is_empty() const {
+  return std::ranges::all_of(servers_, [](const Server& server) { return server.all.empty(); });
+}
+
+bool ServerAddresses::is_known(const Address& server) const {
+  const auto* const known = find(servers_, server);
+  return known != nullptr && !known->all.empty();
+}
+
+bool ServerAddresses::found(const Address& server, const std::vector<Endpoint>& endpoints) {
+  auto* const named = find(servers_, server);  // null: forgotten meanwhile
+  return named != nullptr && named->found(endpoints);
+}
+
+void ServerAddresses::welcomed_at(const ServerAddress& address) {
+  if (auto* const server = find(servers_, address.server)) {
+    server->good = address.endpoint;
+    server->turn = 0;
+  }
+  preferred_ = address.server;
+  answered_.reset();
+  forget_failures();
+}
+
+void ServerAddresses::move_to(const Address& server) {
+  if (find(servers_, server) == nullptr) {
+    if (servers_.size() > configured_) servers_.pop_back();
+    servers_.emplace_back(server);
+  }
+  find(servers_, server)->has_failed = false;
+  preferred_ = server;
+  answered_.reset();
+}
+
+void ServerAddresses::failed(const Address& server, Time ready) {
+  if (preferred_ == server) preferred_.reset();
+  auto* const named = find(servers_, server);
+  if (named == nullptr) return;
+  named->has_failed = true;
+  named->ready = ready;
+  turn_ = static_cast<std::size_t>(named - servers_.data()) + 1;
+}
+
+void ServerAddresses::forget_failures() {
+  for (Server& server : servers_) server.has_failed = false;
+}
+
+bool ServerAddresses::have_all_failed() const {
+  return std::ranges::all_of(servers_, &Server::has_failed);
+}
+
+bool ServerAddresses::is_any_ready(Time now) const {
+  return std::ranges::any_of(
+      servers_, [&](const Server& server) { return !server.has_failed || server.ready <= now; });
+}
+
+ServerAddresses::Server* ServerAddresses::next_in_turn(Time now, const Server* except) {
+  Server* chosen = nullptr;
+  const auto wait = [now](const Server& server) {
+    return server.has_failed && server.ready > now ? server.ready - now : Time::duration(0);
+  };
+  for (std::size_t i = 0; i < servers_.size(); ++i) {
+    Server& server = servers_[(turn_ + i) % servers_.size()];
+    if (&server == except || server.all.empty()) continue;
+    if (chosen == nullptr || wait(server) < wait(*chosen)) chosen = &server;
+  }
+  if (chosen != nullptr) turn_ = static_cast<std::size_t>(chosen - servers_.data()) + 1;
+  return chosen;
+}
+
+ServerAddress ServerAddresses::next_of(Server& server) { return {server.name, server.next()}; }
+
+ServerAddress ServerAddresses::next(Time now) {
+  if (preferred_ && is_known(*preferred_)) return next_of(*find(servers_, *preferred_));
+  return next_of(*next_in_turn(now, nullptr));
+}
+
+std::optional<ServerAddress> ServerAddresses::next_beside(Time now) {
+  if (!preferred_ || !is_known(*preferred_)) return std::nullopt;
+  Server* const other = next_in_turn(now, find(servers_, *preferred_));
+  if (other == nullptr || (other->has_failed && other->ready > now)) return std::nullopt;
+  return next_of(*other);
+}
+
+bool ServerAddresses::is_wanted(const Address& server, Time now,
+                                std::chrono::nanoseconds round_trip) {
+  if (!preferred_ || preferred_ == server) return true;
+  if (!answered_ || now - *answered_ > kRecent) {
+    answered_ = now;
+    return false;
+  }
+  return now - *answered_ >= round_trip;
 }
 
 }  // namespace orbbuf

@@ -28,8 +28,7 @@ constexpr std::chrono::seconds kLongestRetransmission{4};
 ServerConnection::ServerConnection(asio::io_context& io, TlsContext* tls, Owner& owner)
     : stream_(asio::ip::tcp::socket(io), tls), owner_(&owner) {}
 
-void ServerConnection::open(const Way& way, const std::string& host, const wire::Hello& hello,
-                            std::uint32_t unsent_limit) {
+void ServerConnection::open(const Way& way, const wire::Hello& hello, std::uint32_t unsent_limit) {
   way_ = way;
   message_ = wire::encode(hello);
   if (const auto failed = prepare_socket()) {
@@ -38,10 +37,10 @@ void ServerConnection::open(const Way& way, const std::string& host, const wire:
     });
   }
   stream_.socket().async_connect(
-      way.server, [self = shared_from_this(), host, unsent_limit](const error_code& error) {
+      way.to.endpoint, [self = shared_from_this(), unsent_limit](const error_code& error) {
         if (!self->owner_) return;
         if (error) return self->fail("cannot connect" + self->way_.over(), error);
-        self->on_connected(host, unsent_limit);
+        self->on_connected(unsent_limit);
       });
 }
 
@@ -50,17 +49,17 @@ std::optional<Error> ServerConnection::prepare_socket() {
   using MaxSegment = asio::detail::socket_option::integer<IPPROTO_TCP, TCP_MAXSEG>;
   if (way_.largest_segment == 0 && way_.interface.empty()) return std::nullopt;
   error_code failed;
-  stream_.socket().open(way_.server.protocol(), failed);
+  stream_.socket().open(way_.to.endpoint.protocol(), failed);
   if (failed) return Error{"cannot open a socket: " + failed.message()};
   if (way_.largest_segment > 0) {
     stream_.socket().set_option(MaxSegment(way_.largest_segment), failed);  // as well as it can
   }
   if (way_.interface.empty()) return std::nullopt;
-  return bind_interface(stream_.socket().native_handle(), way_.server.protocol().family(),
+  return bind_interface(stream_.socket().native_handle(), way_.to.endpoint.protocol().family(),
                         way_.interface);
 }
 
-void ServerConnection::on_connected(const std::string& host, std::uint32_t unsent_limit) {
+void ServerConnection::on_connected(std::uint32_t unsent_limit) {
   auto& socket = stream_.socket();
   error_code error;
   socket.set_option(asio::ip::tcp::no_delay(true), error);
@@ -73,12 +72,13 @@ void ServerConnection::on_connected(const std::string& host, std::uint32_t unsen
   owner_->on_step(*this);
   if (!owner_) return;
   if (!stream_.is_tls()) return say_hello();
-  stream_.async_handshake_as_robot(host, [self = shared_from_this()](const error_code& failed) {
-    if (!self->owner_) return;
-    if (failed) return self->fail("no TLS", failed);
-    self->owner_->on_step(*self);
-    if (self->owner_) self->say_hello();
-  });
+  stream_.async_handshake_as_robot(way_.to.server.host,
+                                   [self = shared_from_this()](const error_code& failed) {
+                                     if (!self->owner_) return;
+                                     if (failed) return self->fail("no TLS", failed);
+                                     self->owner_->on_step(*self);
+                                     if (self->owner_) self->say_hello();
+                                   });
 }
 
 void ServerConnection::say_hello() {
@@ -185,14 +185,24 @@ void ServerConnection::dispatch(const wire::Header& header) {
   } else if (header.type == wire::Type::kError) {
     const auto refusal = wire::parse_error(header, body_);
     if (!accept(refusal)) return;
-    const auto code = refusal.value().code;
-    const Error why{"the server says: " + refusal.value().text};
-    return code == wire::ErrorCode::kReplaced || code == wire::ErrorCode::kTimeout ? fail(why)
-                                                                                   : refuse(why);
+    return on_error(refusal.value());
   } else {
     return fail({"the server sent an unexpected " + std::string(to_string(header.type))});
   }
   if (owner_) read_header();
+}
+
+void ServerConnection::on_error(const wire::ErrorMessage& error) {
+  const Error why{"the server says: " + error.text};
+  if (error.code == wire::ErrorCode::kReplaced || error.code == wire::ErrorCode::kTimeout) {
+    return fail(why);
+  }
+  if (error.code != wire::ErrorCode::kMoved) return refuse(why);
+  const auto to = parse_address(error.text);
+  if (!to) return refuse({"the server moves this robot to no address: " + to.error().text});
+  if (to.value().port == 0) return refuse({"the server moves this robot to port 0: " + error.text});
+  moved_to_ = to.value();
+  refuse({"the server moves this robot to " + to_string(*moved_to_)});
 }
 
 std::optional<TcpProgress> ServerConnection::progress() {

@@ -14,6 +14,7 @@
 #include "common/frame.hpp"
 #include "common/net/stream.hpp"
 #include "common/wire.hpp"
+#include "daemon/net/server_addresses.hpp"
 #include "daemon/net/tcp_progress.hpp"
 
 namespace orbbuf {
@@ -51,12 +52,14 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   };
 
   struct Way {
-    boost::asio::ip::tcp::endpoint server;
+    ServerAddress to;
     std::string interface;    ///< as bind_interface() takes it; empty: the kernel's choice
     int largest_segment = 0;  ///< in bytes, either way; 0: as the interface has it
 
     /// For messages: " over INTERFACE", or nothing.
     std::string over() const { return interface.empty() ? "" : " over " + interface; }
+    /// For messages: "HOST:PORT over INTERFACE", or "HOST:PORT".
+    std::string name() const { return to_string(to.server) + over(); }
     bool operator==(const Way&) const = default;
   };
 
@@ -64,10 +67,9 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   /// io_context's last run.
   ServerConnection(boost::asio::io_context& io, TlsContext* tls, Owner& owner);
 
-  /// Connects by `way` to the server, which under TLS must prove to be `host`, and says `hello`.
-  /// From then on the kernel keeps at most about `unsent_limit` bytes unsent.
-  void open(const Way& way, const std::string& host, const wire::Hello& hello,
-            std::uint32_t unsent_limit);
+  /// Connects by `way` to the server, which under TLS must prove to be way.to.server.host, and says
+  /// `hello`. From then on the kernel keeps at most about `unsent_limit` bytes unsent.
+  void open(const Way& way, const wire::Hello& hello, std::uint32_t unsent_limit);
 
   /// Where it goes, since open().
   const Way& way() const { return way_; }
@@ -79,6 +81,8 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   /// The server's side answered and wants no connection with this robot: its error says so, or the
   /// certificates do not fit. There is no use in asking again at once.
   bool was_refused() const { return was_refused_; }
+  /// Where the server that refused the robot sends it, if it does.
+  const std::optional<Address>& moved_to() const { return moved_to_; }
 
   /// From then on the server may have given this connection the place of an older one.
   bool has_said_hello() const { return has_said_hello_; }
@@ -98,7 +102,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   using FrameHead = std::array<std::uint8_t, wire::kHeaderBytes + wire::kFrameMetaBytes>;
 
   std::optional<Error> prepare_socket();
-  void on_connected(const std::string& host, std::uint32_t unsent_limit);
+  void on_connected(std::uint32_t unsent_limit);
   void say_hello();
   void wait_writable();
   void on_written(const boost::system::error_code& error);
@@ -110,11 +114,13 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   void fail(const Error& error);
   void fail(const std::string& attempt, const boost::system::error_code& error);
   void refuse(const Error& error);
+  void on_error(const wire::ErrorMessage& error);
 
   Stream stream_;
   Owner* owner_;  // null once closed
   Way way_;
   bool was_refused_ = false;
+  std::optional<Address> moved_to_;
   bool is_writable_ = false;
   bool has_said_hello_ = false;
   bool is_welcome_ = false;

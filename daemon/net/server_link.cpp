@@ -26,11 +26,21 @@ constexpr seconds kShortestLookupInterval{2};
 constexpr seconds kLongestLookupInterval{30};
 constexpr int kLookupPartOfOutage = 30;
 constexpr std::size_t kMostErrors = 16;
+constexpr seconds kMovesInARow{5};
 
 Error no_answer(const ServerConnection& from) { return {"no answer" + from.way().over()}; }
 
 bool is_same_way(const ServerConnection::Way& one, const ServerConnection::Way& other) {
-  return one.server == other.server && one.interface == other.interface;
+  return one.to == other.to && one.interface == other.interface;
+}
+
+/// "a:7722, b:7722": of `servers` those that are not this machine's.
+std::string names_of_remote(const std::vector<Address>& servers) {
+  std::string names;
+  for (const Address& server : servers) {
+    if (!is_loopback(server)) names += (names.empty() ? "" : ", ") + to_string(server);
+  }
+  return names;
 }
 
 /// Of those that cannot be used now: an attempt over another may connect before they are tried.
@@ -59,8 +69,9 @@ ServerLink::ServerLink(asio::io_context& io, LinkSettings settings, wire::Hello 
       interfaces_(settings_.interfaces, settings_.return_after),
       pace_(settings_.attempt_interval / interfaces_.count(), kMostAttempts * interfaces_.count(),
             std::random_device{}()),
-      addresses_(settings_.server),
-      lookup_(io, settings_.server, [this](const auto& endpoints) { on_found(endpoints); }),
+      addresses_(settings_.servers),
+      lookup_(io,
+              [this](const auto& server, const auto& endpoints) { on_found(server, endpoints); }),
       news_(io, [this] { on_network_change(); }),
       attempt_timer_(io),
       watch_timer_(io) {}
@@ -68,11 +79,11 @@ ServerLink::ServerLink(asio::io_context& io, LinkSettings settings, wire::Hello 
 ServerLink::~ServerLink() { close(); }
 
 void ServerLink::start() {
-  if (!tls_ && !is_loopback(settings_.server)) {
+  if (const auto remote = names_of_remote(settings_.servers); !tls_ && !remote.empty()) {
     spdlog::warn(
         "link: plain TCP to {}: any host on the path can read and change the frames; "
         "docs/security.md says how to set up [tls]",
-        to_string(settings_.server));
+        remote);
   }
   warn_of_interfaces(settings_);
   begin_outage();
@@ -88,6 +99,7 @@ void ServerLink::switch_to(wire::Hello hello, Owner& owner) {
   state_ = State::kConnecting;
   known_errors_.clear();
   pace_.on_welcome();  // a refusal was of the other session
+  addresses_.forget_failures();
   begin_outage();
   attempt_at(Clock::now());
 }
@@ -134,19 +146,25 @@ void ServerLink::attempt_at(Clock::time_point time) {
 
 void ServerLink::attempt() {
   if (addresses_.is_empty()) return;  // on_found() goes on
-  make_room();
-  if (interfaces_.is_round_begin()) server_ = addresses_.next();
-  open({server_, interfaces_.next(), segment_size_.limit()});
   const auto now = Clock::now();
+  if (round_.empty() || interfaces_.is_round_begin()) {
+    round_ = {addresses_.next(now)};
+    if (auto beside = addresses_.next_beside(now)) round_.push_back(std::move(*beside));
+  }
+  const std::string& interface = interfaces_.next();
+  for (const ServerAddress& to : round_) {
+    make_room();
+    open({to, interface, segment_size_.limit()});
+  }
   pace_.on_attempt(now);
-  attempt_at(pace_.next(now));
+  attempt_at(addresses_.have_all_failed() ? pace_.next(now) : pace_.next_elsewhere(now));
 }
 
 void ServerLink::open(const ServerConnection::Way& way) {
   attempts_.push_back({std::make_shared<ServerConnection>(
                            io_, tls_.get(), static_cast<ServerConnection::Owner&>(*this)),
                        Clock::now()});
-  attempts_.back().connection->open(way, settings_.server.host, hello_,
+  attempts_.back().connection->open(way, hello_,
                                     static_cast<std::uint32_t>(settings_.unsent_bytes));
 }
 
@@ -154,12 +172,13 @@ void ServerLink::open(const ServerConnection::Way& way) {
 void ServerLink::probe() {
   close_attempts();
   interfaces_.on_probe(Clock::now());
-  open({connection_->way().server, interfaces_.preferred(), segment_size_.limit()});
+  open({connection_->way().to, interfaces_.preferred(), segment_size_.limit()});
 }
 
 /// Keeps the oldest attempt of each way: it is the one for a long round trip.
 void ServerLink::make_room() {
-  if (attempts_.size() < kMostAttempts * interfaces_.count()) return;
+  const std::size_t at_a_time = addresses_.count() > 1 ? 2 : 1;
+  if (attempts_.size() < kMostAttempts * interfaces_.count() * at_a_time) return;
   const auto spare = std::ranges::find_if(attempts_, [this](const Attempt& attempt) {
     const auto oldest = std::ranges::find_if(attempts_, [&](const Attempt& other) {
       return is_same_way(other.connection->way(), attempt.connection->way());
@@ -173,7 +192,7 @@ void ServerLink::give_up(std::vector<Attempt>::iterator attempt) {
   const auto connection = attempt->connection;
   connection->close();
   attempts_.erase(attempt);
-  note_failure(no_answer(*connection));
+  note_failure(connection->way().to.server, no_answer(*connection));
 }
 
 void ServerLink::close_attempts() {
@@ -183,17 +202,24 @@ void ServerLink::close_attempts() {
 }
 
 void ServerLink::look_up() {
-  if (addresses_.is_numeric()) return;
   lookup_time_ = Clock::now();
-  lookup_.start();
+  for (const Address& server : addresses_.names()) lookup_.start(server);
 }
 
-void ServerLink::on_found(const Result<NameLookup::Endpoints>& endpoints) {
+void ServerLink::on_found(const Address& server, const Result<NameLookup::Endpoints>& endpoints) {
   if (!endpoints) {
-    if (addresses_.is_empty()) note_failure(endpoints.error());
+    if (!addresses_.is_known(server)) on_not_found(server, endpoints.error());
     return;
   }
-  if (addresses_.found(endpoints.value()) && is_attempt_due()) attempt_at(pace_.soonest());
+  if (addresses_.found(server, endpoints.value()) && is_attempt_due()) {
+    attempt_at(pace_.soonest());
+  }
+}
+
+/// Beside a connection, too: the server is none that could take its place.
+void ServerLink::on_not_found(const Address& server, const Error& why) {
+  if (state_ != State::kConnected) return note_failure(server, why);
+  if (known_errors_.insert(to_string(server) + why.text).second) spdlog::warn("link: {}", why.text);
 }
 
 /// An interface has come up, or an address, or a route: as good as the link's return.
@@ -204,12 +230,13 @@ void ServerLink::on_network_change() {
   attempt_at(pace_.soonest());
 }
 
-void ServerLink::note_failure(const Error& why) {
+void ServerLink::note_failure(const Address& server, const Error& why) {
+  const std::string name = to_string(server);
   has_tried_ = true;
-  last_error_ = why.text;
+  last_error_ = addresses_.count() > 1 ? name + ": " + why.text : why.text;
   if (connection_ || known_errors_.size() == kMostErrors) return;
-  if (!known_errors_.insert(why.text).second) return;
-  spdlog::warn("link: no connection to {}: {}; trying on", to_string(settings_.server), why.text);
+  if (!known_errors_.insert(name + why.text).second) return;
+  spdlog::warn("link: no connection to {}: {}; trying on", name, why.text);
 }
 
 void ServerLink::on_failed(const ServerConnection& from, const Error& error) {
@@ -217,18 +244,57 @@ void ServerLink::on_failed(const ServerConnection& from, const Error& error) {
   if (&from == connection_.get()) return on_connection_lost(from, error);
   std::erase_if(attempts_, [&](const Attempt& one) { return one.connection.get() == &from; });
   if (state_ == State::kConnected) return interfaces_.on_probe_failed();
-  note_failure(error);
+  note_failure(from.way().to.server, error);
 }
 
 void ServerLink::on_candidate_failed(const Error& why) {
-  const bool was_refused = candidate_->was_refused();
-  candidate_->close();
-  candidate_.reset();
+  const auto failed = std::exchange(candidate_, nullptr);
+  failed->close();
   if (state_ == State::kConnected) return on_return_failed(why);
-  if (was_refused) pace_.on_refused(Clock::now());
-  note_failure(why);
-  attempt_at(pace_.next(Clock::now()));
-  if (was_refused) owner_->on_refused();
+  if (has_moved(*failed)) return;
+  note_failure(failed->way().to.server, why);
+  if (failed->was_refused()) {
+    on_refused(*failed);
+    return owner_->on_refused();
+  }
+  const auto now = Clock::now();
+  if (!candidate_watch_.is_stalled()) leave(failed->way().to.server, now);
+  attempt_at(pace_.next(now));
+}
+
+/// From now on others are tried, and this one not before `ready` if there are any.
+void ServerLink::leave(const Address& server, Clock::time_point ready) {
+  addresses_.failed(server, ready);
+  round_.clear();
+}
+
+/// The server has answered, and wants none of this robot: another one is tried at once.
+void ServerLink::on_refused(const ServerConnection& from) {
+  const auto now = Clock::now();
+  pace_.on_refused(now);
+  const auto ready = pace_.next(now);
+  leave(from.way().to.server, ready);
+  attempt_at(addresses_.is_any_ready(now) ? now : ready);
+}
+
+/// Whether `from` ended since its server sends the robot to another one, which it then goes to.
+bool ServerLink::has_moved(const ServerConnection& from) {
+  if (!from.moved_to()) return false;
+  const auto now = Clock::now();
+  if (moves_ == 0 || now - first_move_time_ > kMovesInARow) {
+    moves_ = 0;
+    first_move_time_ = now;
+  }
+  if (moves_ == kMostMoves) return false;
+  ++moves_;
+  has_tried_ = true;
+  const Address& to = *from.moved_to();
+  spdlog::info("link: {} moves this robot to {}", to_string(from.way().to.server), to_string(to));
+  addresses_.move_to(to);
+  round_.clear();
+  begin_outage();
+  attempt_at(addresses_.is_known(to) ? now : pace_.next_elsewhere(now));
+  return true;
 }
 
 /// The stream is where it was. It says nothing about attempts to come: something else may have
@@ -239,19 +305,18 @@ void ServerLink::on_return_failed(const Error& why) {
 }
 
 void ServerLink::on_connection_lost(const ServerConnection& from, const Error& why) {
-  const auto now = Clock::now();
-  const bool was_refused = from.was_refused();
   connection_.reset();
   const bool was_stalled = std::exchange(state_, State::kConnecting) == State::kStalled;
   owner_->on_disconnected();
-  spdlog::log(was_stalled || candidate_ ? spdlog::level::info : spdlog::level::warn,
-              "link: connection to {}{} lost: {}", to_string(settings_.server), from.way().over(),
-              why.text);
-  if (was_stalled) return;  // others are on their way already
+  spdlog::log(
+      was_stalled || candidate_ || from.moved_to() ? spdlog::level::info : spdlog::level::warn,
+      "link: connection to {} lost: {}", from.way().name(), why.text);
+  if (was_stalled && !from.moved_to()) return;  // others are on their way already
   interfaces_.start_over();
+  if (has_moved(from)) return;
   begin_outage();
-  if (was_refused) pace_.on_refused(now);
-  attempt_at(was_refused ? pace_.next(now) : pace_.first(now));
+  if (from.was_refused()) return on_refused(from);
+  attempt_at(pace_.first(Clock::now()));
 }
 
 void ServerLink::on_step(const ServerConnection& from) {
@@ -259,9 +324,23 @@ void ServerLink::on_step(const ServerConnection& from) {
     if (state_ == State::kConnected && !interfaces_.on_answer(Clock::now())) {
       return close_attempts();
     }
+    if (state_ != State::kConnected && !is_wanted(from)) return;
     promote(from);
   }
   step_time_ = Clock::now();
+}
+
+/// Else the attempt is closed: the link is there, and the server that is preferred may answer, too.
+bool ServerLink::is_wanted(const ServerConnection& answered) {
+  const auto now = Clock::now();
+  if (addresses_.is_wanted(answered.way().to.server, now, pace_.round_trip())) return true;
+  const auto found = std::ranges::find_if(
+      attempts_, [&](const Attempt& one) { return one.connection.get() == &answered; });
+  const auto closed = found->connection;
+  attempts_.erase(found);
+  closed->close();
+  attempt_at(pace_.soonest());
+  return false;
 }
 
 void ServerLink::promote(const ServerConnection& from) {
@@ -293,7 +372,8 @@ void ServerLink::on_welcome(const wire::Position& position) {
   close_attempts();
   state_ = State::kConnected;
   pace_.on_welcome();
-  addresses_.welcomed_at(connection_->way().server);
+  addresses_.welcomed_at(connection_->way().to);
+  moves_ = 0;
   interfaces_.on_connected(connection_->way().interface, Clock::now());
   last_error_.clear();
   known_errors_.clear();
@@ -302,7 +382,7 @@ void ServerLink::on_welcome(const wire::Position& position) {
   const auto progress = connection_->progress();
   segment_size_.on_welcome(progress ? progress->acked_bytes : 0);
   spdlog::info("link: connected to {}{}{}; its record of this session reaches frame {}",
-               to_string(settings_.server), tls_ ? " over TLS" : "", connection_->way().over(),
+               to_string(server()), tls_ ? " over TLS" : "", connection_->way().over(),
                position.next_sequence);
   owner_->on_connected(position);
 }
@@ -355,7 +435,9 @@ void ServerLink::check_attempts() {
     give_up(attempts_.begin());
   }
   if (addresses_.is_empty() && !has_tried_ && pace_.outage(now) > patience()) {
-    note_failure({"cannot resolve " + settings_.server.host + ": no answer"});
+    for (const Address& server : addresses_.names()) {
+      note_failure(server, {"cannot resolve " + server.host + ": no answer"});
+    }
   }
   const auto lookup_interval = std::clamp<std::chrono::nanoseconds>(
       pace_.outage(now) / kLookupPartOfOutage, kShortestLookupInterval, kLongestLookupInterval);
@@ -374,10 +456,8 @@ void ServerLink::check_connection() {
   if (state_ == State::kStalled || !connection_watch_.is_stalled()) return;
   state_ = State::kStalled;
   segment_size_.on_stall(progress->acked_bytes);
-  spdlog::warn(
-      "link: connection to {}{} stalled, nothing acknowledged for {:.1f} s; trying another",
-      to_string(settings_.server), connection_->way().over(),
-      to_seconds(connection_watch_.still_for()));
+  spdlog::warn("link: connection to {} stalled, nothing acknowledged for {:.1f} s; trying another",
+               connection_->way().name(), to_seconds(connection_watch_.still_for()));
   interfaces_.on_stall();
   begin_outage();
   attempt_at(Clock::now());
@@ -386,6 +466,7 @@ void ServerLink::check_connection() {
 void ServerLink::on_silence() {
   const auto silent = connection_;
   silent->close();
+  leave(silent->way().to.server, Clock::now());
   on_connection_lost(*silent, {fmt::format("the server has acknowledged no frame for {:.1f} s",
                                            to_seconds(ack_watch_.silent_for()))});
 }
@@ -398,7 +479,7 @@ void ServerLink::on_recovered() {
   close_attempts();
   if (candidate_) candidate_->close();
   candidate_.reset();
-  spdlog::info("link: connection to {} recovered", to_string(settings_.server));
+  spdlog::info("link: connection to {} recovered", to_string(server()));
 }
 
 }  // namespace orbbuf

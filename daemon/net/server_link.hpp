@@ -29,8 +29,9 @@ namespace orbbuf {
 
 /// `[link]` of orbbufd.toml.
 struct LinkSettings {
-  Address server{"127.0.0.1", 7722};
-  TlsSettings tls;  ///< `[tls]`; the server's certificate must be for server.host
+  /// The servers that may take the robot, at least one, all different: ServerAddresses.
+  std::vector<Address> servers{{"127.0.0.1", 7722}};
+  TlsSettings tls;  ///< `[tls]`; a server's certificate must be for the host of its address here
   /// Names of network interfaces, or source addresses, the preferred one first. Attempts go over
   /// each in turn. Empty: over the one that the kernel chooses.
   std::vector<std::string> interfaces;
@@ -72,9 +73,10 @@ struct LinkSettings {
 /// | kClosed       | none           | none     |                                                  |
 ///
 /// Attempts overlap: AttemptPace says when the next begins, whatever has become of those before,
-/// and each may wait for connect_timeout. When there are kMostAttempts for each interface, the next
-/// takes the place of an older one, but never of the oldest to each address over each interface:
-/// the many find a link that has just returned, and the oldest one with a long round trip.
+/// and each may wait for connect_timeout. When there are kMostAttempts for each interface (twice as
+/// many with several servers, since they go to two at a time), the next takes the place of an older
+/// one, but never of the oldest to each address over each interface: the many find a link that has
+/// just returned, and the oldest one with a long round trip.
 ///
 /// The first attempt on which TCP connects becomes the candidate, and the others are closed. Only a
 /// candidate says hello: at a second hello the server would leave the first connection. A candidate
@@ -85,6 +87,11 @@ struct LinkSettings {
 /// With several interfaces, and the stream not on the preferred one, an attempt over that one each
 /// second is a probe: one that connects is closed, until LinkInterfaces says that it is time to go
 /// back. That one becomes a candidate beside the connection, which goes on until the welcome.
+///
+/// A server that refuses the robot, or fails it in another way once TCP is there, is left for the
+/// others at once; only if all of them do so, the intervals grow. A server may send the robot to
+/// another one (wire::ErrorCode::kMoved), whether or not the configuration names it: that one is
+/// next and preferred. After kMostMoves in a row without a welcome this counts as a refusal.
 ///
 /// The addresses of a name are looked up beside the attempts, which go on with those last known.
 /// Thread-bound to `main`, the thread that runs the io_context.
@@ -134,6 +141,8 @@ class ServerLink final : private ServerConnection::Owner {
   State state() const { return state_; }
   bool is_connected() const { return connection_ != nullptr; }
   bool is_stalled() const { return state_ == State::kStalled; }
+  /// The server of the connection. Requires is_connected().
+  const Address& server() const { return connection_->way().to.server; }
   /// Whether the first attempt to connect has ended, well or not.
   bool has_tried() const { return has_tried_; }
   /// Why the last attempt failed; empty since the last one that did not.
@@ -172,6 +181,7 @@ class ServerLink final : private ServerConnection::Owner {
   };
 
   static constexpr std::size_t kMostAttempts = 8;
+  static constexpr int kMostMoves = 3;
 
   bool is_attempt_due() const;
   void begin_outage();
@@ -184,13 +194,18 @@ class ServerLink final : private ServerConnection::Owner {
   void close_attempts();
   void close_connections();
   void look_up();
-  void on_found(const Result<NameLookup::Endpoints>& endpoints);
+  void on_found(const Address& server, const Result<NameLookup::Endpoints>& endpoints);
+  void on_not_found(const Address& server, const Error& why);
   void on_network_change();
-  void note_failure(const Error& why);
+  void note_failure(const Address& server, const Error& why);
+  bool is_wanted(const ServerConnection& answered);
   void promote(const ServerConnection& from);
   void on_candidate_failed(const Error& why);
   void on_return_failed(const Error& why);
   void on_connection_lost(const ServerConnection& from, const Error& why);
+  bool has_moved(const ServerConnection& from);
+  void leave(const Address& server, Clock::time_point ready);
+  void on_refused(const ServerConnection& from);
   std::chrono::nanoseconds patience() const;
   void watch();
   void check_attempts();
@@ -221,7 +236,9 @@ class ServerLink final : private ServerConnection::Owner {
   std::set<std::string> known_errors_;  // since the last welcome; logged already
 
   ServerAddresses addresses_;
-  ServerAddresses::Endpoint server_;  // where the attempts of a round of interfaces go
+  std::vector<ServerAddress> round_;  // where the attempts of a round of interfaces go
+  int moves_ = 0;                     // in a row, since first_move_time_
+  Clock::time_point first_move_time_;
   NameLookup lookup_;
   Clock::time_point lookup_time_;  // of the last
   NetworkNews news_;

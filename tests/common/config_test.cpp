@@ -75,6 +75,25 @@ TEST_F(Config, ListsAreOfStrings) {
             "FILE:2: t.k: expected an array of strings, got integer 1");
 }
 
+TEST_F(Config, OneOrMoreAreAStringOrAList) {
+  using Texts = std::vector<std::string>;
+  const auto got = [](ConfigReader& reader) { return reader.one_or_more_texts("t.k", {"x"}); };
+  const auto of = [&](auto&&... words) {
+    auto reader = read(words...);
+    return got(reader);
+  };
+  EXPECT_EQ(of("[t]\n"), Texts{"x"});
+  EXPECT_EQ(of("[t]\nk = 'a'\n"), Texts{"a"});
+  EXPECT_EQ(of("[t]\nk = ['a', 'b']\n"), (Texts{"a", "b"}));
+  EXPECT_EQ(of("[t]\nk = []\n"), Texts());
+  EXPECT_EQ(of("", std::vector<std::string>{"t.k=[::1]:9"}), Texts{"[::1]:9"});
+  EXPECT_EQ(of("", std::vector<std::string>{"t.k=['c', 'd']"}), (Texts{"c", "d"}));
+  EXPECT_EQ(error_with("k = 1", got),
+            "FILE:2: t.k: expected a string or an array of strings, got integer 1");
+  EXPECT_EQ(error_with("k = ['a', 1]", got),
+            "FILE:2: t.k: expected a string or an array of strings, got integer 1");
+}
+
 TEST_F(Config, WhatIsNotSetHasItsDefault) {
   auto reader = read("[t]\n");
   EXPECT_EQ(reader.text("t.text", "default"), "default");

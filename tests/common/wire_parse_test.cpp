@@ -284,12 +284,22 @@ TEST(WireParse, WhatIsReceivedIsAtLeastWhatIsKept) {
 }
 
 TEST(WireParse, UnknownErrorCodeCountsAsRefused) {
-  for (const std::uint16_t code : std::initializer_list<std::uint16_t>{0, 8, 0xFFFF}) {
+  for (const std::uint16_t code : std::initializer_list<std::uint16_t>{0, 9, 0xFFFF}) {
     const Bytes message = altered(Type::kError, 0, code);
     const auto body = std::span(message).subspan(kHeaderBytes);
     const auto error = parse_error(header_of(message).value(), body);
     EXPECT_EQ(error.value(), (ErrorMessage{ErrorCode::kRefused, "no version in common"}));
   }
+}
+
+TEST(WireParse, MovedIsAnErrorWithAnAddress) {
+  const ErrorMessage moved{ErrorCode::kMoved, "b:7722"};
+  const Bytes message = encode(moved);
+  EXPECT_EQ(message[kHeaderBytes + 1], 8);
+  const auto again =
+      parse_error(header_of(message).value(), std::span(message).subspan(kHeaderBytes));
+  ASSERT_TRUE(again) << again.error().text;
+  EXPECT_EQ(again.value(), moved);
 }
 
 /// One to four small damages: a flipped bit, a changed byte, bytes cut off or put in.

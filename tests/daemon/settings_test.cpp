@@ -55,7 +55,7 @@ TEST(Settings, SampleFileHoldsEveryKeyWithItsDefault) {
   EXPECT_EQ(sample.buffer.policy, fallback.buffer.policy);
   EXPECT_EQ(sample.buffer.seed, fallback.buffer.seed);
   EXPECT_EQ(sample.buffer.drop_log, fallback.buffer.drop_log);
-  EXPECT_EQ(sample.link.server, fallback.link.server);
+  EXPECT_EQ(sample.link.servers, fallback.link.servers);
   EXPECT_EQ(sample.link.interfaces, fallback.link.interfaces);
   EXPECT_EQ(sample.link.return_after, fallback.link.return_after);
   EXPECT_EQ(sample.link.attempt_interval, fallback.link.attempt_interval);
@@ -107,7 +107,7 @@ TEST(Settings, EveryValueReachesItsPlace) {
   EXPECT_TRUE(s.source.color);
   EXPECT_EQ(s.features.pixels, 50000);
   EXPECT_EQ(s.buffer.policy, "uniform");
-  EXPECT_EQ(s.link.server, (Address{"::1", 9}));
+  EXPECT_EQ(s.link.servers, (std::vector<Address>{{"::1", 9}}));
   EXPECT_EQ(s.link.stall_timeout, std::chrono::milliseconds(250));
   EXPECT_EQ(s.link.attempt_interval, std::chrono::milliseconds(70));
   EXPECT_EQ(s.link.unsent_bytes, 1U << 20);
@@ -129,6 +129,22 @@ TEST(Settings, ACameraNeedsNoPath) {
 
 void names(const std::string& text, const std::string& part) {
   EXPECT_NE(text.find(part), std::string::npos) << text;
+}
+
+TEST(Settings, ServersAreOneOrSeveral) {
+  const std::vector<Address> two{{"a", 7722}, {"::1", 9}};
+  EXPECT_EQ(with({R"(link.server=["a:7722", "[::1]:9"])"}).link.servers, two);
+  EXPECT_EQ(with({R"(link.server=["a:7722"])"}).link.servers, (std::vector{two.front()}));
+  const test::TemporaryFolder folder;
+  test::write_file(folder / "c.toml", "[link]\nserver = ['a:7722', '[::1]:9']\n");
+  EXPECT_EQ(load_settings(folder / "c.toml", {}).link.servers, two);
+  names(why({"link.server=[]"}), "link.server: names no server");
+  names(why({"link.server=3"}), "link.server: expected a string or an array of strings");
+  names(why({R"(link.server=["a:1", "b"])"}), "link.server: expected HOST:PORT");
+  names(why({R"(link.server=["a:1", "b:0"])"}), "link.server: port must not be 0");
+  names(why({R"(link.server=["a:1", "b:1", "a:1"])"}), "link.server: names a server twice: a:1");
+  names(why({R"(link.server=["a:1","a:2","a:3","a:4","a:5","a:6","a:7","a:8","a:9"])"}),
+        "link.server: more than 8 servers");
 }
 
 TEST(Settings, InterfacesAreDifferentAndHaveNames) {

@@ -69,6 +69,12 @@ TEST_F(AttemptPaceTest, RefusalsSlowDownToTenSecondsUntilAWelcome) {
   expect_interval(100ms);
 }
 
+TEST_F(AttemptPaceTest, RefusalsDoNotSlowDownAttemptsElsewhere) {
+  for (int i = 0; i < 5; ++i) pace_.on_refused(now_);
+  EXPECT_GE(pace_.next_elsewhere(now_), now_ + 100ms);
+  EXPECT_LE(pace_.next_elsewhere(now_), now_ + 130ms);
+}
+
 TEST_F(AttemptPaceTest, ARefusalCountsFromWhenItCame) {
   pace_.on_attempt(now_ - 5s);
   pace_.on_refused(now_);

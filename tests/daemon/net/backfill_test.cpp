@@ -28,7 +28,7 @@ class BackfillTest : public ::testing::Test {
   BackfillTest() { link_.connect_timeout = std::chrono::minutes(1); }
 
   void start(const std::string& session = "s") {
-    link_.server.port = server_.port();
+    link_.servers.front().port = server_.port();
     wire::Hello hello;
     hello.robot_id = "r";
     hello.session_id = session;

@@ -38,7 +38,7 @@ class EarlierSessionsTest : public ::testing::Test {
     log.end(false);
   }
   void start() {
-    link_.server.port = server_.port();
+    link_.servers.front().port = server_.port();
     wire::Hello hello;
     hello.robot_id = "r";
     hello.session_id = "new";

@@ -14,11 +14,12 @@ Result<NameLookup::Endpoints> look_up(const std::string& host) {
   boost::asio::io_context io;
   const auto work = boost::asio::make_work_guard(io);
   std::optional<Result<NameLookup::Endpoints>> found;
-  NameLookup lookup(io, {host, 7722}, [&](const auto& endpoints) {
+  NameLookup lookup(io, [&](const Address& server, const auto& endpoints) {
+    EXPECT_EQ(server, (Address{host, 7722}));
     found = endpoints;
     io.stop();
   });
-  lookup.start();
+  lookup.start({host, 7722});
   io.run();
   return *found;
 }
@@ -42,8 +43,8 @@ TEST(NameLookup, SaysWhichNameHasNone) {
 TEST(NameLookup, EndsInTheMiddleOfALookup) {
   boost::asio::io_context io;
   {
-    NameLookup lookup(io, {"localhost", 7722}, [](const auto&) { FAIL() << "it is gone"; });
-    for (int i = 0; i < 10; ++i) lookup.start();
+    NameLookup lookup(io, [](const auto&, const auto&) { FAIL() << "it is gone"; });
+    for (int i = 0; i < 10; ++i) lookup.start({"localhost", 7722});
   }
   io.run();
 }

@@ -23,7 +23,7 @@ class SenderTest : public ::testing::Test {
   /// The test may be held up in the middle of a welcome.
   SenderTest() { link_.connect_timeout = std::chrono::minutes(1); }
   void start() {
-    link_.server.port = server_.port();
+    link_.servers.front().port = server_.port();
     wire::Hello hello;
     hello.robot_id = "r";
     hello.session_id = "s";
@@ -95,6 +95,20 @@ TEST_F(SenderTest, UnacknowledgedFramesComeAgainOnTheNextConnection) {
   EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 2U);
   EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 3U);
   EXPECT_EQ(buffer_.stats().acknowledged, 2U);
+}
+
+TEST_F(SenderTest, UnacknowledgedFramesComeAgainAtTheServerThatTheRobotIsMovedTo) {
+  test::ScriptedServer other;
+  push(0, 3);
+  start();
+  server_.welcome({});
+  for (int i = 0; i < 2; ++i) server_.read(Type::kFrame);
+  server_.ack({1, 0});
+  const std::string address = "127.0.0.1:" + std::to_string(other.port());
+  server_.send(wire::encode(wire::ErrorMessage{wire::ErrorCode::kMoved, address}));
+  other.welcome({1, 0});
+  EXPECT_EQ(other.read(Type::kFrame).frame().sequence, 1U);
+  EXPECT_EQ(other.read(Type::kFrame).frame().sequence, 2U);
 }
 
 TEST_F(SenderTest, DropsAreReportedNumberedAndAgainUntilAcknowledged) {

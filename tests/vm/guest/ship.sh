@@ -81,7 +81,7 @@ before() {
   say server
   systemctl start orbbuf-server
   expect 'ready when it listens' is_active orbbuf-server
-  expect 'connects when there is a server' wait_for 20 has orbbufd StatusText '* link connected'
+  expect 'connects when there is a server' wait_for 20 has orbbufd StatusText '* link connected to *'
   expect 'the server says so' wait_for 20 has orbbuf-server StatusText '*robots connected: 1'
   expect 'frames' goes_on turtlebot1
   ends 'ship: no camera and no server at boot: both come later, TLS keys are credentials'

@@ -1,0 +1,209 @@
+// SPDX-License-Identifier: Apache-2.0
+// A link that several servers may take, or that one server sends to another.
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <string>
+
+#include "testing/captured_log.hpp"
+#include "testing/own_network.hpp"
+#include "testing/process.hpp"
+#include "tests/daemon/net/link_rig.hpp"
+
+namespace orbbuf {
+namespace {
+
+using test::address_of;
+using test::LinkRig;
+using test::ScriptedServer;
+using wire::ErrorCode;
+
+class ServerLinkServers : public ::testing::Test, protected LinkRig {
+ protected:
+  /// Attempts that nothing but the next interval would begin do not come within the test.
+  void only_at_once() { settings_.attempt_interval = std::chrono::hours(1); }
+  void start_with_both() { start({address_of(a_), address_of(b_)}); }
+  void start_on_a() {
+    start_with_both();
+    a_.welcome({});
+    expect_connected();
+  }
+  void expect_connected_to(const ScriptedServer& server) {
+    expect_connected();
+    EXPECT_EQ(ask([](const ServerLink& link) { return link.server(); }), address_of(server));
+  }
+  static void say(ScriptedServer& server, ErrorCode code, const std::string& text) {
+    server.send(wire::encode(wire::ErrorMessage{code, text}));
+  }
+  static void move(ScriptedServer& from, const ScriptedServer& to) {
+    say(from, ErrorCode::kMoved, to_string(address_of(to)));
+  }
+  static std::vector<std::string> moves(const test::CapturedLog& log) {
+    return log.lines(" moves this robot to 127.0.0.1:");
+  }
+
+  const test::CapturedLog log_;
+  ScriptedServer& a_ = server_;
+  ScriptedServer b_;
+};
+
+TEST_F(ServerLinkServers, TheFirstIsTriedFirst) {
+  only_at_once();
+  start_with_both();
+  a_.welcome({});
+  expect_connected_to(a_);
+}
+
+TEST_F(ServerLinkServers, TheNextIsTriedWhenTheFirstIsDead) {
+  const Address dead = address_of(a_);
+  a_.die();
+  start({dead, address_of(b_)});
+  b_.welcome({});
+  expect_connected_to(b_);
+  EXPECT_EQ(log_.lines("no connection to " + to_string(dead) + ": cannot connect").size(), 1U);
+  EXPECT_EQ(log_.lines("connected to " + to_string(address_of(b_))).size(), 1U);
+}
+
+TEST_F(ServerLinkServers, OneThatRefusesDoesNotKeepTheRobotFromTheOther) {
+  only_at_once();
+  start_with_both();
+  a_.accept_hello();
+  say(a_, ErrorCode::kRefused, "full");
+  b_.welcome({});
+  expect_connected_to(b_);
+}
+
+TEST_F(ServerLinkServers, OneThatRefusesInTheMiddleOfASessionDoesNotEither) {
+  start_on_a();
+  say(a_, ErrorCode::kRefused, "no longer");
+  EXPECT_EQ(owner_.next(), "disconnected 0 0");
+  b_.welcome({});
+  expect_connected_to(b_);
+}
+
+TEST_F(ServerLinkServers, OneThatAnswersAndNeverWelcomesIsLeft) {
+  settings_.connect_timeout = std::chrono::milliseconds(500);
+  start_on_a();
+  a_.close();  // its kernel takes connections
+  EXPECT_EQ(owner_.next(), "disconnected 0 0");
+  b_.welcome({});
+  expect_connected_to(b_);
+}
+
+TEST_F(ServerLinkServers, AKilledServerIsReplacedByAnotherWhichIsKept) {
+  start_on_a();
+  a_.die();
+  EXPECT_EQ(owner_.next(), "disconnected 0 0");
+  b_.welcome({7, 3});
+  EXPECT_EQ(owner_.next(), "connected 7 3");
+  EXPECT_EQ(owner_.next(), "writable 0 0");
+  b_.close();
+  EXPECT_EQ(owner_.next(), "disconnected 0 0");
+  b_.welcome({});
+  expect_connected_to(b_);
+}
+
+TEST_F(ServerLinkServers, ABrokenConnectionIsMadeAnewToTheSameServer) {
+  start_on_a();
+  for (int i = 0; i < 5; ++i) {
+    a_.close();
+    EXPECT_EQ(owner_.next(), "disconnected 0 0");
+    a_.welcome({});
+    expect_connected_to(a_);
+  }
+  EXPECT_EQ(log_.lines("connected to " + to_string(address_of(b_))).size(), 0U);
+}
+
+TEST_F(ServerLinkServers, ANameThatHasNoAddressIsLoggedBesideAConnection) {
+  start({address_of(a_), {"no-such-host.invalid", 7722}});
+  a_.welcome({});
+  expect_connected();
+  log_.wait_for("cannot resolve no-such-host.invalid: ");
+}
+
+TEST_F(ServerLinkServers, AServerMovesTheRobotInPlaceOfAWelcome) {
+  only_at_once();
+  start();  // the other is none that it knows
+  a_.accept_hello();
+  move(a_, b_);
+  b_.welcome({});
+  expect_connected_to(b_);
+  EXPECT_EQ(log_.lines("no connection to").size(), 0U);
+}
+
+TEST_F(ServerLinkServers, AServerMovesTheRobotInTheMiddleOfASession) {
+  only_at_once();
+  start();
+  a_.welcome({});
+  expect_connected();
+  move(a_, b_);
+  EXPECT_EQ(owner_.next(), "disconnected 0 0");
+  b_.welcome({});
+  expect_connected_to(b_);
+  EXPECT_EQ(log_.lines("warning").size(), 0U);
+}
+
+TEST_F(ServerLinkServers, AServerMovesTheRobotToAName) {
+  start();
+  a_.accept_hello();
+  say(a_, ErrorCode::kMoved, "localhost:" + std::to_string(b_.port()));
+  b_.welcome({});
+  expect_connected();
+  EXPECT_EQ(ask([](const ServerLink& link) { return link.server().host; }), "localhost");
+}
+
+TEST_F(ServerLinkServers, ServersThatMoveTheRobotInACircleRefuseIt) {
+  only_at_once();
+  start_with_both();
+  for (int i = 0; i < 2; ++i) {
+    a_.accept_hello();
+    move(a_, b_);
+    b_.accept_hello();
+    move(b_, a_);  // the second time, the fourth move: none that is followed
+  }
+  log_.wait_for("no connection to " + to_string(address_of(b_)));
+  EXPECT_EQ(moves(log_).size(), 3U + 1U);
+  a_.accept_hello();  // since the other has refused
+  a_.send(wire::encode(wire::Welcome{wire::kProtocolVersion, {}}));
+  expect_connected_to(a_);
+}
+
+TEST_F(ServerLinkServers, ARobotThatIsMovedNowhereIsRefused) {
+  only_at_once();
+  start_with_both();
+  a_.accept_hello();
+  say(a_, ErrorCode::kMoved, "nowhere");
+  b_.accept_hello();
+  say(b_, ErrorCode::kMoved, "a:0");
+  log_.wait_for("port 0: a:0");
+  EXPECT_EQ(log_.lines("to no address: expected HOST:PORT").size(), 1U);
+  EXPECT_EQ(state(), ServerLink::State::kConnecting);
+  EXPECT_EQ(moves(log_).size(), 0U);
+}
+
+TEST_F(ServerLinkServers, TheOthersAreTriedWhenTheRobotWasMovedToADeadOne) {
+  start_on_a();
+  b_.die();
+  say(a_, ErrorCode::kMoved, "127.0.0.1:1");
+  EXPECT_EQ(owner_.next(), "disconnected 0 0");
+  a_.welcome({});
+  expect_connected_to(a_);
+}
+
+TEST(ServerLinkInNetwork, AServerThatDoesNotAnswerIsNotWaitedFor) {
+  test::in_own_network([] {
+    for (const char* step :
+         {"ip link set lo up", "ip link add hole type veth peer name end", "ip link set end up",
+          "ip addr add 10.9.8.1/24 dev hole", "ip link set hole up",
+          "ip neigh add 10.9.8.7 lladdr 02:00:00:00:00:07 dev hole"}) {
+      ASSERT_EQ(test::run({"sh", "-c", step}).status, 0) << step;
+    }
+    LinkRig rig;
+    rig.start({{"10.9.8.7", 7722}, address_of(rig.server_)});
+    rig.server_.welcome({});
+    rig.expect_connected();
+  });
+}
+
+}  // namespace
+}  // namespace orbbuf
