@@ -73,7 +73,7 @@ class ExportSession : public test::Recording {
 TEST_F(ExportSession, HasLateFramesBeforeAndAfterTheMerge) {
   record();
   LateFiles late(session_);
-  for (const Sequence number : {7, 4}) {
+  for (const Sequence number : {7U, 4U}) {
     ASSERT_TRUE(late.write(*test::jpeg_frame_ptr(number, kWidth, kHeight), 0));
   }
   ASSERT_FALSE(late.note({1, 3, 0}));

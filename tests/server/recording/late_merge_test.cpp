@@ -247,7 +247,7 @@ TEST_F(LateMergeTest, WhatComesAfterAMergeIsMergedByTheNext) {
 
 TEST_F(LateMergeTest, ASessionMayConsistOfLateFramesOnly) {
   LateFiles late(folder_);
-  for (const Sequence number : {8, 2, 5}) write_late(late, plain_frame(number));
+  for (const Sequence number : {8U, 2U, 5U}) write_late(late, plain_frame(number));
   EXPECT_EQ(merge().frames, 3U);
   EXPECT_EQ(read_file(folder_ / "times.txt"),
             "2 0.080000000 8.500000\n5 0.200000000 8.500000\n8 0.320000000 8.500000\n");
@@ -304,7 +304,7 @@ TEST_F(LateMergeTest, WhatTheLiveStreamLeftHalfWrittenGivesWay) {
 
 TEST_F(LateMergeTest, OnAFullDiskNothingIsLost) {
   record(true);
-  for (const rlim_t limit : {100, 1500, 3000, 9000}) {
+  for (const rlim_t limit : {100U, 1500U, 3000U, 9000U}) {
     {
       const test::ResourceLimit full(RLIMIT_FSIZE, limit);
       EXPECT_FALSE(merge_late(folder_));

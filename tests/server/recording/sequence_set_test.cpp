@@ -22,7 +22,7 @@ TEST(SequenceSet, ANumberIsInItOnce) {
 
 TEST(SequenceSet, NumbersThatFollowEachOtherAreOneRunInAnyOrder) {
   SequenceSet numbers;
-  for (const Sequence number : {5, 7, 6, 3, 4, 8, 10}) EXPECT_TRUE(numbers.insert(number));
+  for (const Sequence number : {5U, 7U, 6U, 3U, 4U, 8U, 10U}) EXPECT_TRUE(numbers.insert(number));
   EXPECT_EQ(numbers.runs(), (std::map<Sequence, Sequence>{{3, 9}, {10, 11}}));
 }
 

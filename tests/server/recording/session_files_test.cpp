@@ -238,9 +238,9 @@ TEST_F(SessionFilesTest, ASessionWithoutChecksumsIsBelieved) {
 TEST_F(SessionFilesTest, LateFramesAreNotItsOwn) {
   const test::CapturedLog log;
   auto out = files();
-  for (const Sequence i : {0, 1, 5}) EXPECT_FALSE(out.write(plain_frame(i)));
+  for (const Sequence i : {0U, 1U, 5U}) EXPECT_FALSE(out.write(plain_frame(i)));
   LateFiles late(folder_);
-  for (const Sequence i : {9, 3}) ASSERT_TRUE(late.write(plain_frame(i), 0));
+  for (const Sequence i : {9U, 3U}) ASSERT_TRUE(late.write(plain_frame(i), 0));
   EXPECT_EQ(recovered(), (wire::Position{6, 0}));
   std::filesystem::rename(folder_ / "late/images/000009.jpg", folder_ / "images/000009.jpg");
   EXPECT_EQ(recovered(), (wire::Position{6, 0}));
@@ -253,7 +253,7 @@ TEST_F(SessionFilesTest, LateFramesAreNotItsOwn) {
 
 TEST_F(SessionFilesTest, AmongLateFramesTheLastOfTheLiveStreamIsFound) {
   LateFiles late(folder_);
-  for (const Sequence i : {4, 5, 6, 9}) ASSERT_TRUE(late.write(plain_frame(i), 0));
+  for (const Sequence i : {4U, 5U, 6U, 9U}) ASSERT_TRUE(late.write(plain_frame(i), 0));
   ASSERT_TRUE(merge_late(folder_));
   EXPECT_EQ(recovered(), wire::Position{});
   auto out = files();

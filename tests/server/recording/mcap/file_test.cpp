@@ -148,13 +148,13 @@ TEST_F(McapFileTest, AKillBetweenABatchAndTheHeadThatTakesItInLosesTheBatch) {
 
 TEST_F(McapFileTest, NumbersThatGoBackBeginAChunk) {
   auto out = file();
-  for (const std::uint32_t i : {0, 8, 9}) EXPECT_FALSE(out.append(pair(i, i * kSecond / 25)));
+  for (const std::uint32_t i : {0U, 8U, 9U}) EXPECT_FALSE(out.append(pair(i, i * kSecond / 25)));
   EXPECT_EQ(out.contents().closed.chunks, 0U);
-  for (const std::uint32_t i : {3, 4, 4}) EXPECT_FALSE(out.append(pair(i, i * kSecond / 25)));
+  for (const std::uint32_t i : {3U, 4U, 4U}) EXPECT_FALSE(out.append(pair(i, i * kSecond / 25)));
   EXPECT_EQ(out.contents().closed.chunks, 2U);
   EXPECT_EQ(out.contents().highest.at(1), 9U);
   EXPECT_EQ(scanned().highest, out.contents().highest);
-  for (const std::uint32_t i : {5, 20}) EXPECT_FALSE(out.append(pair(i, i * kSecond / 25)));
+  for (const std::uint32_t i : {5U, 20U}) EXPECT_FALSE(out.append(pair(i, i * kSecond / 25)));
   EXPECT_EQ(out.contents().closed.chunks, 2U);
   EXPECT_EQ(scanned().highest.at(1), 20U);
 }

@@ -129,8 +129,8 @@ TEST_F(McapRecordingTest, WhatTheFilesLackWasNotAcknowledgedAndGoes) {
 
 TEST_F(McapRecordingTest, ReachesAsFarAsTheHighestNumberInAnyOrder) {
   auto out = recording();
-  for (const Sequence i : {0, 1, 9}) EXPECT_FALSE(out.write(plain_frame(i)));
-  for (const Sequence i : {4, 5}) EXPECT_FALSE(out.write_late(plain_frame(i)));
+  for (const Sequence i : {0U, 1U, 9U}) EXPECT_FALSE(out.write(plain_frame(i)));
+  for (const Sequence i : {4U, 5U}) EXPECT_FALSE(out.write_late(plain_frame(i)));
   EXPECT_EQ(recovered(), (wire::Position{10, 0}));
   EXPECT_EQ(recovered(wire::Position{10, 0}), (wire::Position{10, 0}));
 }
@@ -153,8 +153,8 @@ TEST_F(McapRecordingTest, SaysWhichLateFramesItHas) {
 
 TEST_F(McapRecordingTest, WhatCameLateIsNoLeftoverOfAKill) {
   auto out = recording();
-  for (const Sequence i : {0, 1, 2}) EXPECT_FALSE(out.write(plain_frame(i)));
-  for (const Sequence i : {5, 6}) EXPECT_FALSE(out.write_late(plain_frame(i)));
+  for (const Sequence i : {0U, 1U, 2U}) EXPECT_FALSE(out.write(plain_frame(i)));
+  for (const Sequence i : {5U, 6U}) EXPECT_FALSE(out.write_late(plain_frame(i)));
   ASSERT_TRUE(LateFiles(path_.parent_path()).write(plain_frame(5), 0));
   EXPECT_EQ(recovered(wire::Position{3, 0}), (wire::Position{6, 0}));  // and without number 6
 }
