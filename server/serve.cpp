@@ -42,7 +42,7 @@ std::shared_ptr<Retention> make_retention(asio::io_context& main, asio::thread_p
       main, files,
       Retention::Options{settings.sinks.files_path, settings.quota, settings.session_timeout},
       [&listener](const std::string& robot_id, const std::string& session_id) {
-        return listener.has_session(robot_id, session_id);
+        return listener.is_in_use(robot_id, session_id);
       });
 }
 

@@ -254,18 +254,18 @@ void Connection::write_late(wire::LateFrame late) {
   const auto number = late_written_++;
   const bool is_present_session = late.session_id == session_->info().session_id;
   owner_.late_arrivals()->write(robot_id_, std::move(late), weak_from_this(),
-                                [weak = weak_from_this(), number, is_present_session] {
+                                [weak = weak_from_this(), number, is_present_session](bool is_new) {
                                   if (const auto self = weak.lock()) {
-                                    self->on_late_kept(number, is_present_session);
+                                    self->on_late_kept(number, is_new, is_present_session);
                                   }
                                 });
 }
 
-void Connection::on_late_kept(std::uint64_t number, bool is_present_session) {
+void Connection::on_late_kept(std::uint64_t number, bool is_new, bool is_present_session) {
   late_kept_on_.insert(number);
   while (late_kept_on_.erase(late_kept_) > 0) ++late_kept_;
   if (state_ != State::kServing) return;
-  session_->on_late(is_present_session);
+  if (is_new) session_->on_late(is_present_session);
   is_late_ack_due_ = true;
   send_next();
   if (!late_waiting_ || late_written_ - late_kept_ >= kMostLateWrites) return;

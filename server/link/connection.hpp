@@ -100,7 +100,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void handle_dropped(const Message& message);
   void handle_late(const Message& message);
   void write_late(wire::LateFrame late);
-  void on_late_kept(std::uint64_t number, bool is_present_session);
+  void on_late_kept(std::uint64_t number, bool is_new, bool is_present_session);
   void handle_spool(const Message& message);
   void on_taken();
 

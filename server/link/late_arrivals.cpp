@@ -75,7 +75,7 @@ void LateArrivals::try_to_write(const std::string& robot_id,
        kept = std::move(kept)](const Result<bool>& written) mutable {
         if (written) {
           robot->is_failing = false;
-          return commit(std::move(waiter), std::move(kept));
+          return commit(std::move(waiter), std::move(kept), written.value());
         }
         if (!std::exchange(robot->is_failing, true)) {
           spdlog::error("{}: late frames paused: {}", robot_id, written.error().text);
@@ -89,9 +89,11 @@ void LateArrivals::try_to_write(const std::string& robot_id,
       });
 }
 
-void LateArrivals::commit(std::weak_ptr<void> waiter, Kept kept) {
-  auto done = [waiter = std::move(waiter), kept = std::move(kept)](const auto& error) {
-    if (!error && !waiter.expired()) kept();
+void LateArrivals::commit(std::weak_ptr<void> waiter, Kept kept, bool is_new) {
+  auto done = [this, waiter = std::move(waiter), kept = std::move(kept),
+               is_new](const std::optional<Error>& error) {
+    has_commit_failed_ = has_commit_failed_ || error.has_value();
+    if (!error && !waiter.expired()) kept(is_new);
   };
   if (commit_ == nullptr) return done(std::optional<Error>());
   commit_->async_commit(std::move(done));
@@ -141,6 +143,12 @@ void LateArrivals::on_closed(const std::string& robot_id, const std::string& ses
   look_for_complete(robot_id, known->second);
 }
 
+bool LateArrivals::is_expected(const std::string& robot_id, const std::string& session_id) const {
+  const auto known = robots_.find(robot_id);
+  return known != robots_.end() && known->second->said &&
+         find(known->second->said->sessions, session_id) != nullptr;
+}
+
 bool LateArrivals::is_merging(const std::string& robot_id, const std::string& session_id) const {
   const auto known = robots_.find(robot_id);
   return known != robots_.end() && known->second->merging.contains(session_id);
@@ -154,6 +162,7 @@ bool LateArrivals::can_come(const std::string& robot_id, const Robot& robot,
 }
 
 void LateArrivals::look_for_complete(const std::string& robot_id, const RobotPtr& robot) {
+  if (has_commit_failed_ || *is_stopping_) return;
   run_in_pool(
       main_, robot->strand, [folder = folder_ / robot_id] { return find_leftovers(folder); },
       [this, robot_id, robot](const std::vector<Leftover>& leftovers) {
@@ -202,6 +211,7 @@ void LateArrivals::merge(const std::string& robot_id, const RobotPtr& robot,
                         merged.error().text);
           return;
         }
+        if (!merged.value().is_complete) return;
         spdlog::info("{} {}: {} late frames have completed the session", robot_id, session_id,
                      merged.value().frames);
       });

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <atomic>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/strand.hpp>
 #include <boost/asio/thread_pool.hpp>
@@ -28,8 +29,9 @@ namespace orbbuf {
 /// Thread-bound to `main`. Must outlive every run of the io_context.
 class LateArrivals {
  public:
-  /// The late frame is kept: it may be acknowledged. Runs on `main`, never from within the call.
-  using Kept = std::function<void()>;
+  /// The late frame is kept: it may be acknowledged. is_new: it was not there before. Runs on
+  /// `main`, never from within the call.
+  using Kept = std::function<void(bool is_new)>;
   using IsOpen = std::function<bool(const std::string& robot_id, const std::string& session_id)>;
 
   /// folder: files.path. commit: what is kept waits for it; null: for nothing. is_open: whether the
@@ -47,6 +49,12 @@ class LateArrivals {
 
   /// The session's record is closed.
   void on_closed(const std::string& robot_id, const std::string& session_id);
+
+  /// The server ends: no merge begins, and one that runs stops where it can be taken up again.
+  void stop() { *is_stopping_ = true; }
+
+  /// Whether the robot has said that it still has frames of the session.
+  bool is_expected(const std::string& robot_id, const std::string& session_id) const;
 
   /// Whether the session is being merged, so that its record must not be opened now.
   bool is_merging(const std::string& robot_id, const std::string& session_id) const;
@@ -78,7 +86,7 @@ class LateArrivals {
                                    const std::string& session_id);
   void try_to_write(const std::string& robot_id, const std::shared_ptr<const wire::LateFrame>& late,
                     std::weak_ptr<void> waiter, Kept kept);
-  void commit(std::weak_ptr<void> waiter, Kept kept);
+  void commit(std::weak_ptr<void> waiter, Kept kept, bool is_new);
   void note(const std::string& robot_id, const RobotPtr& robot);
   void note(const std::string& robot_id, const RobotPtr& robot, const std::string& session_id,
             const wire::SpooledSession& session);
@@ -94,6 +102,8 @@ class LateArrivals {
   GroupCommit* const commit_;
   const IsOpen is_open_;
   std::map<std::string, RobotPtr> robots_;
+  bool has_commit_failed_ = false;  // what is written may not be there: nothing is merged
+  const std::shared_ptr<std::atomic<bool>> is_stopping_ = std::make_shared<std::atomic<bool>>();
 };
 
 }  // namespace orbbuf

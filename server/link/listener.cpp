@@ -241,6 +241,7 @@ void Listener::on_closed(const std::shared_ptr<Connection>& connection) {
 
 void Listener::stop(std::function<void()> stopped) {
   stopped_ = std::move(stopped);
+  if (late_) late_->stop();
   error_code ignored;  // it is closed either way
   acceptor_.close(ignored);
   retry_.cancel();

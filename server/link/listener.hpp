@@ -49,6 +49,11 @@ class Listener final : public ConnectionOwner {
   /// Whether that session is open: a robot is connected to it, or may come back to it.
   bool has_session(const std::string& robot_id, const std::string& session_id) const;
 
+  /// Whether its folder may still grow: it is open, or the robot still has frames of it.
+  bool is_in_use(const std::string& robot_id, const std::string& session_id) const {
+    return has_session(robot_id, session_id) || (late_ && late_->is_expected(robot_id, session_id));
+  }
+
   /// Before start(): runs at each failed try of a session's sink, a full disk for one.
   void on_sink_failed(std::function<void()> run) { sink_failed_ = std::move(run); }
 
