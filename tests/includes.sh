@@ -21,8 +21,8 @@ daemon/capture/v4l2: common daemon/capture
 daemon/capture/list_cameras: daemon/capture/libcamera daemon/capture/v4l2
 daemon/capture/make_source: daemon/capture daemon/capture/libcamera daemon/capture/replay daemon/capture/stereo daemon/capture/v4l2
 daemon/image: common daemon/buffer daemon/capture
-daemon/net: common common/net daemon/buffer
 daemon/spool: common
+daemon/net: common common/net daemon/buffer daemon/spool
 daemon/settings: common daemon/buffer daemon/capture daemon/image daemon/net daemon/spool
 daemon: common daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/net daemon/settings daemon/capture/list_cameras daemon/capture/make_source
 server/runtime: common
@@ -43,7 +43,7 @@ server/sink/ros: common server/calibration server/recording server/sink server/s
 server/sink/make_sinks: common server/runtime server/recording server/recording/mcap server/sink server/sink/pipe server/sink/dds server/sink/ros
 server/settings: common common/net server/live server/retention server/sink/make_sinks
 server/http: common common/net server/runtime server/calibration server/recording server/recording/mcap/foxglove server/live server/settings
-server/link: common common/net server/runtime server/recording server/live server/sink server/sink/make_sinks server/settings
+server/link: common common/net server/runtime server/recording server/recording/late_merge server/live server/sink server/sink/make_sinks server/settings
 bench:
 bench/sim:
 evaluation: server/calibration
