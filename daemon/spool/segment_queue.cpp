@@ -108,7 +108,7 @@ void SegmentQueue::complete(std::uint64_t bytes) {
   Segment& segment = segments_.back();
   segment.bytes = bytes;
   segment.is_complete = true;
-  if (!is_being_read(segment)) segment.unload();
+  if (!is_needed(segment)) segment.unload();
 }
 
 SegmentQueue::Segment* SegmentQueue::find(std::uint64_t number) {
@@ -123,14 +123,15 @@ std::deque<SegmentQueue::Segment>::const_iterator SegmentQueue::oldest() const {
                       [](const Segment& segment) { return !segment.is_foreign; });
 }
 
-bool SegmentQueue::is_being_read(const Segment& segment) const {
-  return segment.number <= read_number_ || &segment == &*oldest();
+bool SegmentQueue::is_needed(const Segment& segment) const {
+  return segment.number <= read_number_ || segment.number == forgot_number_ ||
+         &segment == &*oldest();
 }
 
 std::optional<std::uint64_t> SegmentQueue::to_load() const {
   for (const Segment& segment : segments_) {
     if (segment.is_foreign || segment.is_loaded) continue;
-    if (is_being_read(segment) || !segment.to_forget.empty()) return segment.number;
+    if (is_needed(segment) || !segment.to_forget.empty()) return segment.number;
   }
   return std::nullopt;
 }
@@ -148,7 +149,10 @@ std::uint64_t SegmentQueue::load(std::uint64_t number, const std::vector<Segment
   }
   for (const Sequence sequence : std::exchange(segment->to_forget, {})) segment->skip(sequence);
   const std::uint64_t before = segment->records;
-  if (!is_being_read(*segment)) segment->unload();
+  if (!is_needed(*segment)) {  // it was loaded to forget a frame, and others may follow
+    Segment* const last = find(std::exchange(forgot_number_, number));
+    if (last != nullptr && last->is_loaded && !is_needed(*last)) last->unload();
+  }
   return before - std::min<std::uint64_t>(before, records.size());
 }
 

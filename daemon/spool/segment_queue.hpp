@@ -31,9 +31,9 @@ struct SpoolCursor {
 /// Which frames the segments of a spool hold, and how far they have been read ahead, handed out and
 /// freed, oldest first. It knows no files: its user reads, writes and removes them as it says.
 ///
-/// A segment's records are in memory only while it is written, or read and freed: of the others it
-/// keeps the number of frames, and the lowest and the highest number. An index of the records is
-/// loaded when the reader comes to a segment.
+/// A segment's records are in memory only while it is written, or read and freed, and of the one in
+/// which a frame was forgotten last: of the others it keeps the number of frames, and the lowest
+/// and the highest number. An index of the records is loaded when it is needed.
 ///
 /// Reentrant. Sequence numbers may come in any order, each once in a session.
 class SegmentQueue {
@@ -159,14 +159,15 @@ class SegmentQueue {
   };
 
   Segment* find(std::uint64_t number);
-  bool is_being_read(const Segment& segment) const;
+  bool is_needed(const Segment& segment) const;
   std::deque<Segment>::const_iterator oldest() const;
   Evicted take_out(std::size_t index);
 
   const std::string session_id_;
   std::deque<Segment> segments_;
-  std::uint64_t last_number_ = 0;  // ever
-  std::uint64_t read_number_ = 0;  // the next record to read: the segment, or the first after it
+  std::uint64_t last_number_ = 0;    // ever
+  std::uint64_t forgot_number_ = 0;  // the segment that was loaded last for forget()
+  std::uint64_t read_number_ = 0;    // the next record to read: the segment, or the first after it
   std::size_t read_index_ = 0;
   std::deque<Ready> ready_;
   std::deque<HandedOut> handed_out_;

@@ -21,6 +21,8 @@ constexpr seconds kSyncInterval{1};
 constexpr seconds kCursorInterval{1};
 constexpr seconds kRetryInterval{5};
 constexpr seconds kLogInterval{10};
+constexpr seconds kEndLimit{8};  // with link.drain_timeout, the service has 30 s to end
+constexpr std::size_t kEndSyncBytes = 2 << 20;
 
 std::uint64_t record_bytes(const EncodedFrame& frame) {
   return kRecordHeadBytes + frame.jpeg.size();
@@ -431,13 +433,23 @@ void Spool::fail(const Error& error) {
 }
 
 void Spool::finish(Lock& lock) {
-  const auto first_try = retry_at_ = Clock::now();
-  while (!pending_.empty() && retry_at_ == first_try) {
-    write_pending(lock, std::max(pace_.next(), first_try));
+  const auto begin = Clock::now();
+  retry_at_ = begin;
+  std::size_t unsynced_bytes = kEndSyncBytes;  // and what was written before
+  while (!pending_.empty() && retry_at_ == begin && Clock::now() < begin + kEndLimit) {
+    if (unsynced_bytes >= kEndSyncBytes) {  // or a slow disk would delay the end unnoticed
+      sync_at_ = begin;
+      sync(lock, begin);
+      unsynced_bytes = 0;
+      continue;
+    }
+    unsynced_bytes += pending_.front()->jpeg.size();
+    write_pending(lock, std::max(pace_.next(), begin));
   }
   counts_.not_spooled += pending_.size();
   if (!pending_.empty()) {
-    spdlog::error("spool: {} frames are not spooled: the disk fails", pending_.size());
+    spdlog::error("spool: at the end {} frames are not spooled: the disk fails or is too slow",
+                  pending_.size());
   }
   log_lost();
   lock.unlock();

@@ -80,7 +80,8 @@ class Spool {
   /// none, or held() may have changed other than by a call of this class. It must not call back.
   Spool(SpoolSettings settings, std::string robot_id, std::string session_id,
         std::function<void()> changed);
-  /// Writes what waits, without regard to the rate, and syncs.
+  /// Writes what waits, without regard to the rate, and syncs. What a slow disk has not taken after
+  /// 8 s is not spooled.
   ~Spool();
   Spool(const Spool&) = delete;
   Spool& operator=(const Spool&) = delete;

@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 # Boots the virtual machine that image.sh has made in FOLDER, with the folder SHARE, whose guest.sh is
 # its first process; prints what that prints, until it powers off. Or boots DISK, which is changed by
-# that, with its own first process; RECORD is a folder of this machine that it can write to.
-# Usage: tests/vm/boot.sh FOLDER SHARE [DISK RECORD]
+# that, with its own first process; RECORD is a folder of this machine that it can write to, and SLOW a
+# second disk, which takes 1 MB/s. Usage: tests/vm/boot.sh FOLDER SHARE [DISK RECORD SLOW]
 set -euo pipefail
 if [ $# -gt 2 ]; then
-  disk=("file=$3,if=virtio,format=raw,cache=unsafe" -virtfs "local,path=$4,mount_tag=record,security_model=mapped-xattr")
+  disk=("file=$3,if=virtio,format=raw,cache=unsafe" -virtfs "local,path=$4,mount_tag=record,security_model=mapped-xattr"
+    -drive "file=$5,if=virtio,format=raw,cache=unsafe,throttling.bps-write=1000000")
   append='init=/sbin/init systemd.show_status=0'
   for unit in serial-getty@ttyS0.service getty@tty1.service apt-daily.timer apt-daily-upgrade.timer; do
     append+=" systemd.mask=$unit"

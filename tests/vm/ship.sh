@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # The packages in a Debian that boots systemd, in a virtual machine: installed, configured, started
-# without camera and server, killed, stopped, upgraded, without power, purged. One line for each case,
+# without camera and server, killed, stopped, upgraded, without power, with a slow disk, purged. One line for each case,
 # PASS or FAIL; what the guest printed is in BUILD/../vm/ship/console.log. Then, from what the server
 # wrote, where every frame is. Usage: tests/vm/ship.sh BUILD PACKAGES
 set -euo pipefail
@@ -66,7 +66,7 @@ keys() {
   cd share/keys
   openssl req -x509 -new -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 2 -subj '/CN=CA' \
     -keyout ca.key -out ca.crt
-  for key in server turtlebot1 front; do
+  for key in server turtlebot1 front slow; do
     name=/CN=$key
     openssl req -new -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -subj "$name" \
       -addext 'subjectAltName=IP:127.0.0.1' -keyout $key.key -out $key.csr
@@ -94,10 +94,12 @@ mkdir share record
 cp "${packages[@]}" "$here"/guest/{cases,ship}.sh share/
 keys >/dev/null 2>&1
 newer
+rm -f slow.ext4 # for a spool
+mke2fs -q -t ext4 -F slow.ext4 200M >/dev/null
 start=$SECONDS
 : >console.log
 for _ in before after; do # the power cut
-  "$here/boot.sh" "$vm" "$PWD/share" "$PWD/disk.ext4" "$PWD/record" | tee -a console.log |
+  "$here/boot.sh" "$vm" "$PWD/share" "$PWD/disk.ext4" "$PWD/record" "$PWD/slow.ext4" | tee -a console.log |
     grep --line-buffered -E '^(PASS|FAIL|DONE|RESULT) ' || true
 done
 "$here/record.sh" record | tee -a console.log

@@ -187,6 +187,31 @@ TEST(SegmentQueue, FramesOfASegmentThatIsNotLoadedAreForgottenWhenItIs) {
   EXPECT_THAT(files.take(9), ElementsAre(0, 1, 2, 10, 14));
 }
 
+TEST(SegmentQueue, OneIndexStaysLoadedForWhatIsForgottenNext) {
+  Files files;
+  files.add(1, "old", {0});
+  for (std::uint64_t number = 2; number <= 3; ++number) {
+    files.begin(number);
+    for (Sequence sequence = 0; sequence < 3; ++sequence) files.write(10 * number + sequence);
+    files.queue.complete(100);
+  }
+  files.read(1);
+  files.queue.forget(20);
+  EXPECT_EQ(files.queue.to_load(), 2U);
+  files.read(1);
+  files.queue.forget(21);
+  EXPECT_FALSE(files.queue.to_load());
+  EXPECT_EQ(files.queue.frames(), 5U);
+  files.queue.forget(30);
+  EXPECT_EQ(files.queue.to_load(), 3U);
+  files.read(1);
+  files.queue.forget(22);
+  EXPECT_EQ(files.queue.to_load(), 2U);
+  files.read(1);
+  EXPECT_EQ(files.queue.take_finished(), 2U);
+  EXPECT_THAT(files.queue.held(), ElementsAre(Lost{"old", {1, 0, 0}}, Lost{"now", {2, 31, 32}}));
+}
+
 TEST(SegmentQueue, ASegmentInWhichAllIsForgottenIsFinished) {
   Files files;
   files.add(1, "old", {0});

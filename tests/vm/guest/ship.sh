@@ -126,6 +126,65 @@ before() {
 logs() { journalctl -o cat -u "$1" --no-pager | grep -q "$2"; }
 save_log() { journalctl -b -o cat --no-pager -u orbbufd >"$frames/$1.log"; }
 
+# large_images FOLDER: 20 JPEGs of 0.4 MB: one that came, with comments in it, so that they cost nothing to encode.
+large_images() {
+  local image
+  image=$(find "$frames/turtlebot1/$(newest turtlebot1)/images" -name '*.jpg' | head -n 1)
+  mkdir -p "$1"
+  for _ in {1..20}; do
+    head -c 2 "$image"
+    for _ in {1..6}; do printf '\xff\xfe\xff\xff' && head -c 65533 /dev/zero; done
+    tail -c +3 "$image"
+  done >all.jpg
+  split -n 20 -d --additional-suffix=.jpg all.jpg "$1/"
+}
+
+# What the robot slow has captured so far, as its own record says: frames.
+captured() {
+  find /var/lib/private/orbbufd-slow/drops -name '*.state' | sort | tail -n 1 | xargs tail -n 1 | cut -d, -f3 |
+    sed 's/^0*//'
+}
+has_segments() { find "$1" -name '*.segment' | grep -q .; }
+disk_bytes() { awk '$3 == "vdb" { print $10 * 512 }' /proc/diskstats; }
+between() { awk -v low="$1" -v value="$2" -v high="$3" 'BEGIN { exit !(low < value && value < high) }'; }
+# per_second FROM TO START: since START seconds of uptime.
+per_second() { awk -v from="$1" -v to="$2" -v start="$3" '{ printf "%.2f", (to - from) / ($1 - start) }' /proc/uptime; }
+has_late() { find "$frames/$1" -name late.csv | grep -q .; }
+
+# Frames of 2 MB/s for a spool on a disk that takes 1 MB/s, while there is no server.
+slow_spool() {
+  local spool=/var/lib/private/orbbufd-slow/spool config=/etc/orbbuf/orbbufd-slow.toml start frames_before bytes_before rate written
+  cp /share/keys/slow.crt /etc/orbbuf/orbbufd-slow.crt
+  cp /share/keys/slow.key /etc/orbbuf/orbbufd-slow.key
+  cp /etc/orbbuf/orbbufd.toml $config
+  large_images /run/ship/large
+  configure $config id=slow kind=folder path=/run/ship/large fps=5 'memory=4 MiB' 'size=128 MiB' 'drain_timeout=0 s'
+  sed -i -E -e 's/^loop = false/loop = true/' \
+    -e '/^\[spool\]/,/^path/s|^(path = ")[^"]*|\1/var/lib/orbbufd-slow/spool|' $config
+  mkdir -p $spool
+  mount /dev/vdb $spool
+  systemctl stop orbbuf-server
+  expect 'orbbufd@slow' systemctl start orbbufd@slow
+  expect 'says that there is no server' wait_for 20 has orbbufd@slow StatusText '*link no connection: *refused*'
+  expect 'a spool on the disk' wait_for 20 has_segments $spool
+  start=$(cut -d' ' -f1 /proc/uptime) frames_before=$(captured) bytes_before=$(disk_bytes)
+  sleep 30
+  rate=$(per_second "$frames_before" "$(captured)" "$start")
+  written=$(per_second "$bytes_before" "$(disk_bytes)" "$start")
+  say "captured $rate frames/s, while the disk took $written bytes/s"
+  expect "captures $rate frames/s, not 5" between 4.5 "$rate" 5.5
+  expect "the disk takes $written bytes/s, not 1 MB" between 500000 "$written" 1200000
+  expect 'it stops' systemctl stop orbbufd@slow
+  expect 'in peace' [ "$(value orbbufd@slow Result)" = success ]
+  systemctl start orbbuf-server
+  configure $config fps=1
+  expect 'orbbufd@slow again' systemctl start orbbufd@slow
+  expect 'late frames' wait_for 120 has_late slow
+  ends 'ship: a robot with a spool on a disk of 1 MB/s captures at its rate'
+  systemctl stop orbbufd@slow
+  umount $spool
+}
+
 after() {
   say up
   expect 'a new session with frames' wait_for 60 new_session "$(cat /var/lib/ship-session)"
@@ -144,6 +203,8 @@ after() {
   expect 'and it stops' systemctl stop orbbufd@front
   ends 'ship: a second camera, orbbufd@front, through libcamera'
 
+  slow_spool
+
   local robot
   robot=$(value orbbufd MainPID)
   expect 'it runs' [ "$(readlink "/proc/$robot/exe")" = /usr/bin/orbbufd ]
@@ -155,7 +216,7 @@ after() {
   save_log after
   apt-get purge -q -y orbbufd orbbuf-server >apt.log 2>&1
   expect 'apt-get purge' [ $? -eq 0 ]
-  rm -f /etc/orbbuf/*.{crt,key} /etc/orbbuf/orbbufd-front.toml /etc/mod*.d/vivid.conf
+  rm -f /etc/orbbuf/*.{crt,key} /etc/orbbuf/orbbufd-{front,slow}.toml /etc/mod*.d/vivid.conf
   rmdir /etc/orbbuf 2>/dev/null
   find /etc /usr /var/lib -xdev | sort >after.txt
   comm -13 /var/lib/ship-before after.txt | grep -vE '^/var/lib/(ship-|(private/)?orbbuf|apt/|dpkg/|systemd/)' >left.txt
