@@ -312,7 +312,8 @@ std::optional<Error> Merge::remove_folder(const fs::path& folder, const std::str
     if (!may_change()) return std::nullopt;
     if (file == session_names::kIncoming) {
       ::unlink((folder / file).c_str());
-    } else if (const auto moved = move_to_orphans(folder_, name + "/" + file); !moved) {
+    } else if (const auto moved = move_to_orphans(folder_, fmt::format("{}/{}", name, file));
+               !moved) {
       return moved.error();
     }
   }
