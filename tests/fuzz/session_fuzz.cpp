@@ -102,6 +102,7 @@ class World final : public ConnectionOwner {
     if (session->is_closing()) return connection->refuse("closing");
     connection->join(session);
   }
+  LateArrivals* late_arrivals() override { return nullptr; }
   void on_closed(const std::shared_ptr<Connection>& /*connection*/) override {}
 
   boost::asio::io_context main_{1};  // ends last: timers of all the rest are in it

@@ -6,6 +6,11 @@
 #include "tests/fuzz/stream_mutator.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const auto late = orbbuf::wire::parse_late_record({data, size});
+  if (late && orbbuf::wire::encode_late_record(late.value().session_id, late.value().frame) !=
+                  orbbuf::wire::Bytes(data, data + size)) {
+    std::abort();
+  }
   const auto once = orbbuf::wire::there_and_back({data, size});
   if (!once) return 0;
   const auto twice = orbbuf::wire::there_and_back(once.value());
