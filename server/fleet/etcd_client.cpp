@@ -115,15 +115,15 @@ void EtcdClient::async_txns(std::vector<KeyTxn> txns, Done<std::vector<KeyTxnOut
   json success = json::array();
   for (const KeyTxn& txn : txns) success.push_back({{"request_txn", request_of(txn)}});
   const std::size_t count = txns.size();
-  channel_.async_post("/v3/kv/txn", json{{"success", success}}.dump(),
-                      reader<std::vector<KeyTxnOutcome>>(
-                          std::move(done), [count](const json& answer) {
-                            auto outcomes = outcomes_of(answer);
-                            if (outcomes.size() != count) {
-                              throw std::invalid_argument("not all txns answered");
-                            }
-                            return outcomes;
-                          }));
+  channel_.async_post(
+      "/v3/kv/txn", json{{"success", success}}.dump(),
+      reader<std::vector<KeyTxnOutcome>>(std::move(done), [count](const json& answer) {
+        auto outcomes = outcomes_of(answer);
+        if (outcomes.size() != count) {
+          throw std::invalid_argument("not all txns answered");
+        }
+        return outcomes;
+      }));
 }
 
 void EtcdClient::async_range(std::string prefix, Done<std::vector<KeyValue>> done) {

@@ -18,6 +18,8 @@ std::string make_instance() {
   return fmt::format("{:08x}{:08x}", random(), random());
 }
 
+Error unanswered(const Error& error) { return {"the fleet's etcd does not answer: " + error.text}; }
+
 ServerEntry entry_of(const FleetSettings& settings) {
   return {settings.name, make_instance(), settings.address, settings.http, 0, false};
 }
@@ -46,6 +48,9 @@ void Fleet::async_stop(std::function<void()> stopped) {
 }
 
 void Fleet::async_enter(const SessionName& session, Entered entered) {
+  if (!membership_.has_joined()) {
+    return entered(unanswered({"this server has not joined the fleet yet"}));
+  }
   if (is_draining()) return send_away(session, refuge_name(), entered);
   acquire(session, false, std::move(entered));
 }
@@ -54,13 +59,11 @@ void Fleet::async_enter(const SessionName& session, Entered entered) {
 void Fleet::acquire(const SessionName& session, bool is_fresh, Entered entered) {
   Ownership::Rules rules{
       [this, session](const std::string& server) { return may_take(session, server); },
-      [this, session] {
-        return sent_away_.contains(session.text()) ? std::nullopt : better();
-      }};
+      [this, session] { return sent_away_.contains(session.text()) ? std::nullopt : better(); }};
   ownership_.async_acquire(
       session, std::move(rules),
       [this, session, is_fresh, entered = std::move(entered)](const auto& answer) {
-        if (!answer) return entered(answer.error());
+        if (!answer) return entered(unanswered(answer.error()));
         if (const auto* const owned = std::get_if<Owned>(&answer.value())) {
           sent_away_.erase(session.text());
           return entered(*owned);
@@ -68,7 +71,7 @@ void Fleet::acquire(const SessionName& session, bool is_fresh, Entered entered) 
         const std::string& server = std::get<Foreign>(answer.value()).server;
         if (is_fresh) return send_away(session, server, entered);
         membership_.async_refresh([this, session, entered](const auto& error) {
-          if (error) return entered(*error);
+          if (error) return entered(unanswered(*error));
           acquire(session, true, entered);
         });
       });
@@ -149,21 +152,21 @@ void Fleet::async_overview(std::function<void(Result<std::string>)> done) {
         entry["session"] = name->session_id;
         sessions[name->text()] = entry;
       }
-      etcd_.async_range(std::string(kPositions), [servers, fail, done, sessions](
-                                                     const auto& positions) mutable {
-        if (!positions) return fail(positions.error());
-        for (const KeyValue& key : positions.value()) {
-          const auto name = session_of(key.key);
-          const auto entry = name ? sessions.find(name->text()) : sessions.end();
-          const auto position = position_from(key.value);
-          if (entry == sessions.end() || !position) continue;
-          entry->second["next_sequence"] = position->next_sequence;
-          entry->second["next_drop"] = position->next_drop;
-        }
-        json list = json::array();
-        for (auto& [name, entry] : sessions) list.push_back(std::move(entry));
-        done(json{{"servers", servers()}, {"sessions", std::move(list)}}.dump());
-      });
+      etcd_.async_range(std::string(kPositions),
+                        [servers, fail, done, sessions](const auto& positions) mutable {
+                          if (!positions) return fail(positions.error());
+                          for (const KeyValue& key : positions.value()) {
+                            const auto name = session_of(key.key);
+                            const auto entry = name ? sessions.find(name->text()) : sessions.end();
+                            const auto position = position_from(key.value);
+                            if (entry == sessions.end() || !position) continue;
+                            entry->second["next_sequence"] = position->next_sequence;
+                            entry->second["next_drop"] = position->next_drop;
+                          }
+                          json list = json::array();
+                          for (auto& [name, entry] : sessions) list.push_back(std::move(entry));
+                          done(json{{"servers", servers()}, {"sessions", std::move(list)}}.dump());
+                        });
     });
   });
 }

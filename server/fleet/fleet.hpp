@@ -45,6 +45,7 @@ class Fleet {
   /// A robot wants that session here. May answer from within the call.
   void async_enter(const SessionName& session, Entered entered);
   PositionRecorder& recorder() { return recorder_; }
+  const PositionRecorder& recorder() const { return recorder_; }
   void end(const Owned& owned) { ownership_.end(owned); }
 
   bool is_draining() const { return membership_.self().is_draining; }

@@ -59,8 +59,7 @@ SegmentFolder parse_folder(const std::string& folder) {
   if (mark == std::string::npos || mark == 0) return {folder};
   std::uint64_t epoch = 0;
   const char* const end = folder.data() + folder.size();
-  const auto [stop, failed] =
-      std::from_chars(folder.data() + mark + kEpochMark.size(), end, epoch);
+  const auto [stop, failed] = std::from_chars(folder.data() + mark + kEpochMark.size(), end, epoch);
   if (failed != std::errc{} || stop != end || epoch < 2) return {folder};
   return {folder.substr(0, mark), epoch};
 }

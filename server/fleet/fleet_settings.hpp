@@ -17,7 +17,7 @@ struct FleetSettings {
   std::string address;        ///< HOST:PORT where robots reach it
   std::string http;           ///< HOST:PORT of its page; empty: none
   std::chrono::seconds lease{5};
-  TlsSettings tls;  ///< of the connection to etcd
+  TlsSettings tls;  ///< of the connection to etcd; off: plain TCP
 
   bool is_on() const { return !etcd.empty(); }
 

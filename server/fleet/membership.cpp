@@ -56,6 +56,7 @@ void Membership::write(Done done) {
   store_.async_txns({std::move(txn)},
                     [this, entry = self_, done = std::move(done)](const auto& outcomes) {
                       if (!outcomes) return done(outcomes.error());
+                      if (!written_) spdlog::info("fleet: {} has joined", entry.name);
                       written_ = entry;
                       done(std::nullopt);
                     });

@@ -34,6 +34,8 @@ class Membership {
   /// Reads the others' keys now.
   void async_refresh(Done done);
 
+  /// The others can know of this server.
+  bool has_joined() const { return written_.has_value(); }
   /// As they were read last.
   const Servers& servers() const { return servers_; }
   const ServerEntry& self() const { return self_; }

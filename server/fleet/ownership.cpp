@@ -56,10 +56,8 @@ void Ownership::decide(Attempt attempt, const KeyTxnOutcome& read) {
   }
   const wire::Position recorded = recorded_in(read, attempt.session);
   if (owner->server == server_ && owner->instance == instance_) {
-    return attempt.answer(Owned{{attempt.session, key->mod_revision},
-                                owner->epoch,
-                                owner->segments.back(),
-                                recorded});
+    return attempt.answer(Owned{
+        {attempt.session, key->mod_revision}, owner->epoch, owner->segments.back(), recorded});
   }
   if (owner->server != server_ && !attempt.rules.may_take(owner->server)) {
     return attempt.answer(Foreign{owner->server});

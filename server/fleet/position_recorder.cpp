@@ -63,8 +63,7 @@ void PositionRecorder::on_answer(const Result<std::vector<KeyTxnOutcome>>& answe
   auto sent = std::exchange(sent_, {});
   if (!answer) {
     if (!std::exchange(is_failing_, true)) {
-      spdlog::error("fleet: nothing is acknowledged until it is recorded: {}",
-                    answer.error().text);
+      spdlog::error("fleet: nothing is acknowledged until it is recorded: {}", answer.error().text);
     }
     // It may have been recorded; to record it again is harmless.
     waiting_.insert(waiting_.begin(), std::make_move_iterator(sent.begin()),

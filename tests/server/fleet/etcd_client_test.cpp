@@ -100,8 +100,8 @@ TEST_F(EtcdClientTest, TheMostTxnsThatARequestMayHave) {
 }
 
 TEST_F(EtcdClientTest, KeysGoWithTheirLease) {
-  const auto lease = await<std::int64_t>(
-      [&](auto done) { client_->async_grant(std::chrono::seconds(60), done); });
+  const auto lease =
+      await<std::int64_t>([&](auto done) { client_->async_grant(std::chrono::seconds(60), done); });
   ASSERT_TRUE(lease) << lease.error().text;
   txn({{}, {{"/l", "x", lease.value()}}, {}});
   const auto keep = [&] {

@@ -49,7 +49,8 @@ class FakeKeyStore final : public KeyStore {
 
   void async_txns(std::vector<KeyTxn> txns, Done<std::vector<KeyTxnOutcome>> done) override {
     auto outcomes = std::make_shared<std::vector<KeyTxnOutcome>>();
-    add([this, txns = std::move(txns), outcomes] {
+    add(
+        [this, txns = std::move(txns), outcomes] {
           for (const KeyTxn& txn : txns) outcomes->push_back(keys_.run(txn));
         },
         [outcomes, done](const std::optional<Error>& error) {
@@ -58,7 +59,8 @@ class FakeKeyStore final : public KeyStore {
   }
   void async_range(std::string prefix, Done<std::vector<KeyValue>> done) override {
     auto found = std::make_shared<std::vector<KeyValue>>();
-    add([this, prefix, found] {
+    add(
+        [this, prefix, found] {
           for (const auto& [key, value] : keys_.keys) {
             if (key.starts_with(prefix)) found->push_back(value);
           }
@@ -72,9 +74,10 @@ class FakeKeyStore final : public KeyStore {
         });
   }
   void async_keep_alive(std::int64_t /*lease*/, Done<bool> done) override {
-    add([] {}, [this, done](const std::optional<Error>& error) {
-      error ? done(*error) : done(!is_lease_over);
-    });
+    add([] {},
+        [this, done](const std::optional<Error>& error) {
+          error ? done(*error) : done(!is_lease_over);
+        });
   }
   void async_revoke(std::int64_t lease, Done<bool> done) override {
     revoked = lease;

@@ -29,8 +29,7 @@ TEST(FleetKeys, ASegmentsFolderLeadsBackToIt) {
 }
 
 TEST(FleetKeys, ValuesAreReadAsTheyWereWritten) {
-  const SessionOwner owner{
-      "b", "0f", 3, {{"a", 1, {}}, {"b", 3, {1234567890123, 5}}}, true};
+  const SessionOwner owner{"b", "0f", 3, {{"a", 1, {}}, {"b", 3, {1234567890123, 5}}}, true};
   EXPECT_EQ(owner_from(to_text(owner)), owner);
   const wire::Position position{7, 8};
   EXPECT_EQ(position_from(to_text(position)), position);

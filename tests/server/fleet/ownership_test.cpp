@@ -26,8 +26,8 @@ struct Server {
   void ask(bool may_take, const std::optional<std::string>& better = std::nullopt) {
     answer.reset();
     ownership.async_acquire(
-        kSession, {[may_take](const auto& /*server*/) { return may_take; },
-                   [better] { return better; }},
+        kSession,
+        {[may_take](const auto& /*server*/) { return may_take; }, [better] { return better; }},
         [this](const auto& got) { answer = got; });
   }
   Owned acquire() {
