@@ -16,6 +16,7 @@
 #include "common/log.hpp"
 #include "server/dataset/check_session.hpp"
 #include "server/dataset/export_session.hpp"
+#include "server/fleet_commands.hpp"
 #include "server/live/status_socket.hpp"
 #include "server/serve.hpp"
 #include "server/settings.hpp"
@@ -168,6 +169,7 @@ int main(int argc, char** argv) try {
   add_check(app, command);
   add_export(app, command);
   add_status(app, command);
+  orbbuf::add_fleet_commands(app, command);
   CLI11_PARSE(app, argc, argv);
 
   orbbuf::set_up_log("info");

@@ -18,6 +18,8 @@
 
 #include "common/log.hpp"
 #include "common/service_status.hpp"
+#include "server/fleet/drain_socket.hpp"
+#include "server/fleet/fleet.hpp"
 #include "server/health.hpp"
 #include "server/http/http_server.hpp"
 #include "server/link/listener.hpp"
@@ -78,6 +80,27 @@ void reload_robots(Listener& listener,
   }
 }
 
+/// Sends the robots away, for `orbbuf-server drain`.
+std::function<void(fleet::DrainSocket::Done)> drain_of(fleet::Fleet& fleet, Listener& listener) {
+  return [&](fleet::DrainSocket::Done done) {
+    fleet.async_drain([&listener, done = std::move(done)](const std::optional<Error>& error) {
+      if (error) return done(error);
+      spdlog::info("draining: the robots are sent to other servers");
+      listener.move_all([done] {
+        spdlog::info("drained: no robot is here any more");
+        done(std::nullopt);
+      });
+    });
+  };
+}
+
+std::unique_ptr<fleet::DrainSocket> open_drain(asio::io_context& main, const std::string& setting,
+                                               fleet::Fleet& fleet, Listener& listener) {
+  const auto path = fleet::drain_socket_of(status_socket_path(setting));
+  if (path.empty()) return nullptr;
+  return std::make_unique<fleet::DrainSocket>(main, path, drain_of(fleet, listener));
+}
+
 /// Where the place is ours to choose, that it is taken is no reason not to serve.
 std::unique_ptr<StatusSocket> open_status(asio::io_context& main, const std::string& setting,
                                           const Metrics& metrics) {
@@ -109,8 +132,22 @@ void serve(const Settings& settings, const std::function<std::vector<std::string
   Metrics metrics(settings.listen.max_robots, settings.http_address.has_value());
   const auto status = open_status(main, settings.status_socket, metrics);
   std::optional<HttpServer> http;
-  if (settings.http_address) http.emplace(main, files, settings, metrics);
+  const Listener* counted = nullptr;
+  std::optional<fleet::Fleet> fleet;
+  if (settings.fleet.is_on()) {
+    fleet.emplace(main, settings.fleet,
+                  [&counted] { return counted == nullptr ? 0 : counted->robots(); });
+  }
+  if (settings.http_address) {
+    http.emplace(main, files, settings, metrics, fleet ? &*fleet : nullptr);
+  }
   Listener listener(main, files, settings, http || status ? &metrics : nullptr);
+  counted = &listener;
+  std::unique_ptr<fleet::DrainSocket> drain;
+  if (fleet) {
+    listener.join(*fleet);
+    drain = open_drain(main, status ? settings.status_socket : "", *fleet, listener);
+  }
   ServiceStatus service;
   Health health(main, files, service, listener);
   const auto retention = make_retention(main, files, settings, listener);
@@ -139,11 +176,15 @@ void serve(const Settings& settings, const std::function<std::vector<std::string
       retention->stop();
       if (http) http->stop();
       if (status) status->stop();
-      main.stop();
+      if (drain) drain->stop();
+      if (!fleet) return main.stop();
+      fleet->async_stop([&main] { main.stop(); });
     });
   });
   if (http) http->start();
   if (status) status->start();
+  if (fleet) fleet->start();
+  if (drain) drain->start();
   listener.start();
   health.start();
   if (settings.quota.is_set()) retention->start();

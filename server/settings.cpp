@@ -2,6 +2,7 @@
 #include "server/settings.hpp"
 
 #include <spdlog/fmt/fmt.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -193,6 +194,53 @@ void load_quota(ConfigReader& reader, Quota& quota) {
                               std::chrono::nanoseconds(kMost));
 }
 
+std::string host_name() {
+  std::array<char, 256> name{};
+  return ::gethostname(name.data(), name.size() - 1) == 0 ? std::string(name.data()) : "";
+}
+
+/// What robots and servers are told, so it must mean the same to all of them.
+std::string load_public(ConfigReader& reader, const std::string& key, const Address& listen) {
+  const bool is_any = listen.host == "0.0.0.0" || listen.host == "::";
+  const std::string text = reader.text(key, is_any ? "" : to_string(listen));
+  if (text.empty()) reader.fail(key, "needed: where others reach this server, HOST:PORT");
+  if (to_address(reader, key, text).port == 0) reader.fail(key, "needs a port");
+  return text;
+}
+
+void load_fleet(ConfigReader& reader, Settings& settings) {
+  FleetSettings& fleet = settings.fleet;
+  constexpr std::int64_t kLongest = 60;
+  for (const std::string& text : reader.texts("fleet.etcd")) {
+    fleet.etcd.push_back(to_address(reader, "fleet.etcd", text));
+  }
+  fleet.name = reader.text("fleet.name", fleet.name);
+  const std::string address = reader.text("fleet.address", "");
+  const std::string http = reader.text("fleet.http", "");
+  fleet.lease = std::chrono::duration_cast<std::chrono::seconds>(reader.duration(
+      "fleet.lease", fleet.lease, std::chrono::seconds(2), std::chrono::seconds(kLongest)));
+  if (reader.flag("fleet.etcd_tls", false)) {
+    if (!settings.listen.tls.is_on()) reader.fail("fleet.etcd_tls", "needs [tls]");
+    fleet.tls = settings.listen.tls;
+  }
+  if (!fleet.is_on()) {
+    fleet = {};
+    return;
+  }
+  if (fleet.name.empty()) fleet.name = host_name();
+  if (!wire::is_valid_id(fleet.name)) reader.fail("fleet.name", "not an id: " + fleet.name);
+  fleet.address = load_public(reader, "fleet.address", settings.listen.address);
+  if (settings.http_address) {
+    fleet.http = load_public(reader, "fleet.http", *settings.http_address);
+  }
+  if (!settings.sinks.files_enabled || settings.sinks.files_sync != FilesSync::kAck) {
+    reader.fail("fleet.etcd", "needs files.enabled = true and files.sync = \"ack\"");
+  }
+  if (settings.sinks.mcap_enabled) {
+    reader.fail("fleet.etcd", "excludes mcap.enabled: a session's parts are joined as files");
+  }
+}
+
 }  // namespace
 
 Settings load_settings(ConfigReader& reader) {
@@ -207,6 +255,7 @@ Settings load_settings(ConfigReader& reader) {
       reader.duration("session.drain_timeout", settings.drain_timeout, milliseconds(0), hours(1));
   load_sinks(reader, settings.sinks);
   load_quota(reader, settings.quota);
+  load_fleet(reader, settings);
   reader.reject_unknown();
   return settings;
 }

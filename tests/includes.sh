@@ -33,7 +33,8 @@ server/recording/mcap: common server/calibration server/recording server/recordi
 server/recording/late_merge: common server/recording server/recording/mcap
 server/dataset: common server/calibration server/recording
 server/retention: common server/runtime server/recording
-server/live: common server/recording
+server/live: common server/runtime server/recording
+server/fleet: common common/net server/runtime
 server/sink: common server/runtime server/recording
 server/sink/pipe: common server/runtime server/recording server/sink
 server/sink/losses: common
@@ -41,9 +42,9 @@ server/sink/ros_name:
 server/sink/dds: common server/calibration server/recording server/sink server/sink/losses server/sink/ros_name
 server/sink/ros: common server/calibration server/recording server/sink server/sink/losses server/sink/ros_name
 server/sink/make_sinks: common server/runtime server/recording server/recording/mcap server/sink server/sink/pipe server/sink/dds server/sink/ros
-server/settings: common common/net server/live server/retention server/sink/make_sinks
-server/http: common common/net server/runtime server/calibration server/recording server/recording/mcap/foxglove server/live server/settings
-server/link: common common/net server/runtime server/recording server/recording/late_merge server/live server/sink server/sink/make_sinks server/settings
+server/settings: common common/net server/fleet server/live server/retention server/sink/make_sinks
+server/http: common common/net server/fleet server/runtime server/calibration server/recording server/recording/mcap/foxglove server/live server/settings
+server/link: common common/net server/fleet server/runtime server/recording server/recording/late_merge server/live server/sink server/sink/make_sinks server/settings
 bench:
 bench/sim:
 evaluation: server/calibration
@@ -51,7 +52,7 @@ evaluation/world: common bench evaluation
 evaluation/odometry: common bench evaluation
 evaluation/trial: common bench daemon/buffer daemon/image bench/sim evaluation evaluation/odometry
 evaluation/real: common bench bench/sim
-server: common server/runtime server/dataset server/retention server/live server/sink/make_sinks server/settings server/http server/link
+server: common server/fleet server/runtime server/dataset server/retention server/live server/sink/make_sinks server/settings server/http server/link
 ALLOWED
 }
 

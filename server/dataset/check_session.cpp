@@ -77,6 +77,8 @@ class Check {
   void check_gaps() {
     std::set<Sequence> known = delivered_;
     known.insert(dropped_.begin(), dropped_.end());
+    end_ = session_.segment.from.next_sequence;  // what is before, others have
+    known.erase(known.begin(), known.lower_bound(end_));
     for (const Sequence sequence : known) {
       if (sequence > end_) report_gap(end_, sequence);
       end_ = sequence + 1;

@@ -21,11 +21,11 @@ std::filesystem::path folder_of(const SinkSettings& sinks) {
 }  // namespace
 
 HttpServer::HttpServer(asio::io_context& main, asio::thread_pool& files, const Settings& settings,
-                       Metrics& metrics)
+                       Metrics& metrics, fleet::Fleet* fleet)
     : files_(files),
       tls_(make_tls_context(settings.listen.tls)),
       router_(main, files, metrics, folder_of(settings.sinks),
-              !tls_ && is_loopback(*settings.http_address)),
+              !tls_ && is_loopback(*settings.http_address), fleet),
       foxglove_(std::make_shared<FoxgloveServer>(main, metrics)),
       acceptor_(listen_on(main, "serve http on", *settings.http_address)),
       retry_(main) {

@@ -8,6 +8,7 @@
 
 #include "common/address.hpp"
 #include "common/wire.hpp"
+#include "server/fleet/fleet_metrics.hpp"
 #include "server/http/own_host.hpp"
 #include "server/http/views.hpp"
 #include "server/recording/session_names.hpp"
@@ -22,6 +23,7 @@ namespace fs = std::filesystem;
 constexpr unsigned kNotFound = 404;
 constexpr unsigned kMethodNotAllowed = 405;
 constexpr unsigned kMisdirected = 421;
+constexpr unsigned kFleetUnavailable = 503;
 constexpr std::string_view kJson = "application/json";
 constexpr std::string_view kJpeg = "image/jpeg";
 
@@ -59,8 +61,9 @@ bool is_image_name(std::string_view name) {
 /// is shown. Only what SessionFiles writes, so no word can lead elsewhere.
 fs::path file_in_session(const std::vector<std::string>& words) {
   if (words.size() == 4) {
-    for (const char* name : {session_names::kTimes, session_names::kDrops, session_names::kCamera,
-                             session_names::kChecksums}) {
+    for (const char* name :
+         {session_names::kTimes, session_names::kDrops, session_names::kCamera,
+          session_names::kChecksums, session_names::kEnd, session_names::kSegment}) {
       if (words[3] == name) return name;
     }
   }
@@ -75,12 +78,13 @@ fs::path file_in_session(const std::vector<std::string>& words) {
 }  // namespace
 
 Router::Router(asio::io_context& main, asio::thread_pool& files, const Metrics& metrics,
-               fs::path folder, bool is_local)
+               fs::path folder, bool is_local, fleet::Fleet* fleet)
     : main_(main),
       files_(files),
       metrics_(metrics),
       folder_(std::move(folder)),
-      is_local_(is_local) {}
+      is_local_(is_local),
+      fleet_(fleet) {}
 
 void Router::answer(const HttpRequest& request, Answer answer) const {
   if (!is_for_this_host(request)) {
@@ -98,8 +102,9 @@ void Router::answer_path(const HttpRequest& request, const Words& words, Answer 
   const std::string& first = words.front();
   if (first == "healthz" && words.size() == 1) return answer(health(metrics_));
   if (first == "metrics" && words.size() == 1) {
-    return answer(text_response(to_prometheus(metrics_, RobotMetrics::Clock::now()), kMetricsType));
+    return answer(prometheus());
   }
+  if (first == "fleet.json" && words.size() == 1) return fleet(std::move(answer));
   if (first == "robots" && words.size() == 3 && words[2] == "image") return answer(image(words[1]));
   if (first == "api" && words.size() == 2 && words[1] == "robots") {
     return answer(robots(request.query));
@@ -110,6 +115,20 @@ void Router::answer_path(const HttpRequest& request, const Words& words, Answer 
   if (first == "sessions" && words.size() > 3) return session_file(words, std::move(answer));
   if ((first.empty() || first == "sessions") && words.size() <= 3) return answer(page());
   answer(error_response(kNotFound));
+}
+
+HttpResponse Router::prometheus() const {
+  std::string text = to_prometheus(metrics_, RobotMetrics::Clock::now());
+  if (fleet_ != nullptr) text += fleet::to_prometheus(*fleet_);
+  return text_response(std::move(text), kMetricsType);
+}
+
+void Router::fleet(Answer answer) const {
+  if (fleet_ == nullptr) return answer(error_response(kNotFound, "[fleet] is not set"));
+  fleet_->async_overview([answer = std::move(answer)](const Result<std::string>& overview) {
+    answer(overview ? text_response(overview.value(), kJson)
+                    : error_response(kFleetUnavailable, overview.error().text));
+  });
 }
 
 HttpResponse Router::robots(const std::string& query) const {

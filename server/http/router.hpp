@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "server/fleet/fleet.hpp"
 #include "server/http/request_reader.hpp"
 #include "server/http/response.hpp"
 #include "server/live/metrics.hpp"
@@ -22,8 +23,9 @@ class Router {
 
   /// `folder`: where sessions are kept; empty: nowhere. `is_local`: only this machine can connect,
   /// so a request for another host was sent by a page from there that misleads a browser here.
+  /// `fleet`: null if there is none.
   Router(boost::asio::io_context& main, boost::asio::thread_pool& files, const Metrics& metrics,
-         std::filesystem::path folder, bool is_local);
+         std::filesystem::path folder, bool is_local, fleet::Fleet* fleet = nullptr);
 
   /// Runs `answer` once, from within the call or later.
   void answer(const HttpRequest& request, Answer answer) const;
@@ -35,6 +37,8 @@ class Router {
   using Words = std::vector<std::string>;  // of a path, between the slashes
 
   void answer_path(const HttpRequest& request, const Words& words, Answer answer) const;
+  HttpResponse prometheus() const;
+  void fleet(Answer answer) const;
   HttpResponse robots(const std::string& query) const;
   HttpResponse image(const std::string& robot) const;
   void session_file(const Words& words, Answer answer) const;
@@ -46,6 +50,7 @@ class Router {
   const Metrics& metrics_;
   const std::filesystem::path folder_;
   const bool is_local_;
+  fleet::Fleet* const fleet_;  // null: this server is alone
 };
 
 }  // namespace orbbuf

@@ -82,6 +82,8 @@ void Connection::refuse(std::string_view why, spdlog::level::level_enum level) {
   fail({ErrorCode::kRefused, std::string(why)}, level);
 }
 
+void Connection::move(const std::string& address) { on_moved(address); }
+
 void Connection::on_attached(wire::Position position) {
   state_ = State::kServing;
   spdlog::info("{}: session {} at frame {}, {}", name(), session_->info().session_id,
@@ -100,6 +102,12 @@ void Connection::on_kept() {
 void Connection::on_replaced() {
   spdlog::info("{}: replaced, the robot connected again", name());
   part(encode(wire::ErrorMessage{ErrorCode::kReplaced, "the robot connected again"}));
+}
+
+void Connection::on_moved(const std::string& address) {
+  if (address.empty()) return refuse("another server has this session", spdlog::level::info);
+  spdlog::info("{}: sent to {}", name(), address);
+  part(encode(wire::ErrorMessage{ErrorCode::kMoved, address}));
 }
 
 void Connection::on_ended(wire::Position position) { part(encode(wire::Bye{position})); }

@@ -76,6 +76,8 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void join(std::shared_ptr<Session> session);
   /// Answers the hello, or ends the wait for one, by an error message and the end.
   void refuse(std::string_view why, spdlog::level::level_enum level = spdlog::level::warn);
+  /// Answers the hello by the address of another server.
+  void move(const std::string& address);
   bool is_introduced() const { return state_ > State::kHello; }
   const boost::asio::ip::tcp::endpoint& peer() const { return peer_; }
   const std::string& robot_id() const { return robot_id_; }
@@ -83,6 +85,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void on_attached(wire::Position position) override;
   void on_kept() override;
   void on_replaced() override;
+  void on_moved(const std::string& address) override;
   void on_ended(wire::Position position) override;
 
  private:

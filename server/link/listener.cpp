@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <boost/asio/post.hpp>
 #include <chrono>
 #include <stdexcept>
 #include <utility>
@@ -84,7 +85,8 @@ std::size_t Listener::robots() const {
 }
 
 bool Listener::has_session(const std::string& robot_id, const std::string& session_id) const {
-  const SessionKey key(robot_id, session_id);
+  const SessionKey key(robot_id,
+                       fleet_ == nullptr ? session_id : fleet::parse_folder(session_id).session_id);
   return sessions_.contains(key) || opening_.contains(key);
 }
 
@@ -146,22 +148,103 @@ void Listener::on_hello(const std::shared_ptr<Connection>& connection, const wir
     return connection->refuse(why, is_known ? spdlog::level::debug : spdlog::level::warn);
   }
   close_other_sessions(key);
-  if (const auto known = sessions_.find(key); known != sessions_.end()) {
+  const SessionInfo info{key.first, key.second, hello.calibration};
+  const auto known = sessions_.find(key);
+  if (known == sessions_.end() && late_ && late_->is_merging(key.first, key.second)) {
+    return connection->refuse("the session is being merged with its late frames");
+  }
+  if (fleet_ != nullptr) {
+    if (wait_for(key, connection)) enter(key, info);
+    return;
+  }
+  if (known != sessions_.end()) {
     if (known->second->is_closing()) return connection->refuse("the session is being closed");
     return connection->join(known->second);
   }
-  if (late_ && late_->is_merging(key.first, key.second)) {
-    return connection->refuse("the session is being merged with its late frames");
-  }
+  if (wait_for(key, connection)) open(key, info);
+}
+
+/// For on_opened(), in place of the connection that has waited before. True: none has.
+bool Listener::wait_for(const SessionKey& key, const std::shared_ptr<Connection>& connection) {
   const auto [waiting, is_new] = opening_.try_emplace(key);
   if (const auto old = std::exchange(waiting->second, connection)) old->on_replaced();
-  if (is_new) open(key, SessionInfo{key.first, key.second, hello.calibration});
+  return is_new;
+}
+
+/// In a fleet each hello asks, also that for a session which is open here: a welcome acknowledges.
+void Listener::enter(const SessionKey& key, const SessionInfo& info) {
+  fleet_->async_enter({key.first, key.second}, [this, key, info](const auto& outcome) {
+    if (outcome) return on_entered(key, info, outcome.value());
+    const auto connection = std::move(opening_.extract(key).mapped());
+    if (!connection) return check_stopped();
+    const std::string& why = outcome.error().text;
+    const bool is_known = std::exchange(last_refusal_, why) == why;
+    connection->refuse(why, is_known ? spdlog::level::debug : spdlog::level::warn);
+  });
+}
+
+void Listener::on_entered(const SessionKey& key, SessionInfo info,
+                          const std::variant<fleet::Owned, fleet::Fleet::Moved>& outcome) {
+  const auto* const owned = std::get_if<fleet::Owned>(&outcome);
+  const auto known = sessions_.find(key);
+  if (owned != nullptr && known == sessions_.end()) {
+    owned_[key] = *owned;
+    info.segment = {owned->segment.epoch, owned->segment.from};
+    return open(key, info);
+  }
+  const auto connection = std::move(opening_.extract(key).mapped());
+  if (!connection) return check_stopped();
+  if (owned == nullptr) return connection->move(std::get<fleet::Fleet::Moved>(outcome).address);
+  const bool is_stale = owned_.at(key).claim.revision != owned->claim.revision;
+  if (is_stale && !known->second->is_closing()) known->second->close(SessionEnd::kMoved);
+  if (is_stale || known->second->is_closing()) {
+    return connection->refuse("the session is being closed");
+  }
+  connection->join(known->second);
+}
+
+void Listener::fence(Session& session, const fleet::Owned& owned) {
+  session.fence({[this, claim = owned.claim](const wire::Position& position, auto recorded) {
+                   fleet_->recorder().async_record(claim, position, std::move(recorded));
+                 },
+                 [this] { fleet_->recorder().hurry(); }, owned.recorded});
+}
+
+void Listener::move_all(std::function<void()> moved) {
+  moved_ = std::move(moved);
+  move_next();
+}
+
+void Listener::move_next() {
+  if (!moved_) return;
+  if (sessions_.empty()) {
+    if (opening_.empty()) std::exchange(moved_, nullptr)();
+    return;
+  }
+  const auto session = sessions_.begin()->second;
+  if (!session->is_closing()) session->move(fleet_->refuge());
+}
+
+void Listener::on_session_closed(const SessionKey& key) {
+  const auto session = std::move(sessions_.extract(key).mapped());
+  if (fleet_ != nullptr) {
+    if (session->has_ended() && session->kept() == session->position()) {
+      fleet_->end(owned_.at(key));
+    }
+    if (!opening_.contains(key)) owned_.erase(key);
+    asio::post(main_, [this] { move_next(); });
+  }
+  if (late_ && !stopped_) late_->on_closed(key.first, key.second);
+  check_stopped();
 }
 
 /// Empty if there is none.
 std::string Listener::reason_to_refuse(const SessionKey& key) const {
   const std::string& robot = key.first;
   if (!is_allowed(robot)) return robot + " is not among listen.robots";
+  if (fleet_ != nullptr && fleet::parse_folder(key.second).epoch > 1) {
+    return key.second + " is the name of a later part of a session";
+  }
   if (std::ranges::find(superseded_, key) != superseded_.end()) {
     return fmt::format("{} has begun another session since {}; are there two of that name?", robot,
                        key.second);
@@ -205,6 +288,7 @@ void Listener::open(const SessionKey& key, const SessionInfo& info) {
 void Listener::on_opened(const SessionKey& key, SessionInfo info, Result<OpenedSession> opened) {
   const auto connection = std::move(opening_.extract(key).mapped());
   if (!connection) return check_stopped();
+  if (moved_) asio::post(main_, [this] { move_next(); });
   if (!opened) {
     spdlog::error("{} {}: no session: {}", key.first, key.second, opened.error().text);
     return connection->refuse("the server cannot keep this session: " + opened.error().text);
@@ -216,16 +300,10 @@ std::shared_ptr<Session> Listener::begin(const SessionKey& key, SessionInfo info
                                          OpenedSession opened) {
   auto sinks = make_sinks(settings_.sinks, info, std::move(opened), main_, pool_, commit_.get());
   const Session::Timeouts timeouts{settings_.session_timeout, settings_.drain_timeout};
-  auto session =
-      std::make_shared<Session>(main_, std::move(info), std::move(sinks), timeouts,
-                                Session::Events{[this, key] {
-                                                  sessions_.erase(key);
-                                                  if (late_ && !stopped_) {
-                                                    late_->on_closed(key.first, key.second);
-                                                  }
-                                                  check_stopped();
-                                                },
-                                                sink_failed_});
+  auto session = std::make_shared<Session>(
+      main_, std::move(info), std::move(sinks), timeouts,
+      Session::Events{[this, key] { on_session_closed(key); }, sink_failed_});
+  if (fleet_ != nullptr) fence(*session, owned_.at(key));
   if (metrics_ != nullptr) session->show(metrics_->begin(session->info()));
   sessions_.emplace(key, session);
   return session;

@@ -14,8 +14,10 @@
 #include <set>
 #include <string>
 #include <utility>
+#include <variant>
 #include <vector>
 
+#include "server/fleet/fleet.hpp"
 #include "server/link/connection.hpp"
 #include "server/link/session.hpp"
 #include "server/settings.hpp"
@@ -57,6 +59,13 @@ class Listener final : public ConnectionOwner {
   /// Before start(): runs at each failed try of a session's sink, a full disk for one.
   void on_sink_failed(std::function<void()> run) { sink_failed_ = std::move(run); }
 
+  /// Before start(): sessions are those of a fleet, which must outlive every run of the io_context.
+  void join(fleet::Fleet& fleet) { fleet_ = &fleet; }
+
+  /// Sends all robots to other servers of the fleet, one after the other: the next when the one
+  /// before is told. `moved` when none is here any more. The fleet is draining already.
+  void move_all(std::function<void()> moved);
+
   void start();
   /// Reads the certificates again, for the connections that follow. If they cannot be used, it logs
   /// why and keeps those that it has. Connections that are open stay open.
@@ -85,6 +94,13 @@ class Listener final : public ConnectionOwner {
   bool is_allowed(const std::string& robot_id) const;
   std::string reason_to_refuse(const SessionKey& key) const;
   void close_other_sessions(const SessionKey& key);
+  bool wait_for(const SessionKey& key, const std::shared_ptr<Connection>& connection);
+  void enter(const SessionKey& key, const SessionInfo& info);
+  void on_entered(const SessionKey& key, SessionInfo info,
+                  const std::variant<fleet::Owned, fleet::Fleet::Moved>& outcome);
+  void fence(Session& session, const fleet::Owned& owned);
+  void move_next();
+  void on_session_closed(const SessionKey& key);
   void open(const SessionKey& key, const SessionInfo& info);
   void on_opened(const SessionKey& key, SessionInfo info, Result<OpenedSession> opened);
   std::shared_ptr<Session> begin(const SessionKey& key, SessionInfo info, OpenedSession opened);
@@ -107,8 +123,11 @@ class Listener final : public ConnectionOwner {
   /// waits for each; null: none does any more.
   std::map<SessionKey, std::shared_ptr<Connection>> opening_;
   std::map<SessionKey, std::shared_ptr<Session>> sessions_;
-  std::deque<SessionKey> superseded_;  // the last thousand
-  std::string last_refusal_;           // logged already
+  fleet::Fleet* fleet_ = nullptr;             // null: this server is alone
+  std::map<SessionKey, fleet::Owned> owned_;  // of the sessions that open or are open
+  std::function<void()> moved_;               // set: moving all
+  std::deque<SessionKey> superseded_;         // the last thousand
+  std::string last_refusal_;                  // logged already
   std::function<void()> sink_failed_;
   std::function<void()> stopped_;  // set: stopping
 };

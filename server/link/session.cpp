@@ -25,6 +25,8 @@ std::string_view to_string(SessionEnd end) {
       return "session closed, the robot did not come back";
     case SessionEnd::kStopping:
       return "session closed, the server stops";
+    case SessionEnd::kMoved:
+      return "session closed, it is another server's";
   }
   return "";
 }
@@ -50,6 +52,11 @@ Session::Session(asio::io_context& main, SessionInfo info,
   }
 }
 
+void Session::fence(Fence fence) {
+  if (position_ == fence.recorded) kept_ = position_;
+  fence_ = std::move(fence);
+}
+
 void Session::attach(const std::shared_ptr<SessionPeer>& peer) {
   assert(!is_closing());
   const auto old = peer_.lock();
@@ -59,6 +66,7 @@ void Session::attach(const std::shared_ptr<SessionPeer>& peer) {
   if (metrics_) metrics_->on_connected();
   if (old) old->on_replaced();
   commit();  // of what an earlier process has written
+  hurry();
   on_waiter_gone();
 }
 
@@ -129,11 +137,46 @@ void Session::on_committed(const wire::Position& upto, const std::optional<Error
     if (is_closing()) settle();
     return;
   }
+  if (!fence_) return on_recorded(upto);
+  fence_->record(upto, [weak = weak_from_this(), upto](bool is_ours) {
+    const auto self = weak.lock();
+    if (!self) return;
+    is_ours ? self->on_recorded(upto) : self->on_not_ours();
+  });
+  if (is_closing() || is_peer_waiting_) hurry();
+}
+
+void Session::on_recorded(const wire::Position& upto) {
   is_committing_ = false;
   kept_ = upto;
   if (const auto peer = peer_.lock()) peer->on_kept();
   commit();
   settle();
+}
+
+/// is_committing_ stays, so nothing more is acknowledged.
+void Session::on_not_ours() {
+  is_commit_failed_ = true;
+  if (is_closing()) return settle();
+  spdlog::warn("{}: another server has this session; from frame {} on it is that one's", name_,
+               kept_.next_sequence);
+  close(SessionEnd::kMoved);
+}
+
+void Session::hurry() const {
+  if (fence_ && is_committing_) fence_->hurry();
+}
+
+/// The server stops, though its fence does not answer.
+void Session::give_up_recording() {
+  if (!fence_ || kept_ == position_) return;
+  is_commit_failed_ = true;
+  settle();
+}
+
+void Session::move(std::string address) {
+  move_to_ = std::move(address);
+  close(SessionEnd::kMoved);
 }
 
 void Session::on_report(const wire::Report& report) {
@@ -302,10 +345,12 @@ void Session::start_timeout() {
 void Session::close(SessionEnd end) {
   if (is_closing()) return;
   end_ = end;
+  hurry();
   timer_.expires_after(timeouts_.drain);
   timer_.async_wait([self = shared_from_this()](const error_code& failed) {
     if (failed) return;
     for (const auto& sink : self->sinks_) sink->close();
+    if (self->end_ == SessionEnd::kStopping) self->give_up_recording();
   });
   on_waiter_gone();
 }
@@ -332,6 +377,8 @@ void Session::finish_close() {
   if (const auto peer = peer_.lock()) {
     if (*end_ == SessionEnd::kSuperseded) {
       peer->on_replaced();
+    } else if (*end_ == SessionEnd::kMoved) {
+      peer->on_moved(move_to_);
     } else {
       peer->on_ended(kept_);
     }

@@ -29,6 +29,8 @@ class SessionPeer {
   virtual void on_kept() = 0;
   /// The session is another connection's now, or the robot began a new one.
   virtual void on_replaced() = 0;
+  /// The session is another server's: tell the robot to go there; empty: wherever it can.
+  virtual void on_moved(const std::string& address) = 0;
   /// The session is over, its record ends at `position`: say bye.
   virtual void on_ended(wire::Position position) = 0;
 };
@@ -39,6 +41,7 @@ enum class SessionEnd : std::uint8_t {
   kSuperseded,  ///< the robot has begun another
   kAbandoned,   ///< no connection for too long
   kStopping,    ///< the server stops
+  kMoved,       ///< it goes on at another server of the fleet
 };
 
 /// One run of a robot's daemon as the server has it: its sinks, how far they got, and which
@@ -71,11 +74,23 @@ class Session : public std::enable_shared_from_this<Session> {
     std::function<void()> sink_failed;  ///< at each failed try; may be empty
   };
 
+  /// Of a session that several servers may have, one after the other.
+  struct Fence {
+    /// Runs its handler, never from within the call, when that much may be acknowledged; false: the
+    /// session is another server's, so nothing may. It may never run.
+    std::function<void(wire::Position, std::function<void(bool)>)> record;
+    std::function<void()> hurry;  ///< somebody waits for what is being recorded
+    wire::Position recorded;      ///< before this session began
+  };
+
   Session(boost::asio::io_context& main, SessionInfo info,
           std::vector<std::shared_ptr<FrameSink>> sinks, const Timeouts& timeouts, Events events);
 
   /// Tells `metrics` what happens from here on. At most once, before all else.
   void show(std::shared_ptr<RobotMetrics> metrics) { metrics_ = std::move(metrics); }
+
+  /// From here on nothing is kept before it is recorded. At most once, before attach().
+  void fence(Fence fence);
 
   /// Makes `peer` the one connection, replacing the present one. peer->on_attached() follows as
   /// soon as no sink is busy any more, possibly from within the call. Requires !is_closing().
@@ -97,6 +112,8 @@ class Session : public std::enable_shared_from_this<Session> {
 
   /// Ends the session when the sinks are done with what they have begun, or when `drain` is over.
   void close(SessionEnd end);
+  /// close(SessionEnd::kMoved), and the robot is told where to go on.
+  void move(std::string address);
 
   /// Whether a frame or drop record of that number can follow. One far beyond the position would
   /// make the server take the robot's next frames for repeats.
@@ -106,6 +123,8 @@ class Session : public std::enable_shared_from_this<Session> {
   }
 
   bool is_closing() const { return end_.has_value(); }
+  /// The robot has said so.
+  bool has_ended() const { return end_ == SessionEnd::kBye; }
   /// Up to where the sinks have taken all.
   wire::Position position() const { return position_; }
   /// Up to where they keep it, on the device if that is asked for: never beyond position().
@@ -131,6 +150,10 @@ class Session : public std::enable_shared_from_this<Session> {
   void repeat(Taken taken);
   void commit();
   void on_committed(const wire::Position& upto, const std::optional<Error>& error);
+  void on_recorded(const wire::Position& upto);
+  void on_not_ours();
+  void hurry() const;
+  void give_up_recording();
   void call_sink();
   void on_sink_done(const std::optional<Error>& error);
   bool is_partly_taken() const;
@@ -161,6 +184,8 @@ class Session : public std::enable_shared_from_this<Session> {
   std::optional<Job> job_;
   bool is_sink_busy_ = false;  // else a job is waiting for retry_
   wire::Position kept_;
+  std::optional<Fence> fence_;
+  std::string move_to_;
   bool is_committing_ = false;
   bool is_commit_failed_ = false;
   bool is_draining_ = false;

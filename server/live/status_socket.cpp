@@ -2,7 +2,6 @@
 #include "server/live/status_socket.hpp"
 
 #include <spdlog/fmt/fmt.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -11,9 +10,10 @@
 #include <boost/asio/read.hpp>
 #include <chrono>
 #include <cstdlib>
-#include <stdexcept>
 #include <utility>
 #include <vector>
+
+#include "server/runtime/private_socket.hpp"
 
 namespace orbbuf {
 namespace {
@@ -33,27 +33,6 @@ fs::path in_folder_of(const char* variable, const char* name) {
 }
 
 fs::path own_socket() { return in_folder_of("XDG_RUNTIME_DIR", "orbbuf-server.sock"); }
-
-Protocol::acceptor listen_on(asio::io_context& main, const fs::path& path) {
-  try {
-    const Protocol::endpoint endpoint(path.string());
-    Protocol::socket other(main);
-    error_code failed;
-    other.connect(endpoint, failed);
-    if (!failed) throw std::runtime_error("status.socket: another server is on " + path.string());
-    if (failed == asio::error::connection_refused && fs::is_socket(path)) ::unlink(path.c_str());
-    const mode_t mask = ::umask(S_IRWXG | S_IRWXO);
-    Protocol::acceptor acceptor(main, endpoint.protocol());
-    acceptor.bind(endpoint, failed);
-    ::umask(mask);
-    if (failed) throw boost::system::system_error(failed);
-    acceptor.listen();
-    return acceptor;
-  } catch (const boost::system::system_error& error) {
-    throw std::runtime_error("status.socket: listen on " + path.string() + ": " +
-                             error.code().message());
-  }
-}
 
 Result<std::string> ask(const fs::path& path) {
   asio::io_context io;
@@ -144,7 +123,10 @@ fs::path status_socket_path(const std::string& setting) {
 }
 
 StatusSocket::StatusSocket(asio::io_context& main, fs::path path, const Metrics& metrics)
-    : path_(std::move(path)), metrics_(metrics), acceptor_(listen_on(main, path_)), retry_(main) {}
+    : path_(std::move(path)),
+      metrics_(metrics),
+      acceptor_(listen_privately(main, "status.socket", path_)),
+      retry_(main) {}
 
 StatusSocket::~StatusSocket() { ::unlink(path_.c_str()); }
 

@@ -167,6 +167,8 @@ Result<RecordedSession> read_recorded_session(const fs::path& folder) {
   if (!drops) return std::move(drops).error();
   auto calibration = read_text(folder / session_names::kCamera);
   if (!calibration) return std::move(calibration).error();
+  const auto segment = read_text(folder / session_names::kSegment);
+  if (!segment) return segment.error();
   const auto end = read_text(folder / session_names::kEnd);
   if (!end) return end.error();
   auto checksums = read_text(folder / session_names::kChecksums);
@@ -180,6 +182,11 @@ Result<RecordedSession> read_recorded_session(const fs::path& folder) {
   add_late(parse_late(late.value(), session), session);
   parse_drops(drops.value(), session);
   session.calibration = std::move(calibration).value();
+  const auto info = segment_from_csv(segment.value());
+  if (info) session.segment = *info;
+  if (!info && !segment.value().empty()) {
+    session.problems.push_back(fmt::format("{}: cannot be read", session_names::kSegment));
+  }
   session.closing = closing_from_csv(end.value());
   if (!end.value().empty() && !session.closing) {
     session.problems.push_back(fmt::format("{}: cannot be read", session_names::kEnd));

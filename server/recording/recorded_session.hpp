@@ -12,6 +12,7 @@
 #include "common/error.hpp"
 #include "common/frame.hpp"
 #include "server/recording/robot_holds.hpp"
+#include "server/recording/segment_info.hpp"
 #include "server/recording/sequence_set.hpp"
 #include "server/recording/session_closing.hpp"
 
@@ -41,6 +42,7 @@ struct RecordedSession {
   SequenceSet late;                 ///< the numbers that did not come live
   std::optional<RobotHolds> holds;  ///< nothing: the robot has never held any of it
   bool is_stereo = false;
+  SegmentInfo segment;  ///< the first: the folder has the session from its beginning on
   std::optional<SessionClosing> closing;  ///< nothing: an older server has recorded it
   std::string calibration;                ///< of camera.txt; empty: there is none
   /// By the image's path in the folder; empty if the session was recorded without.

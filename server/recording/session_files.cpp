@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <charconv>
 #include <cstdint>
@@ -88,12 +89,13 @@ Result<Sequence> next_of_live_stream(const fs::path& folder, const SequenceSet& 
 
 }  // namespace
 
-SessionFiles::SessionFiles(fs::path folder, std::string calibration)
+SessionFiles::SessionFiles(fs::path folder, std::string calibration, SegmentInfo segment)
     : folder_(std::move(folder)),
       images_(folder_ / session_names::kImages),
       images_right_(folder_ / session_names::kRightImages),
       temporary_(folder_ / session_names::kIncoming),
       calibration_(std::move(calibration)),
+      segment_(segment),
       times_(folder_ / session_names::kTimes),
       drops_(folder_ / session_names::kDrops, std::string(kDropCsvHeader)),
       checksums_(folder_ / session_names::kChecksums) {}
@@ -132,7 +134,7 @@ Result<wire::Position> SessionFiles::recover() {
   const auto listed = read_late(folder_);
   if (!listed) return listed.error();
   const SequenceSet late = numbers_of(listed.value());
-  wire::Position position;
+  wire::Position position = segment_.from;
   if (times.value().lines > 0) {
     const auto last = session_lines::parse_times(times.value().last);
     if (!last) {
@@ -144,10 +146,10 @@ Result<wire::Position> SessionFiles::recover() {
     if (late.contains(last->sequence)) {
       const auto live = next_of_live_stream(folder_, late);
       if (!live) return live.error();
-      position.next_sequence = live.value();
+      position.next_sequence = std::max(segment_.from.next_sequence, live.value());
     }
   }
-  if (drops.value().lines > 0) position.next_drop = drops.value().lines - 1;
+  if (drops.value().lines > 0) position.next_drop += drops.value().lines - 1;
   if (auto error = recover_end()) return std::move(*error);
   if (auto moved = move_to_orphans(folder_, session_names::kIncoming); !moved) {
     return std::move(moved).error();
@@ -220,6 +222,10 @@ std::optional<Error> SessionFiles::prepare() {
   if (!calibration_.empty()) {
     const fs::path camera = folder_ / session_names::kCamera;
     if (auto error = write_file(camera, temporary_, as_bytes(calibration_))) return error;
+  }
+  if (!segment_.is_first()) {
+    const fs::path path = folder_ / session_names::kSegment;
+    if (auto error = write_file(path, temporary_, as_bytes(to_csv(segment_)))) return error;
   }
   if (auto error = write_end(reported_)) return error;  // open, also if it had ended before
   is_prepared_ = true;

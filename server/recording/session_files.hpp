@@ -9,6 +9,7 @@
 #include "common/frame.hpp"
 #include "common/wire.hpp"
 #include "server/recording/line_file.hpp"
+#include "server/recording/segment_info.hpp"
 #include "server/recording/session_record.hpp"
 
 namespace orbbuf {
@@ -24,6 +25,8 @@ namespace orbbuf {
 ///   late/, late.csv, spool.csv   frames that came late (LateFiles); merge_late() puts them into
 ///   the
 ///                       lists above, sorted by number
+///   segment.csv         where the folder's part of the session begins (SegmentInfo), if other
+///                       servers have what was before
 ///   orphans/            what recover() found and could not explain; no program reads it
 ///   checksums.sfv       `images/000123.jpg 8C4F21D3`: each image's CRC-32, as cksfv and rhash
 ///                       read it
@@ -37,12 +40,13 @@ namespace orbbuf {
 class SessionFiles final : public SessionRecord {
  public:
   /// Touches nothing: the folder is made by the first write.
-  SessionFiles(std::filesystem::path folder, std::string calibration);
+  SessionFiles(std::filesystem::path folder, std::string calibration, SegmentInfo segment = {});
 
   /// How far the record in the folder reaches; late frames do not count, merged or not. A torn last
   /// line is cut off. What a kill or a power cut left behind goes to the folder `orphans`: frames
   /// at the end that are not whole (FalseTail), images of either side at or past the position but
-  /// those of late frames, a temporary file. No folder is an empty record. Reads all three lists.
+  /// those of late frames, a temporary file. No folder is an empty record, which stands
+  /// where the segment begins. Reads all three lists.
   Result<wire::Position> recover();
 
   std::optional<Error> write(const EncodedFrame& frame) override;
@@ -65,6 +69,7 @@ class SessionFiles final : public SessionRecord {
   std::filesystem::path images_right_;
   std::filesystem::path temporary_;  // not in images_, of which dso_dataset opens every file
   std::string calibration_;
+  const SegmentInfo segment_;
   LineFile times_;
   LineFile drops_;
   LineFile checksums_;

@@ -17,6 +17,7 @@ inline constexpr const char* kTimes = "times.txt";
 inline constexpr const char* kCamera = "camera.txt";
 inline constexpr const char* kDrops = "drops.csv";
 inline constexpr const char* kEnd = "end.csv";
+inline constexpr const char* kSegment = "segment.csv";
 inline constexpr const char* kChecksums = "checksums.sfv";
 inline constexpr const char* kOrphans = "orphans";
 inline constexpr const char* kIncoming = "incoming.tmp";

@@ -53,12 +53,12 @@ std::unique_ptr<GroupCommit> make_group_commit(const SinkSettings& settings,
 /// has beyond them was never acknowledged. Where there are files their position is the session's:
 /// the robot is asked again for what they lack, even if the recording has it.
 Result<OpenedSession> open_session(const SinkSettings& settings, const SessionInfo& info) {
-  const auto folder = settings.files_path / info.robot_id / info.session_id;
+  const auto folder = settings.files_path / info.robot_id / info.folder();
   OpenedSession opened;
   std::unique_ptr<SessionFiles> files;
   std::optional<wire::Position> of_files;
   if (settings.files_enabled) {
-    files = std::make_unique<SessionFiles>(folder, info.calibration);
+    files = std::make_unique<SessionFiles>(folder, info.calibration, info.segment);
     auto position = files->recover();
     if (!position) return std::move(position).error();
     of_files = opened.position = position.value();

@@ -27,6 +27,11 @@ class RunningServer {
     settings.listen.address.port = 0;
     if (settings.http_address) http_.emplace(main_, files_, settings, metrics_);
     listener_.emplace(main_, files_, settings, http_ ? &metrics_ : nullptr);
+    if (settings.fleet.is_on()) {
+      fleet_.emplace(main_, settings.fleet, [this] { return listener_->robots(); });
+      listener_->join(*fleet_);
+      fleet_->start();
+    }
     port_ = listener_->endpoint().port();
     listener_->start();
     if (http_) http_->start();
@@ -66,12 +71,26 @@ class RunningServer {
     done.get_future().get();
   }
 
+  /// As `orbbuf-server drain` does it; returns when it is over.
+  std::optional<Error> drain() {
+    std::promise<std::optional<Error>> done;
+    boost::asio::post(main_, [&] {
+      fleet_->async_drain([&](const std::optional<Error>& error) {
+        if (error) return done.set_value(error);
+        listener_->move_all([&] { done.set_value(std::nullopt); });
+      });
+    });
+    return done.get_future().get();
+  }
+
   /// As a signal does it; returns when the server has closed everything.
   void stop() {
     if (!thread_.joinable()) return;
     boost::asio::post(main_, [this] {
       if (http_) http_->stop();
-      listener_->stop([] {});
+      listener_->stop([this] {
+        if (fleet_) fleet_->async_stop([] {});
+      });
     });
     thread_.join();  // `main` runs out of work when all is closed
   }
@@ -81,6 +100,7 @@ class RunningServer {
   boost::asio::thread_pool files_{2};
   Metrics metrics_{256};
   std::optional<HttpServer> http_;
+  std::optional<fleet::Fleet> fleet_;
   std::optional<Listener> listener_;
   std::uint16_t port_ = 0;
   std::thread thread_;

@@ -77,11 +77,13 @@ struct FakePeer : SessionPeer {
   void on_attached(wire::Position position) override { welcome = position; }
   void on_kept() override { ++kept; }
   void on_replaced() override { is_replaced = true; }
+  void on_moved(const std::string& address) override { moved = address; }
   void on_ended(wire::Position position) override { bye = position; }
 
   std::optional<wire::Position> welcome;
   std::optional<wire::Position> bye;
   bool is_replaced = false;
+  std::optional<std::string> moved;
   int kept = 0;
 };
 
@@ -436,6 +438,113 @@ TEST_F(SessionTest, StoppingDoesNotWaitForeverForAStuckSink) {
   sink_->answer(Error{"closed"});
   EXPECT_EQ(peer_->bye, wire::Position{});
   EXPECT_EQ(closed_, 1);
+}
+
+/// What etcd would be asked.
+struct FakeFence {
+  Session::Fence fence(const wire::Position& before = {}) {
+    return {[this](const wire::Position& position, auto recorded) {
+              asked.push_back(position);
+              answer = std::move(recorded);
+            },
+            [this] { ++hurries; }, before};
+  }
+  std::vector<wire::Position> asked;
+  std::function<void(bool)> answer;
+  int hurries = 0;
+};
+
+class FencedSessionTest : public SessionTest {
+ protected:
+  void make_fenced(const wire::Position& recorded = {}) {
+    session_ = std::make_shared<Session>(
+        main_, SessionInfo{"robot", "session", ""}, std::vector<std::shared_ptr<FrameSink>>{sink_},
+        Session::Timeouts{std::chrono::hours(1), std::chrono::milliseconds(1)},
+        Session::Events{[this] { ++closed_; }, {}});
+    session_->fence(fence_.fence(recorded));
+    session_->attach(peer_);
+  }
+  void take(Sequence sequence) {
+    write(sequence);
+    sink_->answer();
+  }
+
+  FakeFence fence_;
+};
+
+TEST_F(FencedSessionTest, WhatIsOnTheDeviceIsKeptOnlyWhenItIsRecorded) {
+  make_fenced();
+  EXPECT_EQ(peer_->welcome, wire::Position{});
+  take(0);
+  EXPECT_EQ(session_->received(), 1U);  // the stream goes on
+  EXPECT_EQ(peer_->kept, 0);
+  EXPECT_EQ(session_->kept(), wire::Position{});
+  take(1);
+  fence_.answer(true);
+  EXPECT_EQ(peer_->kept, 1);
+  EXPECT_EQ(session_->kept(), (wire::Position{1, 0}));
+  EXPECT_EQ(fence_.asked, (std::vector<wire::Position>{{1, 0}, {2, 0}}));
+}
+
+TEST_F(FencedSessionTest, AWelcomeWaitsForTheRecordOfWhatTheDiskHasBeyondIt) {
+  sink_ = std::make_shared<FakeSink>(wire::Position{7, 1});
+  make_fenced({5, 1});
+  EXPECT_FALSE(peer_->welcome);
+  EXPECT_GE(fence_.hurries, 1);
+  fence_.answer(true);
+  EXPECT_EQ(peer_->welcome, (wire::Position{7, 1}));
+}
+
+TEST_F(FencedSessionTest, AWelcomeAtTheRecordedPositionWaitsForNothing) {
+  sink_ = std::make_shared<FakeSink>(wire::Position{5, 1});
+  make_fenced({5, 1});
+  EXPECT_EQ(peer_->welcome, (wire::Position{5, 1}));
+  EXPECT_TRUE(fence_.asked.empty());
+}
+
+TEST_F(FencedSessionTest, OneThatIsAnotherServersAcknowledgesNothingAndEnds) {
+  const test::CapturedLog log;
+  make_fenced();
+  take(0);
+  take(1);
+  fence_.answer(false);
+  EXPECT_EQ(closed_, 1);
+  EXPECT_EQ(peer_->kept, 0);
+  EXPECT_EQ(session_->kept(), wire::Position{});
+  EXPECT_EQ(session_->received(), 0U);
+  EXPECT_EQ(peer_->moved, "");
+  EXPECT_FALSE(sink_->closing->has_ended);
+  EXPECT_EQ(fence_.asked.size(), 1U);
+}
+
+TEST_F(FencedSessionTest, AByeIsAnsweredWhenAllIsRecorded) {
+  make_fenced();
+  take(0);
+  session_->on_bye({{1, 0}});
+  session_->close(SessionEnd::kBye);
+  EXPECT_EQ(fence_.hurries, 1);
+  EXPECT_FALSE(peer_->bye);
+  fence_.answer(true);
+  EXPECT_EQ(peer_->bye, (wire::Position{1, 0}));
+  EXPECT_TRUE(session_->has_ended());
+}
+
+TEST_F(FencedSessionTest, ARobotIsSentAwayWhenAllIsRecorded) {
+  make_fenced();
+  take(0);
+  session_->move("b:7722");
+  EXPECT_FALSE(peer_->moved);
+  fence_.answer(true);
+  EXPECT_EQ(peer_->moved, "b:7722");
+  EXPECT_FALSE(sink_->closing->has_ended);
+}
+
+TEST_F(FencedSessionTest, AServerThatStopsDoesNotWaitForAFenceWithoutAnAnswer) {
+  make_fenced();
+  take(0);
+  session_->close(SessionEnd::kStopping);
+  EXPECT_TRUE(run_until([&] { return closed_ == 1; }));
+  EXPECT_EQ(peer_->bye, wire::Position{});
 }
 
 }  // namespace

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "common/address.hpp"
+#include "common/error.hpp"
+#include "server/fleet/fleet_keys.hpp"
+
+namespace orbbuf::fleet {
+
+/// A segment of a session, and where the page of its server is.
+struct FoundSegment {
+  Segment segment;
+  std::string http;  ///< empty: the server does not live, or has no page
+};
+
+/// What etcd knows of a session's segments. An error also if it knows of no such session. Blocking.
+Result<std::vector<FoundSegment>> find_segments(const std::vector<Address>& etcd,
+                                                const SessionName& session);
+
+/// Copies what a server's page shows of a folder of that robot, all lists and images, to `to`.
+/// Plain HTTP. Blocking.
+std::optional<Error> fetch_segment(const Address& page, const std::string& robot_id,
+                                   const std::string& folder, const std::filesystem::path& to);
+
+}  // namespace orbbuf::fleet

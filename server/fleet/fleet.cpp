@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/fleet/fleet.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <boost/asio/post.hpp>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <random>
+#include <utility>
+
+namespace orbbuf::fleet {
+namespace {
+
+std::string make_instance() {
+  std::random_device random;
+  return fmt::format("{:08x}{:08x}", random(), random());
+}
+
+Error unanswered(const Error& error) { return {"the fleet's etcd does not answer: " + error.text}; }
+
+ServerEntry entry_of(const FleetSettings& settings) {
+  return {settings.name, make_instance(), settings.address, settings.http, 0, false};
+}
+
+}  // namespace
+
+Fleet::Fleet(boost::asio::io_context& main, const FleetSettings& settings,
+             std::function<std::uint64_t()> robots)
+    : etcd_(main, {settings.etcd, settings.tls}),
+      membership_(main, etcd_, entry_of(settings), settings.lease, std::move(robots)),
+      ownership_(etcd_, settings.name, membership_.self().instance),
+      recorder_(main, etcd_) {}
+
+void Fleet::start() {
+  const ServerEntry& self = membership_.self();
+  spdlog::info("fleet: this is {}, for robots at {}", self.name, self.address);
+  membership_.start();
+}
+
+void Fleet::async_stop(std::function<void()> stopped) {
+  recorder_.stop();
+  membership_.async_stop([this, stopped = std::move(stopped)] {
+    etcd_.stop();
+    stopped();
+  });
+}
+
+void Fleet::async_enter(const SessionName& session, Entered entered) {
+  if (!membership_.has_joined()) {
+    return entered(unanswered({"this server has not joined the fleet yet"}));
+  }
+  if (is_draining()) return send_away(session, refuge_name(), entered);
+  acquire(session, false, std::move(entered));
+}
+
+/// is_fresh: the servers were read just now.
+void Fleet::acquire(const SessionName& session, bool is_fresh, Entered entered) {
+  Ownership::Rules rules{
+      [this, session](const std::string& server) { return may_take(session, server); },
+      [this, session] { return sent_away_.contains(session.text()) ? std::nullopt : better(); }};
+  ownership_.async_acquire(
+      session, std::move(rules),
+      [this, session, is_fresh, entered = std::move(entered)](const auto& answer) {
+        if (!answer) return entered(unanswered(answer.error()));
+        if (const auto* const owned = std::get_if<Owned>(&answer.value())) {
+          sent_away_.erase(session.text());
+          return entered(*owned);
+        }
+        const std::string& server = std::get<Foreign>(answer.value()).server;
+        if (is_fresh) return send_away(session, server, entered);
+        membership_.async_refresh([this, session, entered](const auto& error) {
+          if (error) return entered(unanswered(*error));
+          acquire(session, true, entered);
+        });
+      });
+}
+
+bool Fleet::may_take(const SessionName& session, const std::string& server) const {
+  const auto owner = membership_.servers().find(server);
+  if (owner == membership_.servers().end() || owner->second.is_draining) return true;
+  const auto sent = sent_away_.find(session.text());
+  return sent != sent_away_.end() && Clock::now() - sent->second < kInsistence;
+}
+
+/// Robots that begin are spread; those that are here stay.
+std::optional<std::string> Fleet::better() const {
+  constexpr std::uint64_t kSlack = 4;
+  const auto other = membership_.least_loaded_other();
+  if (!other) return std::nullopt;
+  const auto own = membership_.self().robots;
+  if (own <= other->robots + std::max(kSlack, other->robots / 4)) return std::nullopt;
+  return other->name;
+}
+
+void Fleet::send_away(const SessionName& session, const std::string& server,
+                      const Entered& entered) {
+  const auto found = membership_.servers().find(server);
+  if (found == membership_.servers().end()) {
+    return entered(Error{"fleet: no other server takes this session at the moment"});
+  }
+  const auto now = Clock::now();
+  std::erase_if(sent_away_, [now](const auto& entry) { return now - entry.second > kInsistence; });
+  sent_away_[session.text()] = now;
+  entered(Moved{found->second.address});
+}
+
+void Fleet::async_drain(Membership::Done done) {
+  membership_.async_refresh([this, done = std::move(done)](const auto& error) {
+    if (error) return done(error);
+    if (!membership_.least_loaded_other()) {
+      return done(Error{"no other server of the fleet can take the robots"});
+    }
+    membership_.async_drain(done);
+  });
+}
+
+std::string Fleet::refuge() const {
+  const auto other = membership_.least_loaded_other();
+  return other ? other->address : std::string();
+}
+
+std::string Fleet::refuge_name() const {
+  const auto other = membership_.least_loaded_other();
+  return other ? other->name : std::string();
+}
+
+void Fleet::async_overview(std::function<void(Result<std::string>)> done) {
+  using nlohmann::json;
+  const auto servers = [this] {
+    json all = json::array();
+    for (const auto& [name, server] : membership_.servers()) {
+      json entry = json::parse(to_text(server));
+      entry["name"] = name;
+      all.push_back(entry);
+    }
+    return all;
+  };
+  const auto fail = [done](const Error& error) { done(error); };
+  membership_.async_refresh([this, servers, fail, done](const auto& error) {
+    if (error) return fail(*error);
+    etcd_.async_range(std::string(kSessions), [this, servers, fail, done](const auto& owners) {
+      if (!owners) return fail(owners.error());
+      std::map<std::string, json> sessions;
+      for (const KeyValue& key : owners.value()) {
+        const auto name = session_of(key.key);
+        const auto owner = owner_from(key.value);
+        if (!name || !owner) continue;
+        json entry = json::parse(to_text(*owner));
+        entry["robot"] = name->robot_id;
+        entry["session"] = name->session_id;
+        sessions[name->text()] = entry;
+      }
+      etcd_.async_range(std::string(kPositions),
+                        [servers, fail, done, sessions](const auto& positions) mutable {
+                          if (!positions) return fail(positions.error());
+                          for (const KeyValue& key : positions.value()) {
+                            const auto name = session_of(key.key);
+                            const auto entry = name ? sessions.find(name->text()) : sessions.end();
+                            const auto position = position_from(key.value);
+                            if (entry == sessions.end() || !position) continue;
+                            entry->second["next_sequence"] = position->next_sequence;
+                            entry->second["next_drop"] = position->next_drop;
+                          }
+                          json list = json::array();
+                          for (auto& [name, entry] : sessions) list.push_back(std::move(entry));
+                          done(json{{"servers", servers()}, {"sessions", std::move(list)}}.dump());
+                        });
+    });
+  });
+}
+
+}  // namespace orbbuf::fleet

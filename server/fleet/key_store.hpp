@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "common/error.hpp"
+
+namespace orbbuf {
+
+/// A key as the store has it.
+struct KeyValue {
+  std::string key;
+  std::string value;
+  std::int64_t mod_revision = 0;  ///< of the change that wrote it; unique in time, never 0
+
+  friend bool operator==(const KeyValue&, const KeyValue&) = default;
+};
+
+/// If each key of `compare` still has that revision (0: it is not there), all of `puts` are done,
+/// else none.
+struct KeyTxn {
+  struct Compare {
+    std::string key;
+    std::int64_t mod_revision = 0;
+  };
+  struct Put {
+    std::string key;
+    std::string value;
+    std::int64_t lease = 0;  ///< 0: none, the key stays
+  };
+  std::vector<Compare> compare;
+  std::vector<Put> puts;
+  std::vector<std::string> reads;  ///< in either case, after the puts
+};
+
+struct KeyTxnOutcome {
+  bool is_done = false;
+  std::int64_t revision = 0;    ///< of the store: that of the puts, if they are done
+  std::vector<KeyValue> found;  ///< of `reads`, those that are there
+};
+
+/// The few keys that the servers of a fleet share: etcd, or what a test puts in its place. Every
+/// call is answered once, on `main`, never from within the call; an error means that it is not
+/// known whether the call took effect. Thread-bound to `main`.
+class KeyStore {
+ public:
+  template <class T>
+  using Done = std::function<void(Result<T>)>;
+
+  virtual ~KeyStore() = default;
+
+  /// Each txn by itself, all in one request: at most kMostTxns, no key put by two of them.
+  static constexpr std::size_t kMostTxns = 100;
+  virtual void async_txns(std::vector<KeyTxn> txns, Done<std::vector<KeyTxnOutcome>> done) = 0;
+  /// All keys that begin with `prefix`.
+  virtual void async_range(std::string prefix, Done<std::vector<KeyValue>> done) = 0;
+
+  /// A lease that lasts so long after each renewal; its keys go with it.
+  virtual void async_grant(std::chrono::seconds ttl, Done<std::int64_t> done) = 0;
+  /// False: it has expired.
+  virtual void async_keep_alive(std::int64_t lease, Done<bool> done) = 0;
+  virtual void async_revoke(std::int64_t lease, Done<bool> done) = 0;
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/fleet/membership.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <utility>
+
+namespace orbbuf::fleet {
+
+Membership::Membership(boost::asio::io_context& main, KeyStore& store, ServerEntry self,
+                       std::chrono::seconds lease, std::function<std::uint64_t()> robots)
+    : store_(store),
+      self_(std::move(self)),
+      ttl_(lease),
+      robots_(std::move(robots)),
+      timer_(main) {}
+
+void Membership::start() { beat(); }
+
+void Membership::beat() {
+  self_.robots = robots_();
+  if (lease_ == 0) return join();
+  store_.async_keep_alive(lease_, [this](const Result<bool>& alive) {
+    if (is_stopped_) return;
+    if (!alive) return beat_later(alive.error());
+    if (alive.value()) return keep();
+    spdlog::warn("fleet: this server's lease has run out; others may have taken its sessions");
+    lease_ = 0;
+    join();
+  });
+}
+
+void Membership::join() {
+  store_.async_grant(ttl_, [this](const Result<std::int64_t>& lease) {
+    if (is_stopped_) return;
+    if (!lease) return beat_later(lease.error());
+    lease_ = lease.value();
+    written_.reset();
+    keep();
+  });
+}
+
+void Membership::keep() {
+  const auto refresh = [this](const std::optional<Error>& error) {
+    if (is_stopped_) return;
+    if (error) return beat_later(error);
+    async_refresh([this](const std::optional<Error>& failed) { beat_later(failed); });
+  };
+  if (written_ == self_) return refresh(std::nullopt);
+  write(refresh);
+}
+
+void Membership::write(Done done) {
+  KeyTxn txn;
+  txn.puts = {{self_.key(), to_text(self_), lease_}};
+  store_.async_txns({std::move(txn)},
+                    [this, entry = self_, done = std::move(done)](const auto& outcomes) {
+                      if (!outcomes) return done(outcomes.error());
+                      if (!written_) spdlog::info("fleet: {} has joined", entry.name);
+                      written_ = entry;
+                      done(std::nullopt);
+                    });
+}
+
+void Membership::beat_later(const std::optional<Error>& error) {
+  if (is_stopped_) return;
+  if (error && !std::exchange(is_failing_, true)) {
+    spdlog::error("fleet: {}; new sessions wait", error->text);
+  }
+  if (!error && std::exchange(is_failing_, false)) spdlog::info("fleet: in touch with etcd again");
+  timer_.expires_after(std::chrono::milliseconds(ttl_) / 3);
+  timer_.async_wait([this](const boost::system::error_code& aborted) {
+    if (!aborted && !is_stopped_) beat();
+  });
+}
+
+void Membership::async_refresh(Done done) {
+  store_.async_range(std::string(kServers), [this, done = std::move(done)](const auto& found) {
+    if (!found) return done(found.error());
+    servers_.clear();
+    for (const KeyValue& key : found.value()) {
+      if (auto server = server_from(key.key, key.value)) servers_[server->name] = *server;
+    }
+    const auto own = servers_.find(self_.name);
+    const bool is_doubled = own != servers_.end() && own->second.instance != self_.instance;
+    if (is_doubled && !std::exchange(is_doubled_, true)) {
+      spdlog::error("fleet.name: another server of the fleet has the name {}, too", self_.name);
+      written_.reset();
+    }
+    done(std::nullopt);
+  });
+}
+
+void Membership::async_drain(Done done) {
+  self_.is_draining = true;
+  write(std::move(done));
+}
+
+void Membership::async_stop(std::function<void()> stopped) {
+  is_stopped_ = true;
+  timer_.cancel();
+  if (lease_ == 0) return stopped();
+  store_.async_revoke(lease_, [stopped = std::move(stopped)](const auto& /*done*/) { stopped(); });
+}
+
+std::optional<ServerEntry> Membership::least_loaded_other() const {
+  std::optional<ServerEntry> best;
+  for (const auto& [name, server] : servers_) {
+    if (name == self_.name || server.is_draining) continue;
+    if (!best || server.robots < best->robots) best = server;
+  }
+  return best;
+}
+
+}  // namespace orbbuf::fleet

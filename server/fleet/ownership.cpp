@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/fleet/ownership.hpp"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+namespace orbbuf::fleet {
+namespace {
+
+/// When others take it meanwhile, again and again.
+constexpr int kAttempts = 5;
+
+const KeyValue* find(const std::vector<KeyValue>& found, const std::string& key) {
+  const auto at = std::ranges::find(found, key, &KeyValue::key);
+  return at == found.end() ? nullptr : &*at;
+}
+
+KeyTxn reading(const SessionName& session) {
+  return {{}, {}, {session.owner_key(), session.position_key()}};
+}
+
+wire::Position recorded_in(const KeyTxnOutcome& outcome, const SessionName& session) {
+  const KeyValue* const value = find(outcome.found, session.position_key());
+  const auto position = value != nullptr ? position_from(value->value) : std::nullopt;
+  return position.value_or(wire::Position{});
+}
+
+}  // namespace
+
+void Ownership::async_acquire(SessionName session, Rules rules, Answer answer) {
+  read({std::move(session), std::move(rules), std::move(answer), kAttempts});
+}
+
+void Ownership::read(Attempt attempt) {
+  auto txn = reading(attempt.session);
+  store_.async_txns({std::move(txn)},
+                    [this, attempt = std::move(attempt)](const auto& outcomes) mutable {
+                      if (!outcomes) return attempt.answer(outcomes.error());
+                      decide(std::move(attempt), outcomes.value().front());
+                    });
+}
+
+/// From the state in `read`: it is ours, it is another's, or it can become ours.
+void Ownership::decide(Attempt attempt, const KeyTxnOutcome& read) {
+  const KeyValue* const key = find(read.found, attempt.session.owner_key());
+  if (key == nullptr) {
+    if (auto server = attempt.rules.better()) return attempt.answer(Foreign{std::move(*server)});
+    return write(std::move(attempt), read, {server_, instance_, 1, {{server_, 1, {}}}});
+  }
+  auto owner = owner_from(key->value);
+  if (!owner) {
+    return attempt.answer(Error{fmt::format("fleet: the key {} cannot be read", key->key)});
+  }
+  const wire::Position recorded = recorded_in(read, attempt.session);
+  if (owner->server == server_ && owner->instance == instance_) {
+    return attempt.answer(Owned{
+        {attempt.session, key->mod_revision}, owner->epoch, owner->segments.back(), recorded});
+  }
+  if (owner->server != server_ && !attempt.rules.may_take(owner->server)) {
+    return attempt.answer(Foreign{owner->server});
+  }
+  ++owner->epoch;
+  // Of this server's files: an earlier process wrote them, and no other server has gone on since.
+  if (owner->server != server_) owner->segments.push_back({server_, owner->epoch, recorded});
+  owner->server = server_;
+  owner->instance = instance_;
+  owner->has_ended = false;
+  write(std::move(attempt), read, *owner);
+}
+
+/// The old owner can record until this is done. So the position is compared, too: our segment
+/// begins exactly where the owner before has stopped to acknowledge.
+void Ownership::write(Attempt attempt, const KeyTxnOutcome& read, const SessionOwner& owner) {
+  KeyTxn txn = reading(attempt.session);
+  for (const std::string& key : txn.reads) {
+    const KeyValue* const value = find(read.found, key);
+    txn.compare.push_back({key, value != nullptr ? value->mod_revision : 0});
+  }
+  txn.puts = {{attempt.session.owner_key(), to_text(owner)}};
+  store_.async_txns(
+      {std::move(txn)}, [this, attempt = std::move(attempt), owner](const auto& outcomes) mutable {
+        if (!outcomes) return attempt.answer(outcomes.error());
+        const KeyTxnOutcome& outcome = outcomes.value().front();
+        if (!outcome.is_done) {  // or it was, and the answer was lost: then it is ours
+          if (--attempt.left > 0) return decide(std::move(attempt), outcome);
+          return attempt.answer(Error{"fleet: other servers want this session, too"});
+        }
+        if (owner.epoch > 1) ++take_overs_;
+        attempt.answer(Owned{{attempt.session, outcome.revision},
+                             owner.epoch,
+                             owner.segments.back(),
+                             recorded_in(outcome, attempt.session)});
+      });
+}
+
+void Ownership::end(const Owned& owned) {
+  const std::string key = owned.claim.session.owner_key();
+  store_.async_txns({reading(owned.claim.session)}, [this, owned, key](const auto& outcomes) {
+    if (!outcomes) return;
+    const KeyValue* const value = find(outcomes.value().front().found, key);
+    auto owner = value != nullptr ? owner_from(value->value) : std::nullopt;
+    if (!owner || value->mod_revision != owned.claim.revision) return;
+    owner->has_ended = true;
+    store_.async_txns({{{{key, owned.claim.revision}}, {{key, to_text(*owner)}}, {}}},
+                      [](const auto& /*outcomes*/) {});
+  });
+}
+
+}  // namespace orbbuf::fleet

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/fleet/position_recorder.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <iterator>
+#include <utility>
+#include <vector>
+
+namespace orbbuf::fleet {
+
+PositionRecorder::PositionRecorder(boost::asio::io_context& main, KeyStore& store,
+                                   std::chrono::milliseconds interval)
+    : store_(store), interval_(interval), timer_(main) {}
+
+void PositionRecorder::async_record(const Claim& claim, const wire::Position& position,
+                                    Recorded recorded) {
+  if (is_stopped_) return;
+  waiting_.push_back({claim, position, std::move(recorded)});
+  schedule();
+}
+
+void PositionRecorder::hurry() {
+  if (waiting_.empty()) return;
+  is_hurried_ = true;
+  schedule();
+}
+
+void PositionRecorder::stop() {
+  is_stopped_ = true;
+  timer_.cancel();
+  waiting_.clear();
+}
+
+void PositionRecorder::schedule() {
+  if (!sent_.empty() || waiting_.empty() || is_stopped_) return;
+  timer_.expires_at(std::exchange(is_hurried_, false) ? Clock::time_point{} : next_);
+  timer_.async_wait([this](const boost::system::error_code& aborted) {
+    if (!aborted && sent_.empty() && !is_stopped_) begin();
+  });
+}
+
+void PositionRecorder::begin() {
+  begun_ = Clock::now();
+  next_ = begun_ + interval_;
+  const auto count = std::min(waiting_.size(), KeyStore::kMostTxns);
+  const auto end = waiting_.begin() + static_cast<std::ptrdiff_t>(count);
+  std::move(waiting_.begin(), end, std::back_inserter(sent_));
+  waiting_.erase(waiting_.begin(), end);
+  if (!waiting_.empty()) is_hurried_ = true;  // more than a request takes
+  std::vector<KeyTxn> txns;
+  for (const auto& [claim, position, recorded] : sent_) {
+    txns.push_back({{{claim.session.owner_key(), claim.revision}},
+                    {{claim.session.position_key(), to_text(position)}},
+                    {}});
+  }
+  store_.async_txns(std::move(txns), [this](const auto& answer) { on_answer(answer); });
+}
+
+void PositionRecorder::on_answer(const Result<std::vector<KeyTxnOutcome>>& answer) {
+  if (is_stopped_) return;
+  auto sent = std::exchange(sent_, {});
+  if (!answer) {
+    if (!std::exchange(is_failing_, true)) {
+      spdlog::error("fleet: nothing is acknowledged until it is recorded: {}", answer.error().text);
+    }
+    // It may have been recorded; to record it again is harmless.
+    waiting_.insert(waiting_.begin(), std::make_move_iterator(sent.begin()),
+                    std::make_move_iterator(sent.end()));
+    return schedule();
+  }
+  if (std::exchange(is_failing_, false)) spdlog::info("fleet: etcd answers again");
+  ++requests_;
+  time_spent_ += Clock::now() - begun_;
+  for (std::size_t i = 0; i < sent.size(); ++i) {
+    const bool is_ours = answer.value()[i].is_done;
+    ++(is_ours ? records_ : conflicts_);
+    sent[i].recorded(is_ours);
+  }
+  schedule();
+}
+
+}  // namespace orbbuf::fleet

@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/fleet_commands.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <set>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "server/dataset/check_session.hpp"
+#include "server/dataset/join_session.hpp"
+#include "server/fleet/drain_socket.hpp"
+#include "server/fleet/fetch_segment.hpp"
+#include "server/live/status_socket.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct JoinOptions {
+  std::string session;
+  std::vector<std::string> paths;
+  std::vector<std::string> etcd;
+  std::string output;
+};
+
+fleet::SessionName name_of(const std::string& text) {
+  const auto slash = text.find('/');
+  fleet::SessionName name{text.substr(0, slash),
+                          slash == std::string::npos ? "" : text.substr(slash + 1)};
+  if (wire::is_valid_id(name.robot_id) && wire::is_valid_id(name.session_id)) return name;
+  throw std::runtime_error("not ROBOT/SESSION: " + text);
+}
+
+/// The segments' folders below a server's files.path.
+void find_local(const fs::path& files, const fleet::SessionName& session,
+                std::vector<fs::path>& folders) {
+  std::error_code failed;
+  std::set<fs::path> found;
+  fs::directory_iterator entry(files / session.robot_id, failed);
+  for (; !failed && entry != fs::directory_iterator(); entry.increment(failed)) {
+    const auto folder = fleet::parse_folder(entry->path().filename().string());
+    if (folder.session_id == session.session_id) found.insert(entry->path());
+  }
+  folders.insert(folders.end(), found.begin(), found.end());
+}
+
+/// Those that etcd knows and no local path has.
+void fetch_others(const JoinOptions& options, const fleet::SessionName& session,
+                  const fs::path& fetched, std::vector<fs::path>& folders) {
+  std::vector<Address> endpoints;
+  for (const std::string& text : options.etcd) {
+    auto address = parse_address(text);
+    if (!address) throw std::runtime_error("--etcd: " + address.error().text);
+    endpoints.push_back(std::move(address).value());
+  }
+  const auto segments = fleet::find_segments(endpoints, session);
+  if (!segments) throw std::runtime_error(segments.error().text);
+  for (const auto& [segment, http] : segments.value()) {
+    const std::string folder = folder_of(session.session_id, segment);
+    const bool is_here = std::ranges::any_of(
+        folders, [&](const fs::path& path) { return path.filename() == folder; });
+    if (is_here) continue;
+    const auto page = parse_address(http);
+    if (http.empty() || !page) {
+      spdlog::warn("{}: is at {}, whose page is not there; give its files.path, or begin it",
+                   folder, segment.server);
+      continue;
+    }
+    spdlog::info("{}: fetched from {}, {}", folder, segment.server, http);
+    const auto error =
+        fleet::fetch_segment(page.value(), session.robot_id, folder, fetched / folder);
+    if (error) throw std::runtime_error(error->text);
+    if (fs::exists(fetched / folder)) folders.push_back(fetched / folder);
+  }
+}
+
+int join(const JoinOptions& options) {
+  const fleet::SessionName session = name_of(options.session);
+  const fs::path out = options.output.empty() ? session.session_id : options.output;
+  const fs::path fetched = out.string() + ".fetched";
+  std::vector<fs::path> folders;
+  for (const std::string& path : options.paths) find_local(path, session, folders);
+  if (!options.etcd.empty()) fetch_others(options, session, fetched, folders);
+  const auto joined = join_session(folders, out);
+  fs::remove_all(fetched);
+  if (!joined) throw std::runtime_error(joined.error().text);
+  const JoinReport& report = joined.value();
+  for (const std::string& problem : report.problems) {
+    std::cout << out.string() << ": " << problem << '\n';
+  }
+  std::cout << out.string() << ": " << report.segments << " segments, " << report.frames
+            << " frames; in two segments: " << report.repeats
+            << ", drop records of frames that are there: " << report.settled << '\n';
+  const auto checked = check_session(out);
+  if (!checked) throw std::runtime_error(checked.error().text);
+  for (const std::string& problem : checked.value().problems) {
+    std::cout << out.string() << ": " << problem << '\n';
+  }
+  std::cout << out.string() << ": " << summary(checked.value()) << '\n';
+  return report.problems.empty() && checked.value().problems.empty() ? EXIT_SUCCESS : EXIT_FAILURE;
+}
+
+void add_join(CLI::App& app, std::function<int()>& command) {
+  CLI::App& join_app = *app.add_subcommand(
+      "join", "Make one session of the parts that several servers of a fleet have recorded");
+  const auto options = std::make_shared<JoinOptions>();
+  join_app.add_option("SESSION", options->session, "ROBOT/SESSION")->required()->type_name("");
+  join_app.add_option("PATH", options->paths, "files.path of a server, as it is on this machine")
+      ->type_name("");
+  join_app
+      .add_option("--etcd", options->etcd,
+                  "The fleet's etcd, to fetch the parts of other servers from their pages; "
+                  "repeatable")
+      ->type_name("HOST:PORT")
+      ->allow_extra_args(false);
+  join_app.add_option("--output", options->output, "Folder to make; without one, SESSION")
+      ->type_name("DIR");
+  join_app.footer("Then it checks what it has made, as `check` does.");
+  join_app.callback([&command, options] { command = [options] { return join(*options); }; });
+}
+
+int drain(const std::string& setting, int patience_s) {
+  const auto path = fleet::drain_socket_of(status_socket_path(setting));
+  const auto error = fleet::ask_drain(path, std::chrono::seconds(patience_s));
+  if (!error) return EXIT_SUCCESS;
+  spdlog::error("drain: {}", error->text);
+  return EXIT_FAILURE;
+}
+
+void add_drain(CLI::App& app, std::function<int()>& command) {
+  constexpr int kPatience = 60;
+  CLI::App& drain_app = *app.add_subcommand(
+      "drain", "Have the server that runs send its robots to other servers of its fleet, and wait");
+  const auto socket = std::make_shared<std::string>(kAutomaticSocket);
+  const auto patience = std::make_shared<int>(kPatience);
+  drain_app.add_option("SOCKET", *socket, "Its status.socket; without one, this user's server")
+      ->type_name("");
+  drain_app.add_option("--timeout", *patience, "Wait so long at most, in seconds")
+      ->type_name("SECONDS")
+      ->check(CLI::PositiveNumber);
+  drain_app.footer(
+      "Exit status 0: no robot is there any more, and the server can be stopped. It takes none\n"
+      "until it is started again.");
+  drain_app.callback([&command, socket, patience] {
+    command = [socket, patience] { return drain(*socket, *patience); };
+  });
+}
+
+}  // namespace
+
+void add_fleet_commands(CLI::App& app, std::function<int()>& command) {
+  add_join(app, command);
+  add_drain(app, command);
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/fleet/etcd_client.hpp"
+
+#include <gmock/gmock.h>
+
+#include "testing/real_etcd.hpp"
+#include "tests/server/event_loop.hpp"
+
+namespace orbbuf {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+/// A client of a real etcd.
+class EtcdClientTest : public test::EventLoop {
+ protected:
+  void SetUp() override {
+    if (!test::RealEtcd::is_installed()) GTEST_SKIP() << "etcd is not installed (etcd-server)";
+    etcd_.emplace();
+    make({*parse(etcd_->endpoint())});
+  }
+  void TearDown() override {
+    if (!client_) return;
+    client_->stop();
+    run_ready();
+  }
+  static std::optional<Address> parse(const std::string& text) {
+    const auto address = parse_address(text);
+    return address ? std::optional(address.value()) : std::nullopt;
+  }
+  void make(std::vector<Address> endpoints) {
+    EtcdChannel::Options options{std::move(endpoints), {}, {}, {}};
+    options.attempt = std::chrono::seconds(20);  // the machine may be busy
+    options.patience = std::chrono::seconds(60);
+    client_ = std::make_unique<EtcdClient>(main_, std::move(options));
+  }
+
+  template <class T, class Begin>
+  Result<T> await(Begin begin) {
+    std::optional<Result<T>> result;
+    begin([&](Result<T> answer) { result = std::move(answer); });
+    EXPECT_TRUE(run_until([&] { return result.has_value(); }));
+    return result ? std::move(*result) : Result<T>(Error{"no answer"});
+  }
+  Result<std::vector<KeyTxnOutcome>> txns(std::vector<KeyTxn> all) {
+    return await<std::vector<KeyTxnOutcome>>(
+        [&](auto done) { client_->async_txns(std::move(all), done); });
+  }
+  KeyTxnOutcome txn(KeyTxn one) {
+    const auto outcomes = txns({std::move(one)});
+    EXPECT_TRUE(outcomes) << outcomes.error().text;
+    return outcomes ? outcomes.value().at(0) : KeyTxnOutcome{};
+  }
+  std::vector<KeyValue> range(const std::string& prefix) {
+    const auto found =
+        await<std::vector<KeyValue>>([&](auto done) { client_->async_range(prefix, done); });
+    EXPECT_TRUE(found) << found.error().text;
+    return found ? found.value() : std::vector<KeyValue>();
+  }
+
+  std::optional<test::RealEtcd> etcd_;
+  std::unique_ptr<EtcdClient> client_;
+};
+
+TEST_F(EtcdClientTest, ATxnIsDoneIfItsKeysHaveTheRevisions) {
+  const auto first = txn({{{"/a/1", 0}}, {{"/a/1", "x"}}, {"/a/1", "/a/2"}});
+  EXPECT_TRUE(first.is_done);
+  EXPECT_THAT(first.found, ElementsAre(KeyValue{"/a/1", "x", first.revision}));
+  const auto second = txn({{{"/a/1", 0}}, {{"/a/1", "y"}}, {"/a/1"}});
+  EXPECT_FALSE(second.is_done);
+  EXPECT_THAT(second.found, ElementsAre(KeyValue{"/a/1", "x", first.revision}));
+  const auto third = txn({{{"/a/1", first.revision}}, {{"/a/1", "z"}}, {}});
+  EXPECT_TRUE(third.is_done);
+  EXPECT_THAT(range("/a/"), ElementsAre(KeyValue{"/a/1", "z", third.revision}));
+}
+
+TEST_F(EtcdClientTest, EachOfSeveralTxnsStandsForItself) {
+  const auto outcomes = txns({{{{"/a", 0}}, {{"/a", "1"}}, {}},
+                              {{{"/b", 99}}, {{"/b", "2"}}, {}},
+                              {{{"/c", 0}}, {{"/c", std::string("\0\xff", 2)}}, {}}});
+  ASSERT_TRUE(outcomes) << outcomes.error().text;
+  const auto& all = outcomes.value();
+  EXPECT_EQ((std::vector{all[0].is_done, all[1].is_done, all[2].is_done}),
+            (std::vector{true, false, true}));
+  EXPECT_THAT(range("/"), ElementsAre(KeyValue{"/a", "1", all[0].revision},
+                                      KeyValue{"/c", std::string("\0\xff", 2), all[2].revision}));
+}
+
+TEST_F(EtcdClientTest, TheMostTxnsThatARequestMayHave) {
+  std::vector<KeyTxn> all;
+  for (std::size_t i = 0; i < KeyStore::kMostTxns; ++i) {
+    const std::string key = "/most/" + std::to_string(i);
+    all.push_back({{{key, 0}}, {{key, "v"}}, {}});
+  }
+  const auto outcomes = txns(std::move(all));
+  ASSERT_TRUE(outcomes) << outcomes.error().text;
+  EXPECT_EQ(range("/most/").size(), KeyStore::kMostTxns);
+}
+
+TEST_F(EtcdClientTest, KeysGoWithTheirLease) {
+  const auto lease =
+      await<std::int64_t>([&](auto done) { client_->async_grant(std::chrono::seconds(60), done); });
+  ASSERT_TRUE(lease) << lease.error().text;
+  txn({{}, {{"/l", "x", lease.value()}}, {}});
+  const auto keep = [&] {
+    return await<bool>([&](auto done) { client_->async_keep_alive(lease.value(), done); });
+  };
+  EXPECT_TRUE(keep().value());
+  EXPECT_TRUE(await<bool>([&](auto done) { client_->async_revoke(lease.value(), done); }));
+  EXPECT_THAT(range("/l"), IsEmpty());
+  EXPECT_FALSE(keep().value());
+}
+
+TEST_F(EtcdClientTest, TheNextEndpointIsAskedWhenOneDoesNotAnswer) {
+  make({*parse("127.0.0.1:" + std::to_string(test::free_ports(1)[0])), *parse(etcd_->endpoint())});
+  EXPECT_TRUE(txn({{}, {{"/x", "1"}}, {}}).is_done);
+  EXPECT_EQ(client_->channel().failures(), 1U);
+  EXPECT_TRUE(txn({{}, {{"/x", "2"}}, {}}).is_done);
+  EXPECT_EQ(client_->channel().failures(), 1U);  // the one that answers is kept
+}
+
+TEST_F(EtcdClientTest, ARequestOfAnEtcdThatIsStartedAgainIsAnswered) {
+  EXPECT_TRUE(txn({{}, {{"/x", "1"}}, {}}).is_done);
+  etcd_->kill();
+  etcd_->start();
+  EXPECT_TRUE(txn({{}, {{"/x", "2"}}, {}}).is_done);
+}
+
+TEST_F(EtcdClientTest, AnEtcdThatStandsStillCostsThePatienceAndNoMore) {
+  EtcdChannel::Options options{{*parse(etcd_->endpoint())}, {}, {}, {}};
+  options.attempt = std::chrono::milliseconds(50);
+  options.patience = std::chrono::milliseconds(400);
+  client_ = std::make_unique<EtcdClient>(main_, std::move(options));
+  etcd_->pause();
+  const auto outcomes = txns({{{}, {{"/x", "1"}}, {}}});
+  etcd_->resume();
+  ASSERT_FALSE(outcomes);
+  EXPECT_THAT(outcomes.error().text, HasSubstr("no answer"));
+}
+
+TEST_F(EtcdClientTest, WhatEtcdRefusesIsNotTriedAgain) {
+  const auto outcomes = txns({{{}, {{"/x", "1"}}, {}}, {{}, {{"/x", "2"}}, {}}});  // one key twice
+  ASSERT_FALSE(outcomes);
+  EXPECT_THAT(outcomes.error().text, HasSubstr("duplicate key"));
+  EXPECT_EQ(client_->channel().failures(), 0U);
+}
+
+TEST_F(EtcdClientTest, WhatWaitsWhenTheClientStopsFails) {
+  int failed = 0;
+  for (int i = 0; i < 2; ++i) {
+    client_->async_range("/", [&](const auto& found) { failed += found ? 0 : 1; });
+  }
+  client_->stop();
+  client_->async_range("/", [&](const auto& found) { failed += found ? 0 : 1; });
+  EXPECT_TRUE(run_until([&] { return failed == 3; }));
+}
+
+}  // namespace
+}  // namespace orbbuf

@@ -1,0 +1,225 @@
+// SPDX-License-Identifier: Apache-2.0
+// Several servers, in this process, and a real etcd.
+#include <gmock/gmock.h>
+
+#include <thread>
+
+#include "server/fleet/fetch_segment.hpp"
+#include "server/recording/recorded_session.hpp"
+#include "testing/captured_log.hpp"
+#include "testing/real_etcd.hpp"
+#include "testing/robot_client.hpp"
+#include "testing/temporary_folder.hpp"
+#include "tests/server/frames.hpp"
+#include "tests/server/running_server.hpp"
+
+namespace orbbuf {
+namespace {
+
+using test::plain_frame;
+using test::RobotClient;
+using test::RunningServer;
+
+class HandOverTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (!test::RealEtcd::is_installed()) GTEST_SKIP() << "etcd is not installed (etcd-server)";
+    etcd_.emplace();
+  }
+
+  std::unique_ptr<RunningServer> start(const std::string& name) {
+    Settings settings;
+    settings.sinks.files_path = folder_ / name;
+    settings.listen.hello_timeout = settings.listen.idle_timeout = std::chrono::minutes(10);
+    settings.fleet.etcd = {parse_address(etcd_->endpoint()).value()};
+    settings.fleet.name = name;
+    settings.fleet.address = name + ":7722";
+    settings.fleet.lease = std::chrono::seconds(60);
+    if (http_port_ != 0) {
+      settings.http_address = Address{"127.0.0.1", http_port_};
+      settings.fleet.http = to_string(*settings.http_address);
+    }
+    const auto before = log_.lines(name + " has joined").size();
+    auto server = std::make_unique<RunningServer>(settings);
+    while (log_.lines(name + " has joined").size() == before) std::this_thread::yield();
+    return server;
+  }
+  static void send(const RobotClient& robot, Sequence first, Sequence end) {
+    for (Sequence i = first; i < end; ++i) robot.send_frame(plain_frame(i));
+  }
+  std::vector<Sequence> frames_in(const std::string& folder) const {
+    std::vector<Sequence> sequences;
+    const auto session = read_recorded_session(folder_ / folder);
+    if (!session) return sequences;
+    for (const auto& frame : session.value().frames) sequences.push_back(frame.sequence);
+    return sequences;
+  }
+
+  test::TemporaryFolder folder_;
+  test::CapturedLog log_;
+  std::uint16_t http_port_ = 0;  // of the next server's page; 0: none
+  std::optional<test::RealEtcd> etcd_;
+};
+
+TEST_F(HandOverTest, WhatAnEndedServerHasAcknowledgedStaysItsAndTheNextGoesOnThere) {
+  auto a = start("a");
+  {
+    const RobotClient robot(a->port());
+    ASSERT_EQ(robot.hello("robot", "s"), wire::Position{});
+    send(robot, 0, 3);
+    ASSERT_TRUE(robot.acked(3));
+  }
+  a->stop();
+  const auto b = start("b");
+  const RobotClient robot(b->port());
+  ASSERT_EQ(robot.hello("robot", "s"), (wire::Position{3, 0}));
+  send(robot, 3, 5);
+  ASSERT_TRUE(robot.acked(5));
+  EXPECT_EQ(frames_in("a/robot/s"), (std::vector<Sequence>{0, 1, 2}));
+  EXPECT_EQ(frames_in("b/robot/s.e2"), (std::vector<Sequence>{3, 4}));
+  EXPECT_EQ(test::read_file(folder_ / "b/robot/s.e2/segment.csv"),
+            "epoch,next_sequence,next_drop\n2,3,0\n");
+}
+
+TEST_F(HandOverTest, ARobotIsSentToTheOwnerThatLivesAndIsTakenWhenItComesAgain) {
+  const auto a = start("a");
+  const auto b = start("b");
+  const RobotClient at_a(a->port());
+  ASSERT_TRUE(at_a.hello("robot", "s"));
+  send(at_a, 0, 2);
+  ASSERT_TRUE(at_a.acked(2));
+  RobotClient first(b->port());
+  first.send_hello("robot", "s");
+  const auto error = first.error();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->code, wire::ErrorCode::kMoved);
+  EXPECT_EQ(error->text, "a:7722");
+  const RobotClient again(b->port());
+  EXPECT_EQ(again.hello("robot", "s"), (wire::Position{2, 0}));
+
+  send(at_a, 2, 3);  // the old owner still has its connection
+  std::optional<wire::Ack> ack = at_a.whole_ack();
+  while (ack) {
+    EXPECT_EQ(ack->position.next_sequence, 2U);  // it has received it, and acknowledges nothing
+    ack = at_a.whole_ack();
+  }
+  log_.wait_for("another server has this session");
+  send(again, 2, 4);
+  EXPECT_TRUE(again.acked(4));
+  EXPECT_EQ(frames_in("b/robot/s.e2"), (std::vector<Sequence>{2, 3}));
+}
+
+TEST_F(HandOverTest, AServerThatIsStartedAgainGoesOnInItsFolder) {
+  auto a = start("a");
+  {
+    const RobotClient robot(a->port());
+    ASSERT_TRUE(robot.hello("robot", "s"));
+    send(robot, 0, 2);
+    ASSERT_TRUE(robot.acked(2));
+  }
+  a->stop();
+  a = start("a");
+  const RobotClient robot(a->port());
+  ASSERT_EQ(robot.hello("robot", "s"), (wire::Position{2, 0}));
+  send(robot, 2, 3);
+  ASSERT_TRUE(robot.acked(3));
+  EXPECT_EQ(frames_in("a/robot/s"), (std::vector<Sequence>{0, 1, 2}));
+}
+
+TEST_F(HandOverTest, WithoutEtcdFramesAreReceivedAndNotAcknowledgedAndNewSessionsWait) {
+  const auto a = start("a");
+  const RobotClient robot(a->port());
+  ASSERT_TRUE(robot.hello("robot", "s"));
+  etcd_->kill();
+  send(robot, 0, 3);
+  std::optional<wire::Ack> ack;
+  do {
+    ack = robot.whole_ack();
+    ASSERT_TRUE(ack);
+    EXPECT_EQ(ack->position.next_sequence, 0U);
+  } while (ack->received != Sequence{3});
+  const RobotClient other(a->port());
+  other.send_hello("other", "s");
+  const auto error = other.error();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->code, wire::ErrorCode::kRefused);
+  EXPECT_THAT(error->text, testing::HasSubstr("the fleet's etcd does not answer"));
+  etcd_->start();
+  EXPECT_TRUE(robot.acked(3));
+}
+
+TEST_F(HandOverTest, ADrainSendsTheRobotsAwayOneByOneAndTheOtherTakesThemAtOnce) {
+  const auto a = start("a");
+  const auto b = start("b");
+  const RobotClient one(a->port());
+  const RobotClient two(a->port());
+  ASSERT_TRUE(one.hello("one", "s"));
+  ASSERT_TRUE(two.hello("two", "s"));
+  send(one, 0, 5);
+  const auto error = a->drain();
+  EXPECT_FALSE(error) << error->text;
+  std::optional<wire::Ack> ack = one.whole_ack();
+  EXPECT_TRUE(ack);
+  const RobotClient moved(b->port());
+  const auto position = moved.hello("one", "s");
+  ASSERT_TRUE(position);
+  EXPECT_GE(5U, position->next_sequence);
+  const RobotClient late(a->port());
+  late.send_hello("three", "s");
+  const auto sent = late.error();
+  ASSERT_TRUE(sent);
+  EXPECT_EQ(sent->code, wire::ErrorCode::kMoved);
+  EXPECT_EQ(sent->text, "b:7722");
+}
+
+TEST_F(HandOverTest, TheSegmentsAreFoundInEtcdAndFetchedFromTheServersPages) {
+  auto a = start("a");
+  {
+    const RobotClient robot(a->port());
+    ASSERT_TRUE(robot.hello("robot", "s"));
+    send(robot, 0, 2);
+    ASSERT_TRUE(robot.acked(2));
+  }
+  a->stop();
+  http_port_ = test::free_ports(1)[0];
+  const auto b = start("b");
+  const RobotClient robot(b->port());
+  ASSERT_TRUE(robot.hello("robot", "s"));
+  send(robot, 2, 4);
+  ASSERT_TRUE(robot.acked(4));
+  const auto found =
+      fleet::find_segments({parse_address(etcd_->endpoint()).value()}, {"robot", "s"});
+  ASSERT_TRUE(found) << found.error().text;
+  ASSERT_EQ(found.value().size(), 2U);
+  EXPECT_EQ(found.value()[0].segment, (fleet::Segment{"a", 1, {}}));
+  EXPECT_EQ(found.value()[0].http, "");  // it does not live
+  EXPECT_EQ(found.value()[1].segment, (fleet::Segment{"b", 2, {2, 0}}));
+  const auto page = parse_address(found.value()[1].http);
+  ASSERT_TRUE(page);
+  const auto error = fleet::fetch_segment(page.value(), "robot", "s.e2", folder_ / "fetched");
+  EXPECT_FALSE(error) << error->text;
+  EXPECT_EQ(frames_in("fetched"), (std::vector<Sequence>{2, 3}));
+  for (const char* const file : {"segment.csv", "images/000003.jpg"}) {
+    EXPECT_EQ(test::read_file(folder_.path() / "fetched" / file),
+              test::read_file(folder_.path() / "b/robot/s.e2" / file));
+  }
+}
+
+TEST_F(HandOverTest, ADrainNeedsAnotherServer) {
+  const auto a = start("a");
+  const auto error = a->drain();
+  ASSERT_TRUE(error);
+  EXPECT_THAT(error->text, testing::HasSubstr("no other server"));
+}
+
+TEST_F(HandOverTest, ASessionIdThatNamesASegmentIsRefused) {
+  const auto a = start("a");
+  const RobotClient robot(a->port());
+  robot.send_hello("robot", "s.e7");
+  const auto error = robot.error();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->code, wire::ErrorCode::kRefused);
+}
+
+}  // namespace
+}  // namespace orbbuf

@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/fleet/membership.hpp"
+
+#include <gtest/gtest.h>
+
+#include "testing/captured_log.hpp"
+#include "tests/server/event_loop.hpp"
+#include "tests/server/fleet/fake_key_store.hpp"
+
+namespace orbbuf::fleet {
+namespace {
+
+class MembershipTest : public test::EventLoop {
+ protected:
+  /// Its beats follow one another at once.
+  void start() {
+    member_ = std::make_unique<Membership>(main_, store_, ServerEntry{"a", "1", "a:7722", "", 0},
+                                           std::chrono::seconds(0), [this] { return robots_; });
+    member_->start();
+  }
+  /// The next request is answered.
+  void deliver() {
+    ASSERT_TRUE(run_until([&] { return store_.sent() == 1; }));
+    store_.deliver();
+  }
+  void add(const ServerEntry& other) {
+    keys_.keys[other.key()] = {other.key(), to_text(other), ++keys_.revision};
+  }
+  std::optional<ServerEntry> written() const {
+    const auto found = keys_.keys.find("/orbbuf/server/a");
+    return found == keys_.keys.end() ? std::nullopt
+                                     : server_from(found->first, found->second.value);
+  }
+
+  test::FakeKeys keys_;
+  test::FakeKeyStore store_{keys_};
+  std::uint64_t robots_ = 2;
+  std::unique_ptr<Membership> member_;
+};
+
+TEST_F(MembershipTest, ItWritesItsKeyUnderALeaseAndReadsTheOthers) {
+  add({"b", "9", "b:7722", "", 5});
+  start();
+  deliver();  // the lease
+  deliver();  // the key
+  EXPECT_EQ(written()->robots, 2U);
+  deliver();  // the others
+  EXPECT_EQ(member_->servers().size(), 2U);
+  EXPECT_EQ(member_->servers().at("b").address, "b:7722");
+  robots_ = 3;
+  deliver();  // keeps alive
+  deliver();
+  EXPECT_EQ(written()->robots, 3U);
+}
+
+TEST_F(MembershipTest, AfterItsLeaseItBeginsAgain) {
+  const test::CapturedLog log;
+  start();
+  for (int i = 0; i < 3; ++i) deliver();
+  keys_.keys.clear();
+  store_.is_lease_over = true;
+  for (int i = 0; i < 3; ++i) deliver();  // no lease, a new one, the key
+  EXPECT_TRUE(written());
+  EXPECT_EQ(store_.granted, 2);
+  EXPECT_EQ(log.lines("lease has run out").size(), 1U);
+}
+
+TEST_F(MembershipTest, WithoutAnAnswerItTriesOnAndSaysSoOnce) {
+  const test::CapturedLog log;
+  start();
+  for (int i = 0; i < 3; ++i) {
+    ASSERT_TRUE(run_until([&] { return store_.sent() == 1; }));
+    store_.fail();
+  }
+  for (int i = 0; i < 3; ++i) deliver();
+  EXPECT_TRUE(written());
+  EXPECT_EQ(log.lines("new sessions wait").size(), 1U);
+  EXPECT_EQ(log.lines("in touch with etcd again").size(), 1U);
+}
+
+TEST_F(MembershipTest, TheLeastLoadedOtherTakesRobots) {
+  start();
+  for (int i = 0; i < 3; ++i) deliver();
+  EXPECT_FALSE(member_->least_loaded_other());
+  add({"b", "9", "b:7722", "", 5});
+  add({"c", "9", "c:7722", "", 4});
+  add({"d", "9", "d:7722", "", 1, true});
+  for (int i = 0; i < 2; ++i) deliver();
+  EXPECT_EQ(member_->least_loaded_other()->name, "c");
+}
+
+TEST_F(MembershipTest, ADrainIsWrittenAtOnce) {
+  start();
+  for (int i = 0; i < 3; ++i) deliver();
+  bool is_known = false;
+  member_->async_drain([&](const auto& error) { is_known = !error; });
+  ASSERT_FALSE(is_known);
+  while (!is_known) store_.deliver();
+  EXPECT_TRUE(written()->is_draining);
+}
+
+TEST_F(MembershipTest, ATwinIsReported) {
+  const test::CapturedLog log;
+  start();
+  for (int i = 0; i < 2; ++i) deliver();
+  add({"a", "other instance", "x:1", "", 0});
+  deliver();
+  EXPECT_EQ(log.lines("has the name a, too").size(), 1U);
+}
+
+TEST_F(MembershipTest, AStopGivesUpTheLease) {
+  start();
+  for (int i = 0; i < 3; ++i) deliver();
+  bool is_stopped = false;
+  member_->async_stop([&] { is_stopped = true; });
+  store_.deliver_all();
+  EXPECT_TRUE(is_stopped);
+  EXPECT_EQ(store_.revoked, 1);
+}
+
+}  // namespace
+}  // namespace orbbuf::fleet
