@@ -31,7 +31,9 @@ class JoinSession : public testing::Test {
       dropped.records.push_back(
           {drop, static_cast<std::int64_t>(drop) * test::kFrameNs, DropReason::kPolicy});
     }
-    if (!drops.empty()) ASSERT_FALSE(files.write_drops(dropped));
+    if (!drops.empty()) {
+      ASSERT_FALSE(files.write_drops(dropped));
+    }
     SessionClosing closing;
     closing.has_ended = captured.has_value();
     if (captured) closing.stats = wire::Stats{*captured, 0, 0, 0, 0, 0, 0};
