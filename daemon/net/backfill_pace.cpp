@@ -57,8 +57,9 @@ BackfillPace::Turn BackfillPace::next(Time now, double bytes_per_s) const {
     window = after(captured_, interval_ - guard) - free;
   }
   const double fits = window.count() * or_unknown(bytes_per_s);
-  if (fits < kLeastBytes) return {0, late};
-  return {static_cast<std::size_t>(std::min<double>(fits, kMostBytes)), {}};
+  if (fits >= kLeastBytes)
+    return {static_cast<std::size_t>(std::min<double>(fits, kMostBytes)), {}};
+  return has_captured_ && now < late ? Turn{0, late} : Turn{kLeastBytes, {}};
 }
 
 }  // namespace orbbuf

@@ -23,7 +23,7 @@ class BackfillPace {
   /// A part is at most about as large as what the kernel may have unsent, and not so small that it
   /// is all headers.
   static constexpr std::size_t kMostBytes = 16U << 10;
-  static constexpr std::size_t kLeastBytes = 1U << 10;
+  static constexpr std::size_t kLeastBytes = 512;
   /// The rate in bytes a second as long as no live frame has shown it.
   static constexpr double kUnknownRate = 64U << 10;
 

@@ -36,8 +36,8 @@ TEST_F(BackfillPaceTest, APartEndsBeforeTheNextFrameIsExpected) {
   EXPECT_EQ(bytes_at(23'000us), BackfillPace::kMostBytes);
   EXPECT_NEAR(static_cast<double>(bytes_at(30'000us)), 9'500, 10);  // but for the guard
   EXPECT_NEAR(static_cast<double>(bytes_at(38'000us)), 1'500, 10);
-  EXPECT_EQ(bytes_at(39'000us), 0U);  // 500 bytes are too few
-  EXPECT_EQ(pace_.next(now_ + 39ms, kRate).again, now_ + 80ms);
+  EXPECT_EQ(bytes_at(39'100us), 0U);  // 400 bytes are too few
+  EXPECT_EQ(pace_.next(now_ + 39'100us, kRate).again, now_ + 80ms);
 }
 
 TEST_F(BackfillPaceTest, WhatWasWrittenKeepsTheLinkBusy) {
@@ -73,6 +73,10 @@ TEST_F(BackfillPaceTest, ALongPauseIsNotTakenForTheInterval) {
 
 TEST_F(BackfillPaceTest, AnUnknownRateIsTakenForALowOne) {
   EXPECT_NEAR(static_cast<double>(bytes_at(0us, 0)), 0.0395 * BackfillPace::kUnknownRate, 10);
+}
+
+TEST(BackfillPaceOfNoCamera, ASlowLinkGetsSmallParts) {
+  EXPECT_EQ(BackfillPace().next(Time(1h), 100).bytes, BackfillPace::kLeastBytes);
 }
 
 TEST(BackfillPaceOfNoCamera, BeginsAtOnce) {

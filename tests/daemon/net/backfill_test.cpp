@@ -36,8 +36,8 @@ class BackfillTest : public ::testing::Test {
                    [this] { asio::post(io_, [this] { sender_->wake(); }); });
     sender_ = std::make_unique<Sender>(io_, link_, hello, buffer_, drops_, log_, &*spool_);
     push(0, 4);  // 0 and 1 go
+    sender_->start();
     main_ = std::jthread([this] { io_.run(); });
-    asio::post(io_, [this] { sender_->start(); });
   }
   void push(Sequence first, Sequence last) {
     for (Sequence sequence = first; sequence <= last; ++sequence) {
