@@ -126,7 +126,7 @@ std::string Fleet::refuge_name() const {
   return other ? other->name : std::string();
 }
 
-void Fleet::async_overview(std::function<void(Result<std::string>)> done) {
+void Fleet::async_overview(const std::function<void(Result<std::string>)>& done) {
   using nlohmann::json;
   const auto servers = [this] {
     json all = json::array();

@@ -59,7 +59,7 @@ class Fleet {
   const EtcdChannel& channel() const { return etcd_.channel(); }
 
   /// Servers and sessions as JSON, for people: read from etcd now.
-  void async_overview(std::function<void(Result<std::string>)> done);
+  void async_overview(const std::function<void(Result<std::string>)>& done);
 
  private:
   using Clock = std::chrono::steady_clock;

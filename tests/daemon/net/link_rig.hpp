@@ -96,12 +96,15 @@ class LinkRig {
     EXPECT_EQ(state(), ServerLink::State::kConnected);
     EXPECT_EQ(last_error(), "");
   }
-  ~LinkRig() {
+  ~LinkRig() { stop(); }
+  /// The thread has ended. Also by itself at the end; before, for a test whose log ends sooner.
+  void stop() {
+    if (!main_.joinable()) return;
     asio::post(io_, [this] {
       link_->close();
       io_.stop();
     });
-    if (main_.joinable()) main_.join();
+    main_.join();
   }
 
   LinkSettings settings_;

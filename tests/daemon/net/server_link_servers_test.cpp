@@ -20,6 +20,7 @@ using wire::ErrorCode;
 
 class ServerLinkServers : public ::testing::Test, protected LinkRig {
  protected:
+  ~ServerLinkServers() override { stop(); }  // before the log and the other server
   /// Attempts that nothing but the next interval would begin do not come within the test.
   void only_at_once() { settings_.attempt_interval = std::chrono::hours(1); }
   void start_with_both() { start({address_of(a_), address_of(b_)}); }
