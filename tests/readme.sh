@@ -49,6 +49,6 @@ while read -r command; do
   esac
   (cd "$folder" && bash -c "${command//SERVER/192.0.2.1}" >/dev/null) || problem "fails: $command"
   ran=$((ran + 1))
-done < <(section 'Build from source' | sed -En "s#^build/(release|robot)/#$build/#p")
+done < <(section 'Build from source' | sed -En "s#^build/(server|robot)/#$build/#p")
 [ $ran -eq 3 ] || problem "Build from source: $ran commands, not 3"
 exit $bad
