@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # The README's commands on a bare Debian: an essential system, in a folder that is removed again, and a clone of HEAD.
-# First as a user with sudo, who installs what is needed; then as root, in a root of its own, from nothing; then root's
-# build is tested by a user. A test that skips for a reason not in EXPECTED fails.
+# First each program alone, as a user with sudo, who installs what is needed; then as root, in a root of its own, from
+# nothing; then root's build is tested by a user. A test that skips for a reason not in EXPECTED fails.
 # Usage: tests/bare.sh RELEASE; takes root
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -70,11 +70,30 @@ skips() {
 toolchain/root.sh make "$release" "$work/bare"
 git clone -q --no-hardlinks . "$work/bare/root/orbbuf"
 
-cp -a "$work/bare" "$work/user"
-USER_DEPS='apt-get update -q && apt-get install -q -y --no-install-recommends sudo && useradd -m somebody &&
-  echo "somebody ALL=(ALL) NOPASSWD: ALL" >/etc/sudoers.d/somebody && cp -r . /home/somebody/orbbuf &&
-  chown -R somebody: /home/somebody && cd /home/somebody/orbbuf && su somebody -c "./dev deps && ./dev deps >again && ! test -s again"'
-timed user_deps_s user "$USER_DEPS"
+# as_user COMMAND: in a new root, by a user with sudo, in a clone of his own.
+as_user() {
+  rm -rf --one-file-system "$work/user"
+  cp -a "$work/bare" "$work/user"
+  inside user 'apt-get update -q && apt-get install -q -y --no-install-recommends sudo && useradd -m somebody &&
+    echo "somebody ALL=(ALL) NOPASSWD: ALL" >/etc/sudoers.d/somebody && cp -r . /home/somebody/orbbuf &&
+    chown -R somebody: /home/somebody && dpkg-query -W >/before'
+  inside user "cd /home/somebody/orbbuf && su somebody -c '$1' && dpkg-query -W >/after"
+}
+
+# packages NAME: how many as_user has installed.
+packages() {
+  echo "RESULT bare.$release.$1 $(($(wc -l <"$work/user/after") - $(wc -l <"$work/user/before")))"
+}
+
+# Its own packages suffice, no other program's.
+for program in robot/daemon/orbbufd server/server/orbbuf-server; do
+  start=$SECONDS
+  as_user "./dev build ${program%%/*} && build/$program --version"
+  echo "RESULT bare.$release.${program%%/*}_s $((SECONDS - start))"
+  packages "${program%%/*}_packages"
+done
+as_user './dev deps && ./dev deps >again && ! test -s again'
+packages packages
 rm -rf --one-file-system "$work/user"
 
 timed demo_s bare './dev demo'
