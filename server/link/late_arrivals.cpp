@@ -90,13 +90,15 @@ void LateArrivals::try_to_write(const std::string& robot_id,
 }
 
 void LateArrivals::commit(std::weak_ptr<void> waiter, Kept kept, bool is_new) {
-  auto done = [this, waiter = std::move(waiter), kept = std::move(kept),
-               is_new](const std::optional<Error>& error) {
+  if (commit_ == nullptr) {
+    if (!waiter.expired()) kept(is_new);
+    return;
+  }
+  commit_->async_commit([this, waiter = std::move(waiter), kept = std::move(kept),
+                         is_new](const std::optional<Error>& error) {
     has_commit_failed_ = has_commit_failed_ || error.has_value();
     if (!error && !waiter.expired()) kept(is_new);
-  };
-  if (commit_ == nullptr) return done(std::optional<Error>());
-  commit_->async_commit(std::move(done));
+  });
 }
 
 void LateArrivals::on_spool(const std::string& robot_id, const wire::Spool& spool) {
