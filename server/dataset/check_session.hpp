@@ -14,10 +14,10 @@ namespace orbbuf {
 /// What a check of a session found.
 struct SessionReport {
   std::size_t frames = 0;
-  std::size_t dropped = 0;   ///< named by drops.csv, and not there
-  std::size_t late = 0;      ///< of the frames: passed over live, and arrived later
-  std::size_t on_robot = 0;  ///< what the robot still has, as it last said
-  std::size_t lost = 0;  ///< what is neither here nor there: captured = frames + on_robot + lost
+  std::size_t dropped = 0;     ///< named by drops.csv, and not there
+  std::size_t late = 0;        ///< of the frames: passed over live, and arrived later
+  std::uint64_t on_robot = 0;  ///< what the robot still has, as it last said
+  std::uint64_t lost = 0;  ///< what is neither here nor there: captured = frames + on_robot + lost
   std::uint64_t image_bytes = 0;
   std::vector<std::string> problems;  ///< one line each
 };
