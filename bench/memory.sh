@@ -48,7 +48,7 @@ jpegs() { # WIDTH HEIGHT
 peak() { # WIDTH HEIGHT
   jpegs "$1" "$2"
   "$orbbufd" --set link.server=127.0.0.1:1 --set robot.id=r --set source.kind=folder \
-    --set "source.path=$images" --set source.loop=true --set source.fps=25 >"$work/peak.log" 2>&1 &
+    --set "source.path=$images" --set source.loop=true --set source.fps=25 --set buffer.policy=orbbuf >"$work/peak.log" 2>&1 &
   local robot=$! buffer
   programs+=("$robot")
   await "$work/peak.log" ' dropped [1-9][0-9][0-9] .* waiting 25 '
