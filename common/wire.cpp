@@ -133,7 +133,8 @@ std::vector<std::uint8_t> encode(const Hello& hello) {
 std::vector<std::uint8_t> encode(const Welcome& welcome) {
   Message message(Type::kWelcome);
   message.put(welcome.version);
-  message.put(static_cast<std::uint8_t>(welcome.takes_late));
+  message.put(static_cast<std::uint8_t>((welcome.takes_late ? kTakesLate : 0) |
+                                        (welcome.has_heartbeat ? kHasHeartbeat : 0)));
   message.put_zeros(2);
   message.put(welcome.max_frame_bytes);
   message.put_position(welcome.position);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -80,6 +81,12 @@ struct Position {
   friend bool operator==(const Position&, const Position&) = default;
 };
 
+inline constexpr std::chrono::milliseconds kHeartbeat{250};
+
+/// Bits of a welcome.
+inline constexpr std::uint8_t kTakesLate = 1;
+inline constexpr std::uint8_t kHasHeartbeat = 2;
+
 struct Welcome {
   std::uint8_t version = kProtocolVersion;
   Position position;
@@ -88,6 +95,9 @@ struct Welcome {
   std::uint32_t max_frame_bytes = 0;
   /// The server takes late frames. False before version 4.
   bool takes_late = false;
+  /// The server repeats its last ack at least every kHeartbeat, whatever its sinks do: one that
+  /// does not stands still. False before version 4.
+  bool has_heartbeat = false;
 
   friend bool operator==(const Welcome&, const Welcome&) = default;
 };

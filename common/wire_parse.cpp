@@ -213,8 +213,9 @@ Parsed<Welcome> parse_welcome(const Header& header, std::span<const std::uint8_t
   Welcome welcome;
   welcome.version = in.take<std::uint8_t>();
   const auto flags = in.take<std::uint8_t>();
-  in.require(flags <= 1, "reserved bytes are not zero");
-  welcome.takes_late = flags == 1;
+  in.require((flags & ~(kTakesLate | kHasHeartbeat)) == 0, "reserved bits are not zero");
+  welcome.takes_late = (flags & kTakesLate) != 0;
+  welcome.has_heartbeat = (flags & kHasHeartbeat) != 0;
   in.take_zeros(2);
   welcome.max_frame_bytes = in.take<std::uint32_t>();
   welcome.position = in.take_position();

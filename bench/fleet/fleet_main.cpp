@@ -7,6 +7,7 @@
 #include <boost/asio/steady_timer.hpp>
 #include <cstdio>
 #include <fstream>
+#include <future>
 #include <map>
 #include <memory>
 #include <random>
@@ -29,6 +30,7 @@ using orbbuf::fleet_bench::Stage;
 using Seconds = std::chrono::duration<double>;
 
 constexpr std::chrono::seconds kPatience{90};
+constexpr std::chrono::seconds kRest{5};
 
 struct Options {
   fs::path server;
@@ -204,7 +206,33 @@ double share_of(std::vector<double> all, double share) {
                       static_cast<std::size_t>(share * static_cast<double>(all.size())))];
 }
 
-void result(const char* name, double value) { std::printf("RESULT fleet.%s %.6g\n", name, value); }
+std::vector<double> acks_of(const std::vector<std::unique_ptr<Robot>>& robots) {
+  std::vector<double> acks;
+  for (const auto& robot : robots) {
+    const auto& own = robot->counts().acks_s;
+    acks.insert(acks.end(), own.begin(), own.end());
+  }
+  return acks;
+}
+
+/// Each server in turn is drained and started again; the robots' gaps meanwhile.
+std::vector<double> roll(asio::io_context& io, Stage& stage,
+                         const std::vector<std::unique_ptr<Robot>>& robots) {
+  std::vector<std::size_t> before;
+  for (const auto& robot : robots) before.push_back(robot->counts().gaps_s.size());
+  auto rolled = std::async(std::launch::async, [&stage] {
+    for (std::size_t i = 0; i < stage.servers(); ++i) stage.roll(i);
+  });
+  using namespace std::chrono_literals;
+  while (rolled.wait_for(0s) != std::future_status::ready) io.run_for(10ms);
+  rolled.get();
+  std::vector<double> gaps;
+  for (std::size_t i = 0; i < robots.size(); ++i) {
+    const auto& all = robots[i]->counts().gaps_s;
+    gaps.insert(gaps.end(), all.begin() + static_cast<std::ptrdiff_t>(before[i]), all.end());
+  }
+  return gaps;
+}
 
 void await_end(asio::io_context& io, std::vector<std::unique_ptr<Robot>>& robots) {
   std::size_t left = robots.size();
@@ -216,7 +244,11 @@ void await_end(asio::io_context& io, std::vector<std::unique_ptr<Robot>>& robots
   throw std::runtime_error(std::to_string(left) + " robots do not end");
 }
 
-int run(const Options& options) {
+/// RESULT lines with that prefix. False: a frame is not accounted for.
+bool stream(const Options& options, const std::string& prefix) {
+  const auto result = [&prefix](const char* name, double value) {
+    std::printf("RESULT fleet.%s%s %.6g\n", prefix.c_str(), name, value);
+  };
   const orbbuf::load::Content content(options.seed, options.bytes);
   Stage stage(options.server, options.work, options.servers, options.is_alone);
   asio::io_context io(1);
@@ -226,9 +258,9 @@ int run(const Options& options) {
     robots.push_back(
         std::make_unique<Robot>(io, content, Robot::Plan{i, interval, stage.endpoints()}));
   }
-  std::printf("fleet: seed %lu, %zu robots, %zu servers, 3 etcd, %g min, %g fps of %zu bytes%s\n",
-              options.seed, options.robots, options.servers, options.minutes, options.fps,
-              options.bytes, stage.can_cut_off() ? ", partitions" : "");
+  std::printf("fleet: seed %lu, %zu robots, %zu servers, %zu etcd, %g min, %g fps of %zu bytes%s\n",
+              options.seed, options.robots, options.servers, stage.etcd().size(), options.minutes,
+              options.fps, options.bytes, stage.can_cut_off() ? ", partitions" : "");
   std::fflush(stdout);
   const auto begin = Clock::now();
   const auto end = begin + nanoseconds_of(60 * options.minutes);
@@ -247,6 +279,13 @@ int run(const Options& options) {
     result("server_cores", Seconds(first.cpu_time() - cpu_before) / took);
     result("etcd_writes_per_s",
            static_cast<double>(stage.etcd_revision() - revision) / took.count());
+    result("ack_s_median", share_of(acks_of(robots), 0.5));
+    result("ack_s_p99", share_of(acks_of(robots), 0.99));
+  }
+  std::vector<double> drain_gaps;
+  if (stage.servers() > 1) {
+    io.run_for(kRest);  // what the last disturbance has left
+    drain_gaps = roll(io, stage, robots);
   }
   await_end(io, robots);
   stage.end();
@@ -254,33 +293,44 @@ int run(const Options& options) {
   Audit found;
   audit(options, stage, content, robots, found);
   std::vector<double> gaps;
-  std::vector<double> acks;
   std::uint64_t split_brain = 0;
   std::uint64_t hand_overs = 0;
   for (const auto& robot : robots) {
     const auto& counts = robot->counts();
     gaps.insert(gaps.end(), counts.gaps_s.begin(), counts.gaps_s.end());
-    acks.insert(acks.end(), counts.acks_s.begin(), counts.acks_s.end());
     split_brain += counts.split_brain;
     hand_overs += counts.hand_overs;
     found.unexplained += counts.forgotten;
   }
   for (const auto& [what, count] : chaos.counts()) std::printf("  %s: %d\n", what.c_str(), count);
   result("seed", static_cast<double>(options.seed));
-  result("segments", static_cast<double>(found.segments));
-  result("hand_overs", static_cast<double>(hand_overs));
   result("captured", static_cast<double>(found.captured));
   result("lost", static_cast<double>(found.lost));
   result("repeated", static_cast<double>(found.repeated));
   result("unexplained", static_cast<double>(found.unexplained));
-  result("split_brain", static_cast<double>(split_brain));
-  result("gap_s_median", share_of(gaps, 0.5));
-  result("gap_s_p90", share_of(gaps, 0.9));
-  result("ack_s_median", share_of(acks, 0.5));
-  result("ack_s_p99", share_of(acks, 0.99));
-  const bool is_good =
-      found.lost + found.repeated + found.unexplained + split_brain == 0 && found.captured > 0;
-  return is_good ? EXIT_SUCCESS : EXIT_FAILURE;
+  if (stage.servers() > 1) {
+    result("split_brain", static_cast<double>(split_brain));
+    result("segments", static_cast<double>(found.segments));
+    result("hand_overs", static_cast<double>(hand_overs));
+    result("gap_s_median", share_of(gaps, 0.5));
+    result("gap_s_p90", share_of(gaps, 0.9));
+    result("drained", static_cast<double>(drain_gaps.size()));
+    result("drain_gap_s_median", share_of(drain_gaps, 0.5));
+    result("drain_gap_s_max", share_of(drain_gaps, 1));
+  }
+  if (!options.is_calm) result("ack_s_p99", share_of(acks_of(robots), 0.99));
+  return found.lost + found.repeated + found.unexplained + split_brain == 0 && found.captured > 0;
+}
+
+/// What coordination costs: beside the fleet, before it, one server with its share of the robots.
+int run(const Options& options) {
+  if (!options.is_calm) return stream(options, "") ? EXIT_SUCCESS : EXIT_FAILURE;
+  Options single = options;
+  single.servers = 1;
+  single.robots = options.robots / options.servers;
+  single.work = options.work / "single";
+  const bool is_good = stream(single, "single.");
+  return stream(options, "") && is_good ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
 }  // namespace
@@ -293,11 +343,12 @@ int main(int argc, char** argv) {
   app.add_option("--seed", options.seed);
   app.add_option("--minutes", options.minutes)->check(CLI::PositiveNumber);
   app.add_option("--robots", options.robots)->check(CLI::PositiveNumber);
-  app.add_option("--servers", options.servers)->check(CLI::Range(1, 9));
+  app.add_option("--servers", options.servers)->check(CLI::Range(2, 9));
   app.add_option("--fps", options.fps)->check(CLI::PositiveNumber);
   app.add_option("--bytes", options.bytes)->check(CLI::PositiveNumber);
   app.add_flag("--alone", options.is_alone, "in a network of its own, so that it can be cut");
-  app.add_flag("--calm", options.is_calm, "no chaos: what coordination costs");
+  app.add_flag("--calm", options.is_calm,
+               "no chaos: what coordination costs, beside one server that is in no fleet");
   CLI11_PARSE(app, argc, argv);
   return orbbuf::bench::run_program("fleet", [&] { return run(options); });
 }

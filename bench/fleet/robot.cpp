@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/fleet/robot.hpp"
 
+#include <netinet/tcp.h>
+#include <sys/socket.h>
+
 #include <algorithm>
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/read.hpp>
@@ -18,10 +21,18 @@ using boost::system::error_code;
 using std::chrono::milliseconds;
 
 constexpr milliseconds kWatch{50};
-constexpr milliseconds kSilence{300};      // with frames on their way
+constexpr milliseconds kStall{300};        // while the kernel has no acknowledgement: orbbufd's
+constexpr milliseconds kSilence{1000};     // while the server says nothing: orbbufd's
 constexpr milliseconds kAttempt{1500};     // to the welcome
 constexpr milliseconds kSentAttempt{300};  // the same, of a server that another names
 constexpr milliseconds kRetry{50};
+
+bool is_outstanding(tcp::socket& socket) {
+  tcp_info info{};
+  socklen_t size = sizeof info;
+  return ::getsockopt(socket.native_handle(), IPPROTO_TCP, TCP_INFO, &info, &size) == 0 &&
+         info.tcpi_unacked > 0;
+}
 
 }  // namespace
 
@@ -76,7 +87,7 @@ void Robot::capture_at(Clock::time_point due) {
   });
 }
 
-/// Whether the server is alive: it says at once what it receives.
+/// Whether the server lives: it says what it receives, and that it lives.
 void Robot::watch() {
   watch_timer_.expires_after(kWatch);
   watch_timer_.async_wait([this](const error_code& failed) {
@@ -84,7 +95,10 @@ void Robot::watch() {
     const auto now = Clock::now();
     const bool is_due = counts_.captured > received_ && !kept_.empty() &&
                         now - kept_.back().captured < std::chrono::seconds(10);
-    if (link_ && !attempt_ && is_due && now - heard_ > kSilence) attempt_next();
+    if (link_ && !attempt_ && is_due &&
+        now - heard_ > (is_outstanding(link_->socket) ? kStall : kSilence)) {
+      attempt_next();
+    }
     if (attempt_ && now - attempt_begun_ > (sent_by_ ? kSentAttempt : kAttempt)) {
       error_code ignored;
       std::exchange(attempt_, nullptr)->socket.close(ignored);
@@ -146,7 +160,6 @@ void Robot::read(const std::shared_ptr<Link>& link) {
 }
 
 void Robot::take(const std::shared_ptr<Link>& link, const wire::Header& header) {
-  if (link == link_) heard_ = Clock::now();
   switch (header.type) {
     case wire::Type::kWelcome:
       take_welcome(link, wire::parse_welcome(header, link->body).value());
@@ -199,6 +212,7 @@ void Robot::take_ack(const std::shared_ptr<Link>& link, const wire::Ack& ack) {
     return;
   }
   if (link != link_) return;
+  heard_ = Clock::now();
   received_ = std::max(received_, ack.received.value_or(next));
   confirm(next);
   write_next();
@@ -230,10 +244,13 @@ void Robot::take_error(const std::shared_ptr<Link>& link, const wire::ErrorMessa
 void Robot::on_lost(const std::shared_ptr<Link>& link) {
   error_code ignored;
   link->socket.close(ignored);
-  const bool is_current = link == link_ || link == attempt_;
-  if (link == link_) link_ = nullptr;
+  const bool was_welcome = link == link_;
+  const bool is_current = was_welcome || link == attempt_;
+  if (was_welcome) link_ = nullptr;
   if (link == attempt_) attempt_ = nullptr;
-  if (is_current && !attempt_ && !is_over_) attempt_later();
+  if (!is_current || attempt_ || is_over_) return;
+  if (was_welcome) return attempt(plan_.servers[link->server]);
+  attempt_later();
 }
 
 void Robot::write_next() {

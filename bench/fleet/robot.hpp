@@ -23,9 +23,10 @@ namespace orbbuf::fleet_bench {
 using Clock = std::chrono::steady_clock;
 
 /// A robot that knows several servers, without its camera and policy: it drops nothing, keeps each
-/// frame until its ack, goes to the next server when one is silent or gone, or to the one that it
-/// is told. It leaves the connections before open and listens to them: what a server acknowledges
-/// there beyond the position at which its successor has begun is a split brain.
+/// frame until its ack, comes again when its connection breaks, goes to the next server when its
+/// own is silent or gone, or to the one that it is told. It leaves the connections before open and
+/// listens to them: what a server acknowledges there beyond the position at which its successor has
+/// begun is a split brain.
 ///
 /// Thread-bound to its io_context, which must not run any more once this is destroyed.
 class Robot {
@@ -40,7 +41,7 @@ class Robot {
     std::uint64_t hand_overs = 0;
     std::uint64_t split_brain = 0;  ///< acks beyond a successor's beginning
     std::uint64_t forgotten = 0;    ///< acknowledged frames that a later welcome did not know
-    std::vector<double> gaps_s;     ///< from the last word of a server to its successor's welcome
+    std::vector<double> gaps_s;     ///< from the last ack of a server to its successor's welcome
     std::vector<double> acks_s;     ///< from capture to ack
   };
 

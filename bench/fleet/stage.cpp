@@ -31,11 +31,12 @@ std::uint64_t status_of(const std::string& endpoint, const std::string& field) {
 
 Stage::Stage(fs::path server, fs::path work, std::size_t servers, bool is_alone)
     : program_(std::move(server)), work_(std::move(work)) {
-  const auto ports = test::free_ports(2 * (kMembers + servers));
-  for (std::size_t i = 0; i < kMembers; ++i) {
+  const std::size_t members = servers > 1 ? kMembers : 0;
+  const auto ports = test::free_ports(2 * (members + servers));
+  for (std::size_t i = 0; i < members; ++i) {
     etcd_.push_back({ports[2 * i], ports[2 * i + 1], nullptr});
   }
-  for (std::size_t i = 0; i < kMembers; ++i) begin_etcd(i);
+  for (std::size_t i = 0; i < members; ++i) begin_etcd(i);
   for (auto& member : etcd_) {
     if (!member.process->wait_for_line("ready to serve client requests")) {
       throw std::runtime_error("etcd does not begin: " + member.process->output());
@@ -47,18 +48,20 @@ Stage::Stage(fs::path server, fs::path work, std::size_t servers, bool is_alone)
     has_nft_ = true;
   }
   for (std::size_t i = 0; i < servers; ++i) {
-    servers_.push_back({ports[2 * (kMembers + i)], ports[2 * (kMembers + i) + 1], nullptr});
+    servers_.push_back({ports[2 * (members + i)], ports[2 * (members + i) + 1], nullptr});
     fs::create_directories(files(i));
     if (::chown(files(i).c_str(), static_cast<uid_t>(kFirstUser + static_cast<int>(i)), 0) != 0) {
       has_nft_ = false;
     }
     start_server(i);
   }
-  for (auto& each : servers_) {
-    if (!each.process->wait_for_line("has joined")) {
-      throw std::runtime_error("a server does not join: " + each.process->output());
-    }
-  }
+  for (std::size_t i = 0; i < servers; ++i) await_start(i);
+}
+
+void Stage::await_start(std::size_t server) const {
+  auto& process = *servers_[server].process;
+  if (process.wait_for_line(is_fleet() ? "has joined" : "listening on")) return;
+  throw std::runtime_error("a server does not start: " + process.output());
 }
 
 Stage::~Stage() {
@@ -67,7 +70,7 @@ Stage::~Stage() {
 
 void Stage::begin_etcd(std::size_t member) {
   std::string cluster;
-  for (std::size_t i = 0; i < kMembers; ++i) {
+  for (std::size_t i = 0; i < etcd_.size(); ++i) {
     cluster += fmt::format("{}e{}=http://127.0.0.1:{}", i == 0 ? "" : ",", i, etcd_[i].peer_port);
   }
   const Etcd& etcd = etcd_[member];
@@ -108,15 +111,17 @@ void Stage::start_server(std::size_t server) {
     command = {"setpriv", "--reuid=" + user, "--clear-groups"};
   }
   command.push_back(program_.string());
-  for (const std::string& setting :
-       {fmt::format("listen.address=127.0.0.1:{}", servers_[server].port),
-        std::string("listen.max_connections_per_address=1000"),
-        fmt::format("http.address=127.0.0.1:{}", servers_[server].http_port),
-        fmt::format("files.path={}", files(server).string()),
-        fmt::format("status.socket={}/status", files(server).string()),
-        fmt::format("fleet.etcd=[{}]", endpoints), fmt::format("fleet.name=server{}", server)}) {
-    command.insert(command.end(), {"--set", setting});
+  std::vector<std::string> settings = {
+      fmt::format("listen.address=127.0.0.1:{}", servers_[server].port),
+      std::string("listen.max_connections_per_address=1000"),
+      fmt::format("http.address=127.0.0.1:{}", servers_[server].http_port),
+      fmt::format("files.path={}", files(server).string()),
+      fmt::format("status.socket={}/status", files(server).string())};
+  if (is_fleet()) {
+    settings.push_back(fmt::format("fleet.etcd=[{}]", endpoints));
+    settings.push_back(fmt::format("fleet.name=server{}", server));
   }
+  for (const std::string& setting : settings) command.insert(command.end(), {"--set", setting});
   auto& process = servers_[server].process;
   if (process) {
     std::ofstream(work_ / fmt::format("server{}.{}.log", server, ++starts_)) << process->output();
@@ -171,11 +176,15 @@ void Stage::start_etcd() {
   }
 }
 
-double Stage::drain(std::size_t server) const {
-  const auto begin = std::chrono::steady_clock::now();
+void Stage::roll(std::size_t server) {
   const auto done = test::run({program_.string(), "drain", (files(server) / "status").string()});
   if (done.status != 0) throw std::runtime_error("drain: " + done.output);
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  servers_[server].process->signal(SIGTERM);
+  if (const int status = servers_[server].process->wait(); status != 0) {
+    throw std::runtime_error(fmt::format("server {} ends with {}", server, status));
+  }
+  start_server(server);
+  await_start(server);
 }
 
 void Stage::end() {

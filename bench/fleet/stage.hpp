@@ -12,11 +12,13 @@
 
 namespace orbbuf::fleet_bench {
 
-/// Three members of etcd and some servers, as processes on loopback, and what can happen to them.
+/// Three members of etcd and some servers, or one server that is in no fleet, as processes on
+/// loopback, and what can happen to them.
 /// Under root and in a network namespace of its own (run.sh) a server can be cut off from etcd or
 /// from the robots: each has a user of its own, by whom nftables knows what it sends.
 class Stage {
  public:
+  /// servers: 1 is in no fleet, and there is no etcd.
   Stage(std::filesystem::path server, std::filesystem::path work, std::size_t servers,
         bool is_alone);
   ~Stage();
@@ -38,8 +40,8 @@ class Stage {
   void mend() const;
   void kill_etcd_leader();
   void start_etcd();
-  /// Sends its robots away; how long that took, in seconds. Throws std::runtime_error.
-  double drain(std::size_t server) const;
+  /// Sends its robots away, ends it, and starts it again. Blocking; throws std::runtime_error.
+  void roll(std::size_t server);
   /// All end in peace; throws std::runtime_error if one does not.
   void end();
   /// Successful changes of etcd's keys so far.
@@ -57,7 +59,9 @@ class Stage {
     std::unique_ptr<test::Process> process;
   };
 
+  bool is_fleet() const { return !etcd_.empty(); }
   void begin_etcd(std::size_t member);
+  void await_start(std::size_t server) const;
   void nft(const std::string& words) const;
 
   const std::filesystem::path program_;

@@ -167,6 +167,7 @@ void ServerConnection::dispatch(const wire::Header& header) {
     is_welcome_ = true;
     max_frame_bytes_ = welcome.value().max_frame_bytes;
     takes_late_ = welcome.value().takes_late;
+    has_heartbeat_ = welcome.value().has_heartbeat;
     version_ = version;
     owner_->on_welcome(welcome.value().position);
     if (owner_) wait_writable();

@@ -22,6 +22,7 @@ using std::chrono::seconds;
 namespace {
 
 constexpr milliseconds kWatchInterval{50};
+constexpr std::chrono::nanoseconds kSilence = 4 * wire::kHeartbeat;
 constexpr seconds kShortestLookupInterval{2};
 constexpr seconds kLongestLookupInterval{30};
 constexpr int kLookupPartOfOutage = 30;
@@ -447,8 +448,8 @@ void ServerLink::check_attempts() {
 void ServerLink::check_connection() {
   const auto progress = connection_->progress();
   ack_watch_.look(progress, Clock::now());
-  if (ack_watch_.is_silent()) return on_silence();
   connection_watch_.look(progress, Clock::now());
+  if (is_silent()) return on_silence();
   if (connection_watch_.is_moving()) {
     if (progress) pace_.on_round_trip(progress->least_round_trip);
     return on_recovered();
@@ -461,6 +462,14 @@ void ServerLink::check_connection() {
   interfaces_.on_stall();
   begin_outage();
   attempt_at(Clock::now());
+}
+
+/// A stalled connection says nothing of the server.
+bool ServerLink::is_silent() const {
+  if (ack_watch_.is_silent()) return true;
+  if (addresses_.count() == 1 || !connection_->has_heartbeat()) return false;
+  return !connection_watch_.is_stalled() &&
+         ack_watch_.silent_for() >= std::max(kSilence, 4 * pace_.round_trip());
 }
 
 void ServerLink::on_silence() {

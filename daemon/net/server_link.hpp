@@ -47,7 +47,8 @@ struct LinkSettings {
   /// long (or two round trips, if that is longer) others are tried.
   std::chrono::nanoseconds stall_timeout = std::chrono::milliseconds(300);
   /// A connection whose server acknowledges none of the frames that its kernel has taken is
-  /// replaced after this long.
+  /// replaced after this long. If there are several servers, and this one has a heartbeat, after
+  /// 1 s.
   std::chrono::nanoseconds ack_timeout = std::chrono::seconds(60);
   /// At the end: how long to go on delivering what waits.
   std::chrono::nanoseconds drain_timeout = std::chrono::seconds(10);
@@ -207,6 +208,7 @@ class ServerLink final : private ServerConnection::Owner {
   void leave(const Address& server, Clock::time_point ready);
   void on_refused(const ServerConnection& from);
   std::chrono::nanoseconds patience() const;
+  bool is_silent() const;
   void watch();
   void check_attempts();
   void check_candidate();

@@ -3,8 +3,12 @@
 
 #include <openssl/evp.h>
 
+#include <algorithm>
+#include <boost/asio/post.hpp>
 #include <charconv>
+#include <iterator>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string_view>
 
 namespace orbbuf {
@@ -112,18 +116,67 @@ std::string end_of(std::string prefix) {
 }  // namespace
 
 void EtcdClient::async_txns(std::vector<KeyTxn> txns, Done<std::vector<KeyTxnOutcome>> done) {
+  waiting_.push_back({std::move(txns), std::move(done)});
+  boost::asio::post(main_, [this] { send_txns(); });
+}
+
+/// The first call, and with it those after it that fit: etcd refuses a request that puts a key
+/// twice.
+std::vector<EtcdClient::Call> EtcdClient::take_calls() {
+  std::vector<Call> taken;
+  std::set<std::string> puts;
+  std::size_t count = 0;
+  while (!waiting_.empty()) {
+    const auto& txns = waiting_.front().txns;
+    const bool is_clash = std::ranges::any_of(txns, [&](const KeyTxn& txn) {
+      return std::ranges::any_of(txn.puts, [&](const auto& put) { return puts.contains(put.key); });
+    });
+    if (!taken.empty() && (is_clash || count + txns.size() > kMostTxns)) break;
+    for (const KeyTxn& txn : txns) {
+      for (const auto& put : txn.puts) puts.insert(put.key);
+    }
+    count += txns.size();
+    taken.push_back(std::move(waiting_.front()));
+    waiting_.pop_front();
+  }
+  return taken;
+}
+
+void EtcdClient::send_txns() {
+  if (is_sent_ || waiting_.empty()) return;
+  is_sent_ = true;
   json success = json::array();
-  for (const KeyTxn& txn : txns) success.push_back({{"request_txn", request_of(txn)}});
-  const std::size_t count = txns.size();
-  channel_.async_post(
-      "/v3/kv/txn", json{{"success", success}}.dump(),
-      reader<std::vector<KeyTxnOutcome>>(std::move(done), [count](const json& answer) {
-        auto outcomes = outcomes_of(answer);
-        if (outcomes.size() != count) {
-          throw std::invalid_argument("not all txns answered");
-        }
-        return outcomes;
-      }));
+  std::vector<Done<std::vector<KeyTxnOutcome>>> dones;
+  std::vector<std::size_t> counts;
+  for (Call& call : take_calls()) {
+    for (const KeyTxn& txn : call.txns) success.push_back({{"request_txn", request_of(txn)}});
+    dones.push_back(std::move(call.done));
+    counts.push_back(call.txns.size());
+  }
+  const std::size_t count = success.size();
+  const auto answered = [this, dones = std::move(dones),
+                         counts = std::move(counts)](Result<std::vector<KeyTxnOutcome>> answer) {
+    is_sent_ = false;
+    boost::asio::post(main_, [this] { send_txns(); });
+    if (!answer) {
+      for (const auto& done : dones) done(answer.error());
+      return;
+    }
+    auto next = std::make_move_iterator(answer.value().begin());
+    for (std::size_t i = 0; i < dones.size(); ++i) {
+      const auto end = next + static_cast<std::ptrdiff_t>(counts[i]);
+      dones[i](std::vector<KeyTxnOutcome>(next, end));
+      next = end;
+    }
+  };
+  channel_.async_post("/v3/kv/txn", json{{"success", success}}.dump(),
+                      reader<std::vector<KeyTxnOutcome>>(answered, [count](const json& answer) {
+                        auto outcomes = outcomes_of(answer);
+                        if (outcomes.size() != count) {
+                          throw std::invalid_argument("not all txns answered");
+                        }
+                        return outcomes;
+                      }));
 }
 
 void EtcdClient::async_range(std::string prefix, Done<std::vector<KeyValue>> done) {

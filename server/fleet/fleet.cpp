@@ -57,11 +57,9 @@ void Fleet::async_enter(const SessionName& session, Entered entered) {
 
 /// is_fresh: the servers were read just now.
 void Fleet::acquire(const SessionName& session, bool is_fresh, Entered entered) {
-  Ownership::Rules rules{
-      [this, session](const std::string& server) { return may_take(session, server); },
-      [this, session] { return sent_away_.contains(session.text()) ? std::nullopt : better(); }};
   ownership_.async_acquire(
-      session, std::move(rules),
+      session,
+      [this, session] { return sent_away_.contains(session.text()) ? std::nullopt : better(); },
       [this, session, is_fresh, entered = std::move(entered)](const auto& answer) {
         if (!answer) return entered(unanswered(answer.error()));
         if (const auto* const owned = std::get_if<Owned>(&answer.value())) {
@@ -75,13 +73,6 @@ void Fleet::acquire(const SessionName& session, bool is_fresh, Entered entered) 
           acquire(session, true, entered);
         });
       });
-}
-
-bool Fleet::may_take(const SessionName& session, const std::string& server) const {
-  const auto owner = membership_.servers().find(server);
-  if (owner == membership_.servers().end() || owner->second.is_draining) return true;
-  const auto sent = sent_away_.find(session.text());
-  return sent != sent_away_.end() && Clock::now() - sent->second < kInsistence;
 }
 
 /// Robots that begin are spread; those that are here stay.

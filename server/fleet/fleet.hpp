@@ -31,7 +31,8 @@ class Fleet {
   };
   using Entered = std::function<void(Result<std::variant<Owned, Moved>>)>;
 
-  /// A robot that was sent away and comes again within this time cannot reach the other server.
+  /// A robot that was sent away and comes again within this time cannot reach the other server: it
+  /// stays.
   static constexpr std::chrono::seconds kInsistence{10};
 
   /// Throws std::runtime_error if the keys of settings.tls cannot be used. robots: of this server.
@@ -42,7 +43,8 @@ class Fleet {
   /// No more is recorded. `stopped` when etcd knows, or does not answer.
   void async_stop(std::function<void()> stopped);
 
-  /// A robot wants that session here. May answer from within the call.
+  /// A robot wants that session here, and gets it, unless this server drains, or the session is new
+  /// and another server has fewer robots. May answer from within the call.
   void async_enter(const SessionName& session, Entered entered);
   PositionRecorder& recorder() { return recorder_; }
   const PositionRecorder& recorder() const { return recorder_; }
@@ -64,7 +66,6 @@ class Fleet {
  private:
   using Clock = std::chrono::steady_clock;
 
-  bool may_take(const SessionName& session, const std::string& server) const;
   std::optional<std::string> better() const;
   std::string refuge_name() const;
   void acquire(const SessionName& session, bool is_fresh, Entered entered);

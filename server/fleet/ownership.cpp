@@ -30,8 +30,8 @@ wire::Position recorded_in(const KeyTxnOutcome& outcome, const SessionName& sess
 
 }  // namespace
 
-void Ownership::async_acquire(SessionName session, Rules rules, Answer answer) {
-  read({std::move(session), std::move(rules), std::move(answer), kAttempts});
+void Ownership::async_acquire(SessionName session, Better better, Answer answer) {
+  read({std::move(session), std::move(better), std::move(answer), kAttempts});
 }
 
 void Ownership::read(Attempt attempt) {
@@ -43,11 +43,11 @@ void Ownership::read(Attempt attempt) {
                     });
 }
 
-/// From the state in `read`: it is ours, it is another's, or it can become ours.
+/// From the state in `read`: it is ours, it should be another's, or it becomes ours.
 void Ownership::decide(Attempt attempt, const KeyTxnOutcome& read) {
   const KeyValue* const key = find(read.found, attempt.session.owner_key());
   if (key == nullptr) {
-    if (auto server = attempt.rules.better()) return attempt.answer(Foreign{std::move(*server)});
+    if (auto server = attempt.better()) return attempt.answer(Foreign{std::move(*server)});
     return write(std::move(attempt), read, {server_, instance_, 1, {{server_, 1, {}}}});
   }
   auto owner = owner_from(key->value);
@@ -58,9 +58,6 @@ void Ownership::decide(Attempt attempt, const KeyTxnOutcome& read) {
   if (owner->server == server_ && owner->instance == instance_) {
     return attempt.answer(Owned{
         {attempt.session, key->mod_revision}, owner->epoch, owner->segments.back(), recorded});
-  }
-  if (owner->server != server_ && !attempt.rules.may_take(owner->server)) {
-    return attempt.answer(Foreign{owner->server});
   }
   ++owner->epoch;
   // Of this server's files: an earlier process wrote them, and no other server has gone on since.

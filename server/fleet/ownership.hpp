@@ -21,7 +21,7 @@ struct Owned {
   wire::Position recorded;  ///< all below it may have been acknowledged, by whoever owned it then
 };
 
-/// A session of another server.
+/// A new session that another server should have.
 struct Foreign {
   std::string server;
 };
@@ -32,19 +32,15 @@ struct Foreign {
 class Ownership {
  public:
   using Answer = std::function<void(Result<std::variant<Owned, Foreign>>)>;
-  struct Rules {
-    /// Whether a session may be taken from that server: it is dead, or wants to be rid of it.
-    std::function<bool(const std::string& server)> may_take;
-    /// The server that should have a session that is new; nothing: this one.
-    std::function<std::optional<std::string>()> better;
-  };
+  /// The server that should have a session that is new; nothing: this one.
+  using Better = std::function<std::optional<std::string>()>;
 
   Ownership(KeyStore& store, std::string server, std::string instance)
       : store_(store), server_(std::move(server)), instance_(std::move(instance)) {}
 
-  /// A new session becomes ours, and another server's if `rules` say so. Never answers from within
-  /// the call.
-  void async_acquire(SessionName session, Rules rules, Answer answer);
+  /// The session becomes ours, whoever owned it: the robot is here. But not a new one for which
+  /// `better` names another server. Never answers from within the call.
+  void async_acquire(SessionName session, Better better, Answer answer);
 
   /// The robot has ended it, and all is recorded. Best effort: nothing depends on it.
   void end(const Owned& owned);
@@ -54,7 +50,7 @@ class Ownership {
  private:
   struct Attempt {
     SessionName session;
-    Rules rules;
+    Better better;
     Answer answer;
     int left = 0;  // tries
   };

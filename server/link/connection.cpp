@@ -89,7 +89,8 @@ void Connection::on_attached(wire::Position position) {
   spdlog::info("{}: session {} at frame {}, {}", name(), session_->info().session_id,
                position.next_sequence, software_);
   send(encode(wire::Welcome{version_, position, version_ >= 2 ? settings_.max_frame_bytes : 0,
-                            version_ >= 4 && owner_.late_arrivals() != nullptr}));
+                            version_ >= 4 && owner_.late_arrivals() != nullptr,
+                            version_ >= 4 && owner_.has_heartbeat()}));
   read();
 }
 

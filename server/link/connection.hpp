@@ -37,6 +37,8 @@ class ConnectionOwner {
                         const wire::Hello& hello) = 0;
   /// Null: late frames are not taken.
   virtual LateArrivals* late_arrivals() = 0;
+  /// Whether it calls beat() on each connection every wire::kHeartbeat.
+  virtual bool has_heartbeat() const = 0;
   /// The last call: the socket is closed.
   virtual void on_closed(const std::shared_ptr<Connection>& connection) = 0;
 };
@@ -78,6 +80,8 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void refuse(std::string_view why, spdlog::level::level_enum level = spdlog::level::warn);
   /// Answers the hello by the address of another server.
   void move(const std::string& address);
+  /// Tells the robot that this server lives.
+  void beat() { on_kept(); }
   bool is_introduced() const { return state_ > State::kHello; }
   const boost::asio::ip::tcp::endpoint& peer() const { return peer_; }
   const std::string& robot_id() const { return robot_id_; }

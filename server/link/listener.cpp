@@ -44,6 +44,7 @@ Listener::Listener(asio::io_context& main, asio::thread_pool& pool, Settings set
       acceptor_(listen_on(main, "listen on", settings_.listen.address,
                           settings_.listen.receive_buffer_bytes)),
       retry_(main),
+      beat_(main),
       allowed_(settings_.listen.robots) {
   if (!settings_.sinks.files_enabled) return;
   const bool is_awaited = settings_.sinks.files_sync == FilesSync::kAck;
@@ -60,6 +61,15 @@ void Listener::start() {
                  to_string(settings_.listen.address));
   }
   accept();
+  if (has_heartbeat()) beat();
+}
+
+void Listener::beat() {
+  for (const auto& connection : connections_) connection->beat();
+  beat_.expires_after(wire::kHeartbeat);
+  beat_.async_wait([this](const error_code& aborted) {
+    if (!aborted && !stopped_) beat();
+  });
 }
 
 void Listener::reload_tls() {
@@ -323,6 +333,7 @@ void Listener::stop(std::function<void()> stopped) {
   error_code ignored;  // it is closed either way
   acceptor_.close(ignored);
   retry_.cancel();
+  beat_.cancel();
   // Copies: a session that ends removes itself from the originals.
   const auto connections = connections_;
   for (auto& [key, waiting] : opening_) waiting = nullptr;

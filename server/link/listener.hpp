@@ -85,9 +85,12 @@ class Listener final : public ConnectionOwner {
 
   void on_hello(const std::shared_ptr<Connection>& connection, const wire::Hello& hello) override;
   LateArrivals* late_arrivals() override { return late_ ? &*late_ : nullptr; }
+  /// In a fleet, where the robot has another server to go to.
+  bool has_heartbeat() const override { return fleet_ != nullptr; }
   void on_closed(const std::shared_ptr<Connection>& connection) override;
 
   void accept();
+  void beat();
   void on_accepted(boost::asio::ip::tcp::socket socket);
   std::string reason_to_turn_away(const boost::asio::ip::address& address) const;
   void on_accept_failed(const boost::system::error_code& failed);
@@ -115,6 +118,7 @@ class Listener final : public ConnectionOwner {
   std::shared_ptr<TlsContext> tls_;            // null: plain TCP
   boost::asio::ip::tcp::acceptor acceptor_;
   boost::asio::steady_timer retry_;
+  boost::asio::steady_timer beat_;
   bool is_accept_failing_ = false;
   bool is_full_ = false;
   std::vector<std::string> allowed_;  // robots; empty: all

@@ -230,6 +230,12 @@ TEST(WireParse, WelcomeReservedBytesAreChecked) {
             "welcome: reserved bytes are not zero");
 }
 
+TEST(WireParse, WelcomeReservedBitsAreChecked) {
+  EXPECT_EQ(fault_of(altered(Type::kWelcome, 1, std::uint8_t{3})), "accepted");
+  EXPECT_EQ(fault_of(altered(Type::kWelcome, 1, std::uint8_t{4})),
+            "welcome: reserved bits are not zero");
+}
+
 TEST(WireParse, ALatePartIsWithinItsRecord) {
   EXPECT_EQ(fault_of(altered(Type::kLate, 8, std::uint32_t{2})), "accepted");
   EXPECT_EQ(fault_of(altered(Type::kLate, 8, std::uint32_t{4})),

@@ -85,6 +85,14 @@ TEST(Wire, AWelcomeOfVersion4SaysWhetherLateFramesAreTaken) {
   EXPECT_EQ(there_and_back(message).value(), message);
 }
 
+TEST(Wire, AWelcomeSaysWhetherThereIsAHeartbeat) {
+  for (const bool takes_late : {false, true}) {
+    const Bytes message = encode(Welcome{4, {7, 3}, 16U << 20, takes_late, true});
+    EXPECT_EQ(message.at(kHeaderBytes + 1), takes_late ? 3 : 2);
+    EXPECT_EQ(there_and_back(message).value(), message);
+  }
+}
+
 TEST(Wire, ALateRecordIsTheSessionAndTheFramesBody) {
   const EncodedFrame sent = sample_frame();
   const Bytes record = encode_late_record("s1", sent);

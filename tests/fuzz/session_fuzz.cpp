@@ -103,6 +103,7 @@ class World final : public ConnectionOwner {
     connection->join(session);
   }
   LateArrivals* late_arrivals() override { return nullptr; }
+  bool has_heartbeat() const override { return false; }
   void on_closed(const std::shared_ptr<Connection>& /*connection*/) override {}
 
   boost::asio::io_context main_{1};  // ends last: timers of all the rest are in it

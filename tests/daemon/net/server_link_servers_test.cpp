@@ -39,6 +39,14 @@ class ServerLinkServers : public ::testing::Test, protected LinkRig {
   static void move(ScriptedServer& from, const ScriptedServer& to) {
     say(from, ErrorCode::kMoved, to_string(address_of(to)));
   }
+  static FramePtr one_frame() {
+    EncodedFrame frame;
+    frame.jpeg = {0xFF, 0xD8, 0xFF, 0xD9};
+    frame.left_bytes = 4;
+    frame.jpeg_crc = wire::crc32(frame.jpeg);
+    frame.width_px = frame.height_px = 1;
+    return std::make_shared<const EncodedFrame>(std::move(frame));
+  }
   static std::vector<std::string> moves(const test::CapturedLog& log) {
     return log.lines(" moves this robot to 127.0.0.1:");
   }
@@ -189,6 +197,22 @@ TEST_F(ServerLinkServers, TheOthersAreTriedWhenTheRobotWasMovedToADeadOne) {
   EXPECT_EQ(owner_.next(), "disconnected 0 0");
   a_.welcome({});
   expect_connected_to(a_);
+}
+
+TEST_F(ServerLinkServers, AServerThatStandsStillIsLeftForAnother) {
+  start_with_both();
+  a_.accept_hello();
+  wire::Welcome welcome;
+  welcome.has_heartbeat = true;
+  a_.send(wire::encode(welcome));
+  expect_connected();
+  ask([](ServerLink& link) { return link.write(one_frame()), true; });
+  EXPECT_EQ(a_.read(wire::Type::kFrame).frame().sequence, 0U);  // and it says nothing of it
+  EXPECT_EQ(owner_.next(), "writable 0 0");
+  EXPECT_EQ(owner_.next(), "disconnected 0 0");
+  b_.welcome({});
+  expect_connected_to(b_);
+  EXPECT_EQ(log_.lines("has acknowledged no frame for 1.").size(), 1U);
 }
 
 TEST(ServerLinkInNetwork, AServerThatDoesNotAnswerIsNotWaitedFor) {

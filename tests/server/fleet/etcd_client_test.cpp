@@ -88,6 +88,35 @@ TEST_F(EtcdClientTest, EachOfSeveralTxnsStandsForItself) {
                                       KeyValue{"/c", std::string("\0\xff", 2), all[2].revision}));
 }
 
+TEST_F(EtcdClientTest, CallsThatComeWhileARequestIsOutstandingShareTheNext) {
+  std::vector<Result<std::vector<KeyTxnOutcome>>> answers;
+  const auto put = [&](std::vector<std::string> keys) {
+    std::vector<KeyTxn> all;
+    for (const std::string& key : keys) all.push_back({{{key, 0}}, {{key, "v"}}, {}});
+    client_->async_txns(std::move(all), [&](auto answer) { answers.push_back(std::move(answer)); });
+  };
+  put({"/1"});
+  ASSERT_TRUE(run_until([&] { return client_->channel().requests() == 1; }));
+  put({"/2", "/3"});
+  put({"/1"});  // is there already
+  ASSERT_TRUE(run_until([&] { return answers.size() == 3; }));
+  EXPECT_EQ(client_->channel().requests(), 2U);
+  for (const auto& answer : answers) ASSERT_TRUE(answer) << answer.error().text;
+  EXPECT_EQ(answers[1].value().size(), 2U);
+  EXPECT_TRUE(answers[1].value()[1].is_done);
+  EXPECT_FALSE(answers[2].value().at(0).is_done);
+}
+
+TEST_F(EtcdClientTest, CallsThatPutTheSameKeyDoNotShareARequest) {
+  int done = 0;
+  for (int i = 0; i < 3; ++i) {
+    client_->async_txns({{{}, {{"/x", std::to_string(i)}}, {}}},
+                        [&](const auto& answer) { done += answer ? 1 : 0; });
+  }
+  ASSERT_TRUE(run_until([&] { return done == 3; }));
+  EXPECT_EQ(range("/x").at(0).value, "2");
+}
+
 TEST_F(EtcdClientTest, TheMostTxnsThatARequestMayHave) {
   std::vector<KeyTxn> all;
   for (std::size_t i = 0; i < KeyStore::kMostTxns; ++i) {

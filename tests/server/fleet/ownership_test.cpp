@@ -23,15 +23,13 @@ struct Server {
         ownership(store, name, instance),
         recorder(main, store, std::chrono::milliseconds(0)) {}
 
-  void ask(bool may_take, const std::optional<std::string>& better = std::nullopt) {
+  void ask(const std::optional<std::string>& better = std::nullopt) {
     answer.reset();
     ownership.async_acquire(
-        kSession,
-        {[may_take](const auto& /*server*/) { return may_take; }, [better] { return better; }},
-        [this](const auto& got) { answer = got; });
+        kSession, [better] { return better; }, [this](const auto& got) { answer = got; });
   }
   Owned acquire() {
-    ask(true);
+    ask();
     store.deliver_all();
     return std::get<Owned>(answer->value());
   }
@@ -63,29 +61,29 @@ TEST_F(OwnershipTest, ANewSessionIsOfEpochOneAndBeginsAtZero) {
 }
 
 TEST_F(OwnershipTest, ANewSessionMayBeAnotherServers) {
-  a_.ask(true, "b");
+  a_.ask("b");
   a_.store.deliver_all();
   EXPECT_EQ(std::get<Foreign>(a_.answer->value()).server, "b");
   EXPECT_TRUE(keys_.keys.empty());
 }
 
-TEST_F(OwnershipTest, OfTwoThatWantANewSessionOneGetsIt) {
-  a_.ask(false);
-  b_.ask(false);
+TEST_F(OwnershipTest, OfTwoThatWantANewSessionOneBeginsItAndTheOtherTakesItOver) {
+  a_.ask();
+  b_.ask();
   a_.store.deliver();
   b_.store.deliver();  // both have read that there is none
   b_.store.deliver_all();
   a_.store.deliver_all();
-  EXPECT_TRUE(std::holds_alternative<Owned>(b_.answer->value()));
-  EXPECT_EQ(std::get<Foreign>(a_.answer->value()).server, "b");
+  EXPECT_EQ(std::get<Owned>(b_.answer->value()).epoch, 1U);
+  EXPECT_EQ(std::get<Owned>(a_.answer->value()).epoch, 2U);
 }
 
-TEST_F(OwnershipTest, ASessionOfAServerThatLivesIsNotTaken) {
+TEST_F(OwnershipTest, OnlyANewSessionMayBeAnotherServers) {
   a_.acquire();
-  b_.ask(false);
+  b_.ask("a");
   b_.store.deliver_all();
-  EXPECT_EQ(std::get<Foreign>(b_.answer->value()).server, "a");
-  EXPECT_EQ(b_.ownership.take_overs(), 0U);
+  EXPECT_TRUE(std::holds_alternative<Owned>(b_.answer->value()));
+  EXPECT_EQ(b_.ownership.take_overs(), 1U);
 }
 
 TEST_F(OwnershipTest, ATakeOverBeginsASegmentWhereTheRecordStands) {
@@ -104,7 +102,7 @@ TEST_F(OwnershipTest, ATakeOverBeginsASegmentWhereTheRecordStands) {
 TEST_F(OwnershipTest, AServerThatIsStartedAgainGoesOnInItsSegment) {
   const Owned first = a_.acquire();
   Server again(main_, keys_, "a", "2");
-  again.ask(false);  // nobody else's session
+  again.ask();  // nobody else's session
   again.store.deliver_all();
   const auto second = std::get<Owned>(again.answer->value());
   EXPECT_EQ(second.epoch, 2U);
@@ -127,7 +125,7 @@ TEST_F(OwnershipTest, ASessionThatComesBackHasAThirdSegment) {
 
 TEST_F(OwnershipTest, APositionThatIsRecordedWhileAnotherTakesOverIsNotLost) {
   const Owned first = a_.acquire();
-  b_.ask(true);
+  b_.ask();
   b_.store.deliver();  // has read the position
   a_.record(first, {10, 0});
   ASSERT_TRUE(run_until([&] { return a_.store.sent() == 1; }));
@@ -139,7 +137,7 @@ TEST_F(OwnershipTest, APositionThatIsRecordedWhileAnotherTakesOverIsNotLost) {
 
 TEST_F(OwnershipTest, ATakeOverWhoseAnswerIsLostIsOurs) {
   a_.acquire();
-  b_.ask(true);
+  b_.ask();
   b_.store.deliver();
   b_.store.arrive();
   b_.store.fail();  // as the channel reports it at last
@@ -162,7 +160,7 @@ TEST_F(OwnershipTest, TheEndIsNotedInTheKeyOfWhoOwnsIt) {
 
 TEST_F(OwnershipTest, AKeyThatCannotBeReadIsNotTaken) {
   keys_.keys[kSession.owner_key()] = {kSession.owner_key(), "?", 5};
-  a_.ask(true);
+  a_.ask();
   a_.store.deliver_all();
   EXPECT_FALSE(*a_.answer);
 }
