@@ -215,23 +215,23 @@ std::vector<double> acks_of(const std::vector<std::unique_ptr<Robot>>& robots) {
   return acks;
 }
 
-/// Each server in turn is drained and started again; the robots' gaps meanwhile.
-std::vector<double> roll(asio::io_context& io, Stage& stage,
-                         const std::vector<std::unique_ptr<Robot>>& robots) {
-  std::vector<std::size_t> before;
-  for (const auto& robot : robots) before.push_back(robot->counts().gaps_s.size());
+std::vector<double> gaps_of(const std::vector<std::unique_ptr<Robot>>& robots) {
+  std::vector<double> gaps;
+  for (const auto& robot : robots) {
+    const auto& own = robot->counts().gaps_s;
+    gaps.insert(gaps.end(), own.begin(), own.end());
+  }
+  return gaps;
+}
+
+/// Each server in turn is drained and started again.
+void roll(asio::io_context& io, Stage& stage) {
   auto rolled = std::async(std::launch::async, [&stage] {
     for (std::size_t i = 0; i < stage.servers(); ++i) stage.roll(i);
   });
   using namespace std::chrono_literals;
   while (rolled.wait_for(0s) != std::future_status::ready) io.run_for(10ms);
   rolled.get();
-  std::vector<double> gaps;
-  for (std::size_t i = 0; i < robots.size(); ++i) {
-    const auto& all = robots[i]->counts().gaps_s;
-    gaps.insert(gaps.end(), all.begin() + static_cast<std::ptrdiff_t>(before[i]), all.end());
-  }
-  return gaps;
 }
 
 void await_end(asio::io_context& io, std::vector<std::unique_ptr<Robot>>& robots) {
@@ -282,24 +282,24 @@ bool stream(const Options& options, const std::string& prefix) {
     result("ack_s_median", share_of(acks_of(robots), 0.5));
     result("ack_s_p99", share_of(acks_of(robots), 0.99));
   }
+  std::vector<double> gaps;
   std::vector<double> drain_gaps;
   if (stage.servers() > 1) {
     io.run_for(kRest);  // what the last disturbance has left
-    drain_gaps = roll(io, stage, robots);
+    gaps = gaps_of(robots);
+    for (const auto& robot : robots) robot->forget_gaps();
+    roll(io, stage);
+    drain_gaps = gaps_of(robots);
   }
   await_end(io, robots);
   stage.end();
 
   Audit found;
   audit(options, stage, content, robots, found);
-  std::vector<double> gaps;
   std::uint64_t split_brain = 0;
-  std::uint64_t hand_overs = 0;
   for (const auto& robot : robots) {
     const auto& counts = robot->counts();
-    gaps.insert(gaps.end(), counts.gaps_s.begin(), counts.gaps_s.end());
     split_brain += counts.split_brain;
-    hand_overs += counts.hand_overs;
     found.unexplained += counts.forgotten;
   }
   for (const auto& [what, count] : chaos.counts()) std::printf("  %s: %d\n", what.c_str(), count);
@@ -311,7 +311,7 @@ bool stream(const Options& options, const std::string& prefix) {
   if (stage.servers() > 1) {
     result("split_brain", static_cast<double>(split_brain));
     result("segments", static_cast<double>(found.segments));
-    result("hand_overs", static_cast<double>(hand_overs));
+    result("hand_overs", static_cast<double>(gaps.size()));
     result("gap_s_median", share_of(gaps, 0.5));
     result("gap_s_p90", share_of(gaps, 0.9));
     result("drained", static_cast<double>(drain_gaps.size()));

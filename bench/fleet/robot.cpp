@@ -192,7 +192,6 @@ void Robot::take_welcome(const std::shared_ptr<Link>& link, const wire::Welcome&
   }
   if (begins < confirmed_) counts_.forgotten += confirmed_ - begins;
   if (last_server_ != SIZE_MAX && last_server_ != link->server) {
-    ++counts_.hand_overs;
     counts_.gaps_s.push_back(std::chrono::duration<double>(Clock::now() - heard_).count());
   }
   last_server_ = link->server;

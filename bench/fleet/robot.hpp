@@ -38,7 +38,6 @@ class Robot {
   };
   struct Counts {
     std::uint64_t captured = 0;
-    std::uint64_t hand_overs = 0;
     std::uint64_t split_brain = 0;  ///< acks beyond a successor's beginning
     std::uint64_t forgotten = 0;    ///< acknowledged frames that a later welcome did not know
     std::vector<double> gaps_s;     ///< from the last ack of a server to its successor's welcome
@@ -56,6 +55,7 @@ class Robot {
   std::string id() const { return "robot-" + std::to_string(plan_.number); }
   static constexpr const char* kSession = "s";
   const Counts& counts() const { return counts_; }
+  void forget_gaps() { counts_.gaps_s.clear(); }
   std::size_t server() const { return server_; }
   /// For people: why it does not end.
   std::string state() const;
