@@ -193,7 +193,9 @@ after() {
   cp /share/keys/front.crt /etc/orbbuf/orbbufd-front.crt
   cp /share/keys/front.key /etc/orbbuf/orbbufd-front.key
   cp /etc/orbbuf/orbbufd.toml /etc/orbbuf/orbbufd-front.toml
-  configure /etc/orbbuf/orbbufd-front.toml id=front kind=libcamera width=192 height=144
+  local camera=(kind=libcamera width=192 height=144)
+  ! grep -qx 'VERSION_ID="13"' /etc/os-release || camera+=(format=RGB24) # as libcamera.sh has it
+  configure /etc/orbbuf/orbbufd-front.toml id=front "${camera[@]}"
   modprobe vimc
   udevadm settle
   expect 'orbbufd@front' systemctl start orbbufd@front
