@@ -54,6 +54,12 @@ ip link set lo up 2>/dev/null || busybox ifconfig lo up
 check 'the camera is there' test -e /dev/video0
 check 'the packages install' dpkg --force-depends -i /share/orbbufd_*.deb /share/orbbuf-server_*.deb
 check 'nothing starts before it is configured' state inactive:disabled
+LIBCAMERA_LOG_LEVELS='*:DEBUG' orbbufd --list-cameras >/tmp/cameras 2>&1
+grep -E '^/dev|^libcamera|rpi|ipa_' /tmp/cameras
+check 'orbbufd lists the camera' grep -q '^/dev/video0: vivid' /tmp/cameras
+if [[ $(echo /share/orbbufd_*) == *~deb13u* ]]; then
+  check "libcamera has the Raspberry Pi's pipeline" grep -q 'rpi/vc4' /tmp/cameras
+fi
 sed -i 's/^width = 640 /width = 320 /; s/^height = 480 /height = 180 /; s/^fps = 25.0/fps = 10.0/' /etc/orbbuf/orbbufd.toml
 check 'systemd starts the server' systemctl start orbbuf-server
 check 'systemd starts the robot' systemctl start orbbufd
