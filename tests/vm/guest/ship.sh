@@ -153,7 +153,7 @@ has_late() { find "$frames/$1" -name late.csv | grep -q .; }
 
 # Frames of 2 MB/s for a spool on a disk that takes 1 MB/s, while there is no server.
 slow_spool() {
-  local spool=/var/lib/private/orbbufd-slow/spool config=/etc/orbbuf/orbbufd-slow.toml start frames_before bytes_before rate written
+  local state=/var/lib/private/orbbufd-slow config=/etc/orbbuf/orbbufd-slow.toml start frames_before bytes_before rate written
   cp /share/keys/slow.crt /etc/orbbuf/orbbufd-slow.crt
   cp /share/keys/slow.key /etc/orbbuf/orbbufd-slow.key
   cp /etc/orbbuf/orbbufd.toml $config
@@ -161,12 +161,12 @@ slow_spool() {
   configure $config id=slow kind=folder path=/run/ship/large fps=5 'memory=4 MiB' 'size=128 MiB' 'drain_timeout=0 s'
   sed -i -E -e 's/^loop = false/loop = true/' \
     -e '/^\[spool\]/,/^path/s|^(path = ")[^"]*|\1/var/lib/orbbufd-slow/spool|' $config
-  mkdir -p $spool
-  mount /dev/vdb $spool
+  mkdir -p $state
+  mount /dev/vdb $state # systemd 257 refuses a mount in it
   systemctl stop orbbuf-server
   expect 'orbbufd@slow' systemctl start orbbufd@slow
   expect 'says that there is no server' wait_for 20 has orbbufd@slow StatusText '*link no connection: *refused*'
-  expect 'a spool on the disk' wait_for 20 has_segments $spool
+  expect 'a spool on the disk' wait_for 20 has_segments $state/spool
   start=$(cut -d' ' -f1 /proc/uptime) frames_before=$(captured) bytes_before=$(disk_bytes)
   sleep 30
   rate=$(per_second "$frames_before" "$(captured)" "$start")
@@ -182,7 +182,7 @@ slow_spool() {
   expect 'late frames' wait_for 120 has_late slow
   ends 'ship: a robot with a spool on a disk of 1 MB/s captures at its rate'
   systemctl stop orbbufd@slow
-  umount $spool
+  umount $state
 }
 
 after() {
