@@ -34,7 +34,7 @@ server/recording/late_merge: common server/recording server/recording/mcap
 server/dataset: common server/calibration server/recording
 server/retention: common server/runtime server/recording
 server/live: common server/runtime server/recording
-server/fleet: common common/net server/runtime
+server/fleet: common common/net server/runtime server/recording
 server/sink: common server/runtime server/recording
 server/sink/pipe: common server/runtime server/recording server/sink
 server/sink/losses: common

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <utility>
@@ -10,6 +11,7 @@
 #include "common/address.hpp"
 #include "common/error.hpp"
 #include "server/fleet/fleet_keys.hpp"
+#include "server/fleet/key_store.hpp"
 
 namespace orbbuf::fleet {
 
@@ -19,7 +21,11 @@ struct FoundSegment {
   std::string http;  ///< empty: the server does not live, or has no page
 };
 
-/// What etcd knows of a session's segments. An error also if it knows of no such session. Blocking.
+/// What etcd knows of a session's segments. An error also if it knows of no such session. `done` as
+/// in KeyStore, which must outlive that.
+void async_find_segments(KeyStore& store, const SessionName& session,
+                         std::function<void(Result<std::vector<FoundSegment>>)> done);
+/// The same. Blocking.
 Result<std::vector<FoundSegment>> find_segments(const std::vector<Address>& etcd,
                                                 const SessionName& session);
 

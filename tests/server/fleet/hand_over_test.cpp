@@ -2,6 +2,8 @@
 // Several servers, in this process, and a real etcd.
 #include <gmock/gmock.h>
 
+#include <algorithm>
+#include <regex>
 #include <thread>
 
 #include "server/fleet/fetch_segment.hpp"
@@ -16,7 +18,6 @@
 namespace orbbuf {
 namespace {
 
-using test::plain_frame;
 using test::RobotClient;
 using test::RunningServer;
 
@@ -35,6 +36,9 @@ class HandOverTest : public testing::Test {
     settings.fleet.name = name;
     settings.fleet.address = name + ":7722";
     settings.fleet.lease = std::chrono::seconds(60);
+    settings.sinks.slam.command = slam_;
+    settings.sinks.slam.format = PipeFormat::kMjpeg;
+    settings.sinks.slam.resume = Resume::kBacklog;
     if (http_port_ != 0) {
       settings.http_address = Address{"127.0.0.1", http_port_};
       settings.fleet.http = to_string(*settings.http_address);
@@ -45,7 +49,23 @@ class HandOverTest : public testing::Test {
     return server;
   }
   static void send(const RobotClient& robot, Sequence first, Sequence end) {
-    for (Sequence i = first; i < end; ++i) robot.send_frame(plain_frame(i));
+    for (Sequence i = first; i < end; ++i) robot.send_frame(*test::jpeg_like_frame_ptr(i));
+  }
+  /// The next servers have a SLAM program that keeps what it reads.
+  void begin_slam(const std::string& file) { slam_ = "cat > " + (folder_ / file).string(); }
+  /// What it has read when that has the last one: each frame's number and `missed`.
+  std::vector<std::string> read_by_slam(const std::string& file, Sequence last) const {
+    const std::regex note("(seq|missed)=[0-9]+");
+    for (;;) {
+      const std::string text = test::read_file(folder_ / file);
+      std::vector<std::string> notes;
+      for (std::sregex_iterator at(text.begin(), text.end(), note), end; at != end; ++at) {
+        const std::string word = at->str();
+        notes.push_back(word.starts_with("seq=") ? word.substr(4) : word);
+      }
+      if (std::ranges::find(notes, std::to_string(last)) != notes.end()) return notes;
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
   }
   std::vector<Sequence> frames_in(const std::string& folder) const {
     std::vector<Sequence> sequences;
@@ -57,6 +77,7 @@ class HandOverTest : public testing::Test {
 
   test::TemporaryFolder folder_;
   test::CapturedLog log_;
+  std::string slam_;
   std::uint16_t http_port_ = 0;  // of the next server's page; 0: none
   std::optional<test::RealEtcd> etcd_;
 };
@@ -203,6 +224,82 @@ TEST_F(HandOverTest, TheSegmentsAreFoundInEtcdAndFetchedFromTheServersPages) {
     EXPECT_EQ(test::read_file(folder_.path() / "fetched" / file),
               test::read_file(folder_.path() / "b/robot/s.e2" / file));
   }
+}
+
+TEST_F(HandOverTest, TheNextOwnersProgramGetsAllFramesInOrderFromEveryServer) {
+  auto a = start("a");
+  {
+    const RobotClient robot(a->port());
+    ASSERT_TRUE(robot.hello("robot", "s"));
+    send(robot, 0, 5);
+    ASSERT_TRUE(robot.acked(5));
+  }
+  a->stop();
+  http_port_ = test::free_ports(1)[0];
+  const auto b = start("b");
+  {
+    const RobotClient robot(b->port());
+    ASSERT_TRUE(robot.hello("robot", "s"));
+    send(robot, 5, 9);
+    ASSERT_TRUE(robot.acked(9));
+  }
+  http_port_ = 0;
+  begin_slam("read.mjpeg");
+  a = start("a");
+  EXPECT_FALSE(b->drain());
+  const RobotClient robot(a->port());
+  ASSERT_EQ(robot.hello("robot", "s"), (wire::Position{9, 0}));
+  send(robot, 9, 10);
+  EXPECT_EQ(read_by_slam("read.mjpeg", 9),
+            (std::vector<std::string>{"0", "1", "2", "3", "4", "5", "6", "7", "8", "9"}));
+  send(robot, 10, 12);
+  EXPECT_EQ(read_by_slam("read.mjpeg", 11).size(), 12U);
+  EXPECT_TRUE(robot.acked(12));
+  EXPECT_EQ(log_.lines("are passed over").size(), 0U);
+}
+
+TEST_F(HandOverTest, FramesOfADeadServerAreMissedByTheProgramAndHoldNothing) {
+  auto a = start("a");
+  {
+    const RobotClient robot(a->port());
+    ASSERT_TRUE(robot.hello("robot", "s"));
+    send(robot, 0, 3);
+    ASSERT_TRUE(robot.acked(3));
+  }
+  a->stop();
+  begin_slam("read.mjpeg");
+  const auto b = start("b");
+  const RobotClient robot(b->port());
+  ASSERT_TRUE(robot.hello("robot", "s"));
+  send(robot, 3, 5);
+  EXPECT_TRUE(robot.acked(5));
+  EXPECT_EQ(log_.lines("are passed over").size(), 0U);  // it still waits for that server
+  EXPECT_EQ(read_by_slam("read.mjpeg", 4), (std::vector<std::string>{"3", "missed=3", "4"}));
+  EXPECT_EQ(log_.lines("robot/s: frames 0 to 2 are passed over: segment s of server a: the server "
+                       "does not live, or has no page")
+                .size(),
+            1U);
+}
+
+TEST_F(HandOverTest, AMoveDoesNotWaitForAProgramThatCatchesUp) {
+  auto a = start("a");
+  {
+    const RobotClient robot(a->port());
+    ASSERT_TRUE(robot.hello("robot", "s"));
+    send(robot, 0, 3);
+    ASSERT_TRUE(robot.acked(3));
+  }
+  a->stop();
+  begin_slam("read.mjpeg");
+  const auto b = start("b");  // whose program waits for a
+  const auto c = start("c");
+  const RobotClient robot(b->port());
+  ASSERT_TRUE(robot.hello("robot", "s"));
+  send(robot, 3, 5);
+  EXPECT_TRUE(robot.acked(5));
+  const auto begun = std::chrono::steady_clock::now();
+  EXPECT_FALSE(b->drain());
+  EXPECT_LT(std::chrono::steady_clock::now() - begun, std::chrono::milliseconds(1500));
 }
 
 TEST_F(HandOverTest, ADrainNeedsAnotherServer) {
