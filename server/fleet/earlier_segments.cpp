@@ -36,9 +36,9 @@ void EarlierSegments::close() {
 }
 
 void EarlierSegments::find() {
-  async_find_segments(store_, options_.session, [self = shared_from_this()](const auto& found) {
+  async_find_session(store_, options_.session, [self = shared_from_this()](const auto& found) {
     if (!found) return self->on_failed(found.error().text);
-    self->on_found(found.value());
+    self->on_found(found.value().segments);
     self->step();
   });
 }

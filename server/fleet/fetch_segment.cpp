@@ -3,6 +3,7 @@
 
 #include <spdlog/fmt/fmt.h>
 
+#include <algorithm>
 #include <boost/asio/io_context.hpp>
 #include <fstream>
 #include <memory>
@@ -10,6 +11,8 @@
 
 #include "server/fleet/etcd_client.hpp"
 #include "server/fleet/page_client.hpp"
+#include "server/recording/session_lines.hpp"
+#include "server/recording/session_names.hpp"
 
 namespace orbbuf::fleet {
 namespace {
@@ -54,47 +57,79 @@ Result<std::string> fetch(Page& page, const std::string& from, const std::string
   return std::move(*content.value());
 }
 
+std::string path_of(const std::string& robot_id, const std::string& folder) {
+  return fmt::format("/sessions/{}/{}/", robot_id, folder);
+}
+
+/// Late frames that are not merged yet, before what is merged: none is missed in between.
+std::optional<Error> fetch_late(Page& page, const std::string& from, const fs::path& to) {
+  const auto list = fetch(page, from, session_names::kLateList, to);
+  if (!list) return list.error();
+  std::istringstream lines(list.value());
+  for (std::string line; std::getline(lines, line);) {
+    const auto late = session_lines::parse_late(line);
+    if (!late) continue;
+    for (const std::string& image :
+         {session_names::left_image(late->sequence), session_names::right_image(late->sequence)}) {
+      const auto got = fetch(page, from, session_names::late_image(image), to);
+      if (!got) return got.error();
+      if (!late->crc_right) break;
+    }
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
-void async_find_segments(KeyStore& store, const SessionName& session,
-                         std::function<void(Result<std::vector<FoundSegment>>)> done) {
+void async_find_session(KeyStore& store, const SessionName& session,
+                        std::function<void(Result<FoundSession>)> done) {
   store.async_txns({{{}, {}, {session.owner_key()}}}, [&store, session, done](auto outcomes) {
     if (!outcomes) return done(outcomes.error());
     const auto& found = outcomes.value().front().found;
     const auto owner = found.empty() ? std::nullopt : owner_from(found.front().value);
     if (!owner) return done(Error{"etcd: no session " + session.text()});
-    store.async_range(std::string(kServers), [owner, done](auto servers) {
-      if (!servers) return done(servers.error());
-      std::vector<FoundSegment> segments;
-      for (const Segment& segment : owner->segments) {
-        FoundSegment& entry = segments.emplace_back(FoundSegment{segment, ""});
-        for (const KeyValue& key : servers.value()) {
-          const auto server = server_from(key.key, key.value);
-          if (server && server->name == segment.server) entry.http = server->http;
+    store.async_range(std::string(kServers), [owner, done](auto keys) {
+      if (!keys) return done(keys.error());
+      FoundSession answer;
+      for (const KeyValue& key : keys.value()) {
+        if (auto server = server_from(key.key, key.value)) {
+          answer.servers.push_back(std::move(*server));
         }
       }
-      done(std::move(segments));
+      for (const Segment& segment : owner->segments) {
+        const auto server = std::ranges::find(answer.servers, segment.server, &ServerEntry::name);
+        answer.segments.push_back({segment, server == answer.servers.end() ? "" : server->http});
+      }
+      done(std::move(answer));
     });
   });
 }
 
-Result<std::vector<FoundSegment>> find_segments(const std::vector<Address>& etcd,
-                                                const SessionName& session) {
+Result<FoundSession> find_session(const std::vector<Address>& etcd, const SessionName& session) {
   asio::io_context io;
   EtcdClient client(io, {etcd, {}});
-  std::optional<Result<std::vector<FoundSegment>>> answer;
-  async_find_segments(client, session, [&](auto found) { answer = std::move(found); });
+  std::optional<Result<FoundSession>> answer;
+  async_find_session(client, session, [&](auto found) { answer = std::move(found); });
   io.run();
   return *std::move(answer);
+}
+
+Result<std::string> fetch_file(const Address& address, const std::string& robot_id,
+                               const std::string& folder, const std::string& file) {
+  auto content = Page(address).get(path_of(robot_id, folder) + file);
+  if (!content) return std::move(content).error();
+  return std::move(content).value().value_or("");
 }
 
 std::optional<Error> fetch_segment(const Address& address, const std::string& robot_id,
                                    const std::string& folder, const fs::path& to) {
   Page page(address);
-  const std::string from = fmt::format("/sessions/{}/{}/", robot_id, folder);
+  const std::string from = path_of(robot_id, folder);
+  if (auto error = fetch_late(page, from, to)) return error;
   std::string checksums;
   for (const char* const name :
-       {"times.txt", "drops.csv", "camera.txt", "end.csv", "segment.csv", "checksums.sfv"}) {
+       {session_names::kTimes, session_names::kDrops, session_names::kCamera, session_names::kEnd,
+        session_names::kSegment, session_names::kChecksums}) {
     auto content = fetch(page, from, name, to);
     if (!content) return std::move(content).error();
     checksums = std::move(content).value();

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
 #include <regex>
 #include <thread>
 
@@ -13,6 +14,7 @@
 #include "testing/robot_client.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
+#include "tests/server/http/http_client.hpp"
 #include "tests/server/running_server.hpp"
 
 namespace orbbuf {
@@ -50,6 +52,11 @@ class HandOverTest : public testing::Test {
   }
   static void send(const RobotClient& robot, Sequence first, Sequence end) {
     for (Sequence i = first; i < end; ++i) robot.send_frame(*test::jpeg_like_frame_ptr(i));
+  }
+  static nlohmann::json fleet_json(std::uint16_t http_port) {
+    const auto answer = test::HttpClient(http_port).get("/fleet.json");
+    EXPECT_EQ(answer.status, 200) << answer.body;
+    return nlohmann::json::parse(answer.body);
   }
   /// The next servers have a SLAM program that keeps what it reads.
   void begin_slam(const std::string& file) { slam_ = "cat > " + (folder_ / file).string(); }
@@ -209,13 +216,13 @@ TEST_F(HandOverTest, TheSegmentsAreFoundInEtcdAndFetchedFromTheServersPages) {
   send(robot, 2, 4);
   ASSERT_TRUE(robot.acked(4));
   const auto found =
-      fleet::find_segments({parse_address(etcd_->endpoint()).value()}, {"robot", "s"});
+      fleet::find_session({parse_address(etcd_->endpoint()).value()}, {"robot", "s"});
   ASSERT_TRUE(found) << found.error().text;
-  ASSERT_EQ(found.value().size(), 2U);
-  EXPECT_EQ(found.value()[0].segment, (fleet::Segment{"a", 1, {}}));
-  EXPECT_EQ(found.value()[0].http, "");  // it does not live
-  EXPECT_EQ(found.value()[1].segment, (fleet::Segment{"b", 2, {2, 0}}));
-  const auto page = parse_address(found.value()[1].http);
+  ASSERT_EQ(found.value().segments.size(), 2U);
+  EXPECT_EQ(found.value().segments[0].segment, (fleet::Segment{"a", 1, {}}));
+  EXPECT_EQ(found.value().segments[0].http, "");  // it does not live
+  EXPECT_EQ(found.value().segments[1].segment, (fleet::Segment{"b", 2, {2, 0}}));
+  const auto page = parse_address(found.value().segments[1].http);
   ASSERT_TRUE(page);
   const auto error = fleet::fetch_segment(page.value(), "robot", "s.e2", folder_ / "fetched");
   EXPECT_FALSE(error) << error->text;
@@ -300,6 +307,53 @@ TEST_F(HandOverTest, AMoveDoesNotWaitForAProgramThatCatchesUp) {
   const auto begun = std::chrono::steady_clock::now();
   EXPECT_FALSE(b->drain());
   EXPECT_LT(std::chrono::steady_clock::now() - begun, std::chrono::milliseconds(1500));
+}
+
+TEST_F(HandOverTest, ThePageTellsOfAllServersAndSessions) {
+  const auto ports = test::free_ports(2);
+  http_port_ = ports[0];
+  auto a = start("a");
+  http_port_ = ports[1];
+  const auto b = start("b");
+  {
+    const RobotClient robot(a->port());
+    ASSERT_TRUE(robot.hello("robot", "s"));
+    send(robot, 0, 3);
+    ASSERT_TRUE(robot.acked(3));
+    const auto overview = fleet_json(b->http_port());
+    ASSERT_EQ(overview["servers"].size(), 2U);
+    EXPECT_EQ(overview["servers"][0]["name"], "a");
+    EXPECT_EQ(overview["servers"][0]["address"], "a:7722");
+    EXPECT_EQ(overview["servers"][0]["http"], "127.0.0.1:" + std::to_string(ports[0]));
+    EXPECT_EQ(overview["servers"][0]["draining"], false);
+    ASSERT_EQ(overview["sessions"].size(), 1U);
+    EXPECT_EQ(overview["sessions"][0]["server"], "a");
+    EXPECT_EQ(overview["sessions"][0]["epoch"], 1);
+    EXPECT_EQ(overview["sessions"][0]["next_sequence"], 3);
+    EXPECT_FALSE(a->drain());
+  }
+  const RobotClient robot(b->port());
+  ASSERT_TRUE(robot.hello("robot", "s"));
+  const auto overview = fleet_json(b->http_port());
+  EXPECT_EQ(overview["servers"][0]["draining"], true);
+  const auto& session = overview["sessions"][0];
+  EXPECT_EQ(session["robot"], "robot");
+  EXPECT_EQ(session["session"], "s");
+  EXPECT_EQ(session["server"], "b");
+  EXPECT_EQ(session["ended"], false);
+  ASSERT_EQ(session["segments"].size(), 2U);
+  EXPECT_EQ(session["segments"][1]["server"], "b");
+  EXPECT_EQ(session["segments"][1]["epoch"], 2);
+  EXPECT_EQ(session["segments"][1]["next_sequence"], 3);
+}
+
+TEST_F(HandOverTest, WithoutEtcdThePageSaysSo) {
+  http_port_ = test::free_ports(1)[0];
+  const auto a = start("a");
+  etcd_->kill();
+  const auto answer = test::HttpClient(a->http_port()).get("/fleet.json");
+  EXPECT_EQ(answer.status, 503);
+  EXPECT_THAT(answer.body, testing::HasSubstr("etcd"));
 }
 
 TEST_F(HandOverTest, ADrainNeedsAnotherServer) {
