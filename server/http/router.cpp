@@ -118,7 +118,9 @@ void Router::answer_path(const HttpRequest& request, const Words& words, Answer 
     return sessions(words, std::move(answer));
   }
   if (first == "sessions" && words.size() > 3) return session_file(words, std::move(answer));
-  if ((first.empty() || first == "sessions") && words.size() <= 3) return answer(page());
+  const bool is_page =
+      first == "sessions" || ((first.empty() || first == "fleet") && words.size() == 1);
+  if (is_page && words.size() <= 3) return answer(page(fleet_ != nullptr));
   answer(error_response(kNotFound));
 }
 

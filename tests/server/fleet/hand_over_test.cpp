@@ -321,6 +321,7 @@ TEST_F(HandOverTest, ThePageTellsOfAllServersAndSessions) {
     send(robot, 0, 3);
     ASSERT_TRUE(robot.acked(3));
     const auto overview = fleet_json(b->http_port());
+    EXPECT_EQ(overview["etcd"][0], etcd_->endpoint());
     ASSERT_EQ(overview["servers"].size(), 2U);
     EXPECT_EQ(overview["servers"][0]["name"], "a");
     EXPECT_EQ(overview["servers"][0]["address"], "a:7722");
@@ -345,6 +346,9 @@ TEST_F(HandOverTest, ThePageTellsOfAllServersAndSessions) {
   EXPECT_EQ(session["segments"][1]["server"], "b");
   EXPECT_EQ(session["segments"][1]["epoch"], 2);
   EXPECT_EQ(session["segments"][1]["next_sequence"], 3);
+  const auto page = test::HttpClient(b->http_port()).get("/fleet");
+  EXPECT_EQ(page.status, 200);
+  EXPECT_THAT(page.body, testing::HasSubstr(R"(<a href="/fleet" data-nav="fleet">Fleet</a>)"));
 }
 
 TEST_F(HandOverTest, WithoutEtcdThePageSaysSo) {
