@@ -59,6 +59,20 @@ class FleetTest : public testing::Test {
     const int lines = robot.count_lines("] captured ");
     ASSERT_TRUE(robot.wait_for_lines("] captured ", lines + 1)) << robot.output();
   }
+  /// A program at that server that keeps what it reads.
+  Overrides slam(const std::string& name) const {
+    return {"slam.command=cat > " + (folder_ / name).string() + ".slam", "slam.format=mjpeg",
+            "slam.resume=backlog"};
+  }
+  std::vector<Sequence> read_by_slam(const std::string& name) const {
+    const std::string text = read_file(folder_ / (name + ".slam"));
+    const std::regex note("seq=([0-9]+)");
+    std::vector<Sequence> read;
+    for (std::sregex_iterator at(text.begin(), text.end(), note), end; at != end; ++at) {
+      read.push_back(std::stoull((*at)[1].str()));
+    }
+    return read;
+  }
   Finished drain(const std::string& name) const {
     return run({ORBBUF_SERVER, "drain", socket(name)});
   }
@@ -85,10 +99,6 @@ class FleetTest : public testing::Test {
 };
 
 TEST_F(FleetTest, ADrainMovesRobotAndSlamProgramAndJoinMakesOneSession) {
-  const auto slam = [&](const std::string& name) {
-    return Overrides{"slam.command=cat > " + (folder_ / name).string() + ".slam",
-                     "slam.format=mjpeg", "slam.resume=backlog"};
-  };
   const auto a = start("a", slam("a"));
   const auto b = start("b", slam("b"));
   Process robot = this->robot(address("a"));
@@ -111,17 +121,31 @@ TEST_F(FleetTest, ADrainMovesRobotAndSlamProgramAndJoinMakesOneSession) {
   EXPECT_EQ(frames.size() + read_lines(out_ / "drops.csv").size() - 1, captured);
 
   // The program at b has each of them, in order.
-  std::vector<Sequence> read;
-  const std::string text = read_file(folder_ / "b.slam");
-  const std::regex note("seq=([0-9]+)");
-  for (std::sregex_iterator at(text.begin(), text.end(), note), end; at != end; ++at) {
-    read.push_back(std::stoull((*at)[1].str()));
-  }
-  EXPECT_EQ(read, frames);
+  EXPECT_EQ(read_by_slam("b"), frames);
   EXPECT_EQ(drain("a").status, 0);  // nothing is left
   const Finished none = drain("b");
   EXPECT_EQ(none.status, 1);
   EXPECT_THAT(none.output, HasSubstr("no other server"));
+}
+
+TEST_F(FleetTest, TheProgramOfTheNextOwnerGetsTheFramesOfAServerThatWasKilledAndIsBack) {
+  auto a = start("a");
+  const auto b = start("b", slam("b"));
+  Process robot = this->robot("[\"" + address("a") + "\", \"" + address("b") + "\"]");
+  ASSERT_TRUE(robot.wait_for_line("connected to " + address("a"))) << robot.output();
+  stream(robot);
+  a->process().signal(SIGKILL);
+  ASSERT_TRUE(robot.wait_for_line("connected to " + address("b"))) << robot.output();
+  a = start("a");
+  stream(robot);
+  robot.signal(SIGTERM);
+  ASSERT_EQ(robot.wait(), 0) << robot.output();
+  ASSERT_TRUE(b->process().wait_for_line("the robot ended the session"));
+  const std::string session = read_record(folder_ / "a", kRobot).folder.filename().string();
+  const Finished joining = join(std::string(kRobot) + "/" + session, {});
+  EXPECT_EQ(joining.status, 0) << joining.output;
+  EXPECT_EQ(read_by_slam("b"), joined());
+  EXPECT_EQ(b->process().count_lines("are passed over"), 0) << b->process().output();
 }
 
 TEST_F(FleetTest, DrainSaysThatNoServerListens) {
