@@ -15,7 +15,6 @@
 namespace orbbuf::fleet {
 
 namespace asio = boost::asio;
-namespace fs = std::filesystem;
 using boost::system::error_code;
 
 EarlierSegments::EarlierSegments(asio::io_context& main, asio::thread_pool& files, KeyStore& store,
@@ -89,7 +88,7 @@ std::vector<EarlierSegments::Part>::iterator EarlierSegments::next_part() {
 void EarlierSegments::open(std::size_t part) {
   const Part& chosen = (*parts_)[part];
   const std::string folder = folder_of(options_.session.session_id, chosen.segment);
-  source_.emplace();
+  source_ = Source{};
   source_->part = part;
   source_->path = fmt::format("/sessions/{}/{}/", options_.session.robot_id, folder);
   if (chosen.segment.server == options_.server) {

@@ -82,7 +82,7 @@ std::optional<Error> fetch_late(Page& page, const std::string& from, const fs::p
 }  // namespace
 
 void async_find_session(KeyStore& store, const SessionName& session,
-                        std::function<void(Result<FoundSession>)> done) {
+                        const std::function<void(Result<FoundSession>)>& done) {
   store.async_txns({{{}, {}, {session.owner_key()}}}, [&store, session, done](auto outcomes) {
     if (!outcomes) return done(outcomes.error());
     const auto& found = outcomes.value().front().found;

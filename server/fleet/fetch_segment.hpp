@@ -29,7 +29,7 @@ struct FoundSession {
 
 /// An error also if etcd knows of no such session. `done` as in KeyStore, which must outlive that.
 void async_find_session(KeyStore& store, const SessionName& session,
-                        std::function<void(Result<FoundSession>)> done);
+                        const std::function<void(Result<FoundSession>)>& done);
 /// The same. Blocking.
 Result<FoundSession> find_session(const std::vector<Address>& etcd, const SessionName& session);
 
