@@ -11,6 +11,7 @@
 #include <set>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "server/dataset/check_session.hpp"
@@ -18,6 +19,9 @@
 #include "server/fleet/drain_socket.hpp"
 #include "server/fleet/fetch_segment.hpp"
 #include "server/live/status_socket.hpp"
+#include "server/recording/file_io.hpp"
+#include "server/recording/recorded_session.hpp"
+#include "server/recording/session_names.hpp"
 
 namespace orbbuf {
 namespace {
@@ -52,33 +56,72 @@ void find_local(const fs::path& files, const fleet::SessionName& session,
   folders.insert(folders.end(), found.begin(), found.end());
 }
 
-/// Those that etcd knows and no local path has.
-void fetch_others(const JoinOptions& options, const fleet::SessionName& session,
-                  const fs::path& fetched, std::vector<fs::path>& folders) {
+/// Of the session's name: whether one of the folders is the first segment, or, of a server that the
+/// robot came to later, has late frames only.
+bool has_segment(const std::vector<fs::path>& folders, const std::string& name) {
+  return std::ranges::any_of(folders, [&](const fs::path& path) {
+    if (path.filename() != name) return false;
+    const auto session = read_recorded_session(path);
+    return session && (session.value().frames.empty() ||
+                       !std::ranges::all_of(session.value().frames, [&](const auto& frame) {
+                         return session.value().late.contains(frame.sequence);
+                       }));
+  });
+}
+
+/// Whether one of the folders is what that page shows by that name.
+bool is_here(const std::vector<fs::path>& folders, const Address& page,
+             const fleet::SessionName& session, const std::string& name) {
+  const auto has = [&](const fs::path& path, const char* file) {
+    const auto there = fleet::fetch_file(page, session.robot_id, name, file);
+    const auto here = read_text(path / file);
+    return there && here && there.value() == here.value();
+  };
+  return std::ranges::any_of(folders, [&](const fs::path& path) {
+    return path.filename() == name && has(path, session_names::kTimes) &&
+           has(path, session_names::kLateList);
+  });
+}
+
+std::vector<Address> etcd_of(const JoinOptions& options) {
   std::vector<Address> endpoints;
   for (const std::string& text : options.etcd) {
     auto address = parse_address(text);
     if (!address) throw std::runtime_error("--etcd: " + address.error().text);
     endpoints.push_back(std::move(address).value());
   }
-  const auto segments = fleet::find_segments(endpoints, session);
-  if (!segments) throw std::runtime_error(segments.error().text);
-  for (const auto& [segment, http] : segments.value()) {
+  return endpoints;
+}
+
+/// What no local path has: the segments that etcd knows, and late frames that came to a server
+/// which the robot was at later. Those are in a folder of the session's name, too.
+void fetch_others(const JoinOptions& options, const fleet::SessionName& session,
+                  const fs::path& fetched, std::vector<fs::path>& folders) {
+  const auto found = fleet::find_session(etcd_of(options), session);
+  if (!found) throw std::runtime_error(found.error().text);
+  const std::vector<fs::path> local = folders;
+  std::set<std::pair<std::string, std::string>> wanted;  // server, folder
+  for (const auto& [segment, http] : found.value().segments) {
     const std::string folder = folder_of(session.session_id, segment);
-    const bool is_here = std::ranges::any_of(
-        folders, [&](const fs::path& path) { return path.filename() == folder; });
-    if (is_here) continue;
-    const auto page = parse_address(http);
-    if (http.empty() || !page) {
+    if (!parse_address(http) && !has_segment(local, folder)) {
       spdlog::warn("{}: is at {}, whose page is not there; give its files.path, or begin it",
                    folder, segment.server);
-      continue;
     }
-    spdlog::info("{}: fetched from {}, {}", folder, segment.server, http);
-    const auto error =
-        fleet::fetch_segment(page.value(), session.robot_id, folder, fetched / folder);
-    if (error) throw std::runtime_error(error->text);
-    if (fs::exists(fetched / folder)) folders.push_back(fetched / folder);
+    wanted.emplace(segment.server, folder);
+  }
+  for (const fleet::ServerEntry& server : found.value().servers) {
+    wanted.emplace(server.name, session.session_id);
+    const auto page = parse_address(server.http);
+    if (!page) continue;
+    for (const auto& [name, folder] : wanted) {
+      if (name != server.name || is_here(local, page.value(), session, folder)) continue;
+      const fs::path to = fetched / server.name / folder;
+      const auto error = fleet::fetch_segment(page.value(), session.robot_id, folder, to);
+      if (error) throw std::runtime_error(error->text);
+      if (!fs::exists(to)) continue;
+      spdlog::info("{}: fetched from {}, {}", folder, server.name, server.http);
+      folders.push_back(to);
+    }
   }
 }
 

@@ -34,7 +34,7 @@ server/recording/late_merge: common server/recording server/recording/mcap
 server/dataset: common server/calibration server/recording
 server/retention: common server/runtime server/recording
 server/live: common server/runtime server/recording
-server/fleet: common common/net server/runtime
+server/fleet: common common/net server/runtime server/recording
 server/sink: common server/runtime server/recording
 server/sink/pipe: common server/runtime server/recording server/sink
 server/sink/losses: common
@@ -52,7 +52,7 @@ evaluation/world: common bench evaluation
 evaluation/odometry: common bench evaluation
 evaluation/trial: common bench daemon/buffer daemon/image bench/sim evaluation evaluation/odometry
 evaluation/real: common bench bench/sim
-server: common server/fleet server/runtime server/dataset server/retention server/live server/sink/make_sinks server/settings server/http server/link
+server: common server/fleet server/runtime server/recording server/dataset server/retention server/live server/sink/make_sinks server/settings server/http server/link
 ALLOWED
 }
 

@@ -70,10 +70,14 @@ std::optional<Error> ask_drain(const std::filesystem::path& path, std::chrono::s
   socket.connect({path.string()}, failed);
   if (failed) return Error{path.string() + ": " + failed.message()};
   std::string line;
-  asio::async_read(socket, asio::dynamic_buffer(line), [](const error_code&, std::size_t) {});
+  bool is_over = false;
+  asio::async_read(socket, asio::dynamic_buffer(line),
+                   [&](const error_code& /*end*/, std::size_t /*bytes*/) { is_over = true; });
   io.run_for(patience);
+  if (!is_over)
+    return Error{path.string() + ": robots are still there"};  // of `line` nothing holds
   if (line == kDrained) return std::nullopt;
-  if (line.empty()) return Error{path.string() + ": robots are still there"};
+  if (line.empty()) return Error{path.string() + ": the server ended without an answer"};
   line.pop_back();
   return Error{line};
 }

@@ -48,6 +48,7 @@ class EtcdChannel {
   /// Fails all that waits, and what comes after.
   void stop();
 
+  const std::vector<Address>& endpoints() const { return options_.endpoints; }
   const Address& endpoint() const { return options_.endpoints[endpoint_]; }
   std::uint64_t requests() const { return requests_; }
   std::uint64_t failures() const { return failures_; }

@@ -3,80 +3,40 @@
 
 #include <spdlog/fmt/fmt.h>
 
-#include <boost/asio/connect.hpp>
+#include <algorithm>
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/ip/tcp.hpp>
-#include <boost/beast/core/flat_buffer.hpp>
-#include <boost/beast/http.hpp>
 #include <fstream>
+#include <memory>
 #include <sstream>
 
 #include "server/fleet/etcd_client.hpp"
+#include "server/fleet/page_client.hpp"
+#include "server/recording/session_lines.hpp"
+#include "server/recording/session_names.hpp"
 
 namespace orbbuf::fleet {
 namespace {
 
 namespace asio = boost::asio;
-namespace http = boost::beast::http;
 namespace fs = std::filesystem;
-using boost::system::error_code;
 
-constexpr std::uint64_t kMostBytes = 2UL * 1024 * 1024 * 1024;
-constexpr unsigned kOk = 200;
-constexpr unsigned kNotFound = 404;
-
-/// One connection, kept as long as the server keeps it.
+/// A server's page, whose answers are waited for.
 class Page {
  public:
-  explicit Page(Address address) : address_(std::move(address)), socket_(io_) {}
+  explicit Page(Address address) : client_(std::make_shared<PageClient>(io_, std::move(address))) {}
 
   /// Nothing: there is no such file.
-  Result<std::optional<std::string>> get(const std::string& path) {
-    error_code failed;
-    for (const bool is_last : {false, true}) {  // a connection that was kept may have gone
-      if (!socket_.is_open()) failed = connect();
-      http::response_parser<http::string_body> parser;
-      if (!failed) failed = ask(path, parser);
-      if (!failed) return answer(path, parser.release());
-      socket_.close(failed);
-      if (is_last) break;
-    }
-    return Error{fmt::format("fetch http://{}{}: no answer", to_string(address_), path)};
+  Result<std::optional<std::string>> get(std::string path) {
+    std::optional<Result<std::optional<std::string>>> answer;
+    client_->async_get(std::move(path), [&](auto got) { answer = std::move(got); });
+    io_.restart();
+    while (!answer) io_.run_one();
+    return *std::move(answer);
   }
 
  private:
-  error_code connect() {
-    error_code failed;
-    asio::ip::tcp::resolver resolver(io_);
-    const auto found = resolver.resolve(address_.host, std::to_string(address_.port), failed);
-    if (!failed) asio::connect(socket_, found, failed);
-    return failed;
-  }
-
-  error_code ask(const std::string& path, http::response_parser<http::string_body>& parser) {
-    error_code failed;
-    http::request<http::empty_body> request(http::verb::get, path, 11);
-    request.set(http::field::host, to_string(address_));
-    http::write(socket_, request, failed);
-    parser.body_limit(kMostBytes);
-    if (!failed) http::read(socket_, buffer_, parser, failed);
-    return failed;
-  }
-
-  Result<std::optional<std::string>> answer(const std::string& path,
-                                            http::response<http::string_body> response) {
-    error_code ignored;  // it is closed either way
-    if (!response.keep_alive()) socket_.close(ignored);
-    if (response.result_int() == kOk) return std::optional(std::move(response.body()));
-    if (response.result_int() == kNotFound) return std::optional<std::string>();
-    return Error{fmt::format("fetch http://{}{}: HTTP {}", to_string(address_), path,
-                             response.result_int())};
-  }
-
-  const Address address_;
   asio::io_context io_;
-  asio::ip::tcp::socket socket_;
-  boost::beast::flat_buffer buffer_;
+  std::shared_ptr<PageClient> client_;
 };
 
 std::optional<Error> keep(const fs::path& path, const std::string& content) {
@@ -97,41 +57,79 @@ Result<std::string> fetch(Page& page, const std::string& from, const std::string
   return std::move(*content.value());
 }
 
-}  // namespace
+std::string path_of(const std::string& robot_id, const std::string& folder) {
+  return fmt::format("/sessions/{}/{}/", robot_id, folder);
+}
 
-Result<std::vector<FoundSegment>> find_segments(const std::vector<Address>& etcd,
-                                                const SessionName& session) {
-  asio::io_context io;
-  EtcdClient client(io, {etcd, {}});
-  std::optional<Result<std::vector<KeyTxnOutcome>>> owners;
-  std::optional<Result<std::vector<KeyValue>>> servers;
-  client.async_txns({{{}, {}, {session.owner_key()}}},
-                    [&](auto outcomes) { owners = std::move(outcomes); });
-  client.async_range(std::string(kServers), [&](auto found) { servers = std::move(found); });
-  io.run();
-  if (!*owners) return owners->error();
-  if (!*servers) return servers->error();
-  const auto& found = owners->value().front().found;
-  const auto owner = found.empty() ? std::nullopt : owner_from(found.front().value);
-  if (!owner) return Error{"etcd: no session " + session.text()};
-  std::vector<FoundSegment> segments;
-  for (const Segment& segment : owner->segments) {
-    FoundSegment& entry = segments.emplace_back(FoundSegment{segment, ""});
-    for (const KeyValue& key : servers->value()) {
-      const auto server = server_from(key.key, key.value);
-      if (server && server->name == segment.server) entry.http = server->http;
+/// Late frames that are not merged yet, before what is merged: none is missed in between.
+std::optional<Error> fetch_late(Page& page, const std::string& from, const fs::path& to) {
+  const auto list = fetch(page, from, session_names::kLateList, to);
+  if (!list) return list.error();
+  std::istringstream lines(list.value());
+  for (std::string line; std::getline(lines, line);) {
+    const auto late = session_lines::parse_late(line);
+    if (!late) continue;
+    for (const std::string& image :
+         {session_names::left_image(late->sequence), session_names::right_image(late->sequence)}) {
+      const auto got = fetch(page, from, session_names::late_image(image), to);
+      if (!got) return got.error();
+      if (!late->crc_right) break;
     }
   }
-  return segments;
+  return std::nullopt;
+}
+
+}  // namespace
+
+void async_find_session(KeyStore& store, const SessionName& session,
+                        const std::function<void(Result<FoundSession>)>& done) {
+  store.async_txns({{{}, {}, {session.owner_key()}}}, [&store, session, done](auto outcomes) {
+    if (!outcomes) return done(outcomes.error());
+    const auto& found = outcomes.value().front().found;
+    const auto owner = found.empty() ? std::nullopt : owner_from(found.front().value);
+    if (!owner) return done(Error{"etcd: no session " + session.text()});
+    store.async_range(std::string(kServers), [owner, done](auto keys) {
+      if (!keys) return done(keys.error());
+      FoundSession answer;
+      for (const KeyValue& key : keys.value()) {
+        if (auto server = server_from(key.key, key.value)) {
+          answer.servers.push_back(std::move(*server));
+        }
+      }
+      for (const Segment& segment : owner->segments) {
+        const auto server = std::ranges::find(answer.servers, segment.server, &ServerEntry::name);
+        answer.segments.push_back({segment, server == answer.servers.end() ? "" : server->http});
+      }
+      done(std::move(answer));
+    });
+  });
+}
+
+Result<FoundSession> find_session(const std::vector<Address>& etcd, const SessionName& session) {
+  asio::io_context io;
+  EtcdClient client(io, {etcd, {}});
+  std::optional<Result<FoundSession>> answer;
+  async_find_session(client, session, [&](auto found) { answer = std::move(found); });
+  io.run();
+  return *std::move(answer);
+}
+
+Result<std::string> fetch_file(const Address& address, const std::string& robot_id,
+                               const std::string& folder, const std::string& file) {
+  auto content = Page(address).get(path_of(robot_id, folder) + file);
+  if (!content) return std::move(content).error();
+  return std::move(content).value().value_or("");
 }
 
 std::optional<Error> fetch_segment(const Address& address, const std::string& robot_id,
                                    const std::string& folder, const fs::path& to) {
   Page page(address);
-  const std::string from = fmt::format("/sessions/{}/{}/", robot_id, folder);
+  const std::string from = path_of(robot_id, folder);
+  if (auto error = fetch_late(page, from, to)) return error;
   std::string checksums;
   for (const char* const name :
-       {"times.txt", "drops.csv", "camera.txt", "end.csv", "segment.csv", "checksums.sfv"}) {
+       {session_names::kTimes, session_names::kDrops, session_names::kCamera, session_names::kEnd,
+        session_names::kSegment, session_names::kChecksums}) {
     auto content = fetch(page, from, name, to);
     if (!content) return std::move(content).error();
     checksums = std::move(content).value();

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <utility>
@@ -10,6 +11,7 @@
 #include "common/address.hpp"
 #include "common/error.hpp"
 #include "server/fleet/fleet_keys.hpp"
+#include "server/fleet/key_store.hpp"
 
 namespace orbbuf::fleet {
 
@@ -19,12 +21,24 @@ struct FoundSegment {
   std::string http;  ///< empty: the server does not live, or has no page
 };
 
-/// What etcd knows of a session's segments. An error also if it knows of no such session. Blocking.
-Result<std::vector<FoundSegment>> find_segments(const std::vector<Address>& etcd,
-                                                const SessionName& session);
+/// What etcd knows of a session.
+struct FoundSession {
+  std::vector<FoundSegment> segments;
+  std::vector<ServerEntry> servers;  ///< those that live, whether or not they have any of it
+};
 
-/// Copies what a server's page shows of a folder of that robot, all lists and images, to `to`.
-/// Plain HTTP. Blocking.
+/// An error also if etcd knows of no such session. `done` as in KeyStore, which must outlive that.
+void async_find_session(KeyStore& store, const SessionName& session,
+                        const std::function<void(Result<FoundSession>)>& done);
+/// The same. Blocking.
+Result<FoundSession> find_session(const std::vector<Address>& etcd, const SessionName& session);
+
+/// A file of that folder, as a server's page shows it; empty: there is none. Blocking.
+Result<std::string> fetch_file(const Address& page, const std::string& robot_id,
+                               const std::string& folder, const std::string& file);
+
+/// Copies what a server's page shows of a folder of that robot, all lists and images, to `to`;
+/// nothing if it has no such folder. Plain HTTP. Blocking.
 std::optional<Error> fetch_segment(const Address& page, const std::string& robot_id,
                                    const std::string& folder, const std::filesystem::path& to);
 

@@ -119,6 +119,8 @@ std::string Fleet::refuge_name() const {
 
 void Fleet::async_overview(const std::function<void(Result<std::string>)>& done) {
   using nlohmann::json;
+  json etcd = json::array();
+  for (const Address& endpoint : channel().endpoints()) etcd.push_back(to_string(endpoint));
   const auto servers = [this] {
     json all = json::array();
     for (const auto& [name, server] : membership_.servers()) {
@@ -129,9 +131,10 @@ void Fleet::async_overview(const std::function<void(Result<std::string>)>& done)
     return all;
   };
   const auto fail = [done](const Error& error) { done(error); };
-  membership_.async_refresh([this, servers, fail, done](const auto& error) {
+  membership_.async_refresh([this, etcd, servers, fail, done](const auto& error) {
     if (error) return fail(*error);
-    etcd_.async_range(std::string(kSessions), [this, servers, fail, done](const auto& owners) {
+    etcd_.async_range(std::string(kSessions), [this, etcd, servers, fail,
+                                               done](const auto& owners) {
       if (!owners) return fail(owners.error());
       std::map<std::string, json> sessions;
       for (const KeyValue& key : owners.value()) {
@@ -143,21 +146,21 @@ void Fleet::async_overview(const std::function<void(Result<std::string>)>& done)
         entry["session"] = name->session_id;
         sessions[name->text()] = entry;
       }
-      etcd_.async_range(std::string(kPositions),
-                        [servers, fail, done, sessions](const auto& positions) mutable {
-                          if (!positions) return fail(positions.error());
-                          for (const KeyValue& key : positions.value()) {
-                            const auto name = session_of(key.key);
-                            const auto entry = name ? sessions.find(name->text()) : sessions.end();
-                            const auto position = position_from(key.value);
-                            if (entry == sessions.end() || !position) continue;
-                            entry->second["next_sequence"] = position->next_sequence;
-                            entry->second["next_drop"] = position->next_drop;
-                          }
-                          json list = json::array();
-                          for (auto& [name, entry] : sessions) list.push_back(std::move(entry));
-                          done(json{{"servers", servers()}, {"sessions", std::move(list)}}.dump());
-                        });
+      etcd_.async_range(std::string(kPositions), [etcd, servers, fail, done,
+                                                  sessions](const auto& positions) mutable {
+        if (!positions) return fail(positions.error());
+        for (const KeyValue& key : positions.value()) {
+          const auto name = session_of(key.key);
+          const auto entry = name ? sessions.find(name->text()) : sessions.end();
+          const auto position = position_from(key.value);
+          if (entry == sessions.end() || !position) continue;
+          entry->second["next_sequence"] = position->next_sequence;
+          entry->second["next_drop"] = position->next_drop;
+        }
+        json list = json::array();
+        for (auto& [name, entry] : sessions) list.push_back(std::move(entry));
+        done(json{{"etcd", etcd}, {"servers", servers()}, {"sessions", std::move(list)}}.dump());
+      });
     });
   });
 }

@@ -56,6 +56,7 @@ class Fleet {
   /// Where robots can go; empty: nowhere.
   std::string refuge() const;
 
+  KeyStore& store() { return etcd_; }
   const Membership& membership() const { return membership_; }
   const Ownership& ownership() const { return ownership_; }
   const EtcdChannel& channel() const { return etcd_.channel(); }

@@ -61,15 +61,20 @@ bool is_image_name(std::string_view name) {
 /// is shown. Only what SessionFiles writes, so no word can lead elsewhere.
 fs::path file_in_session(const std::vector<std::string>& words) {
   if (words.size() == 4) {
-    for (const char* name :
-         {session_names::kTimes, session_names::kDrops, session_names::kCamera,
-          session_names::kChecksums, session_names::kEnd, session_names::kSegment}) {
+    for (const char* name : {session_names::kTimes, session_names::kDrops, session_names::kCamera,
+                             session_names::kChecksums, session_names::kEnd,
+                             session_names::kSegment, session_names::kLateList}) {
       if (words[3] == name) return name;
     }
   }
   if (words.size() == 5 && is_image_name(words[4])) {
     for (const char* folder : {session_names::kImages, session_names::kRightImages}) {
       if (words[3] == folder) return fs::path(folder) / words[4];
+    }
+  }
+  if (words.size() == 6 && words[3] == session_names::kLate && is_image_name(words[5])) {
+    for (const char* folder : {session_names::kImages, session_names::kRightImages}) {
+      if (words[4] == folder) return fs::path(session_names::kLate) / folder / words[5];
     }
   }
   return {};
@@ -113,7 +118,9 @@ void Router::answer_path(const HttpRequest& request, const Words& words, Answer 
     return sessions(words, std::move(answer));
   }
   if (first == "sessions" && words.size() > 3) return session_file(words, std::move(answer));
-  if ((first.empty() || first == "sessions") && words.size() <= 3) return answer(page());
+  const bool is_page =
+      first == "sessions" || ((first.empty() || first == "fleet") && words.size() == 1);
+  if (is_page && words.size() <= 3) return answer(page(fleet_ != nullptr));
   answer(error_response(kNotFound));
 }
 
@@ -153,7 +160,7 @@ void Router::session_file(const Words& words, Answer answer) const {
     return answer(error_response(kNotFound));
   }
   const std::string_view type =
-      words.size() == 5 ? kJpeg : std::string_view("text/plain; charset=utf-8");
+      words.size() >= 5 ? kJpeg : std::string_view("text/plain; charset=utf-8");
   run_on_files(
       [path = folder_ / words[1] / words[2] / file, type] {
         HttpResponse response;

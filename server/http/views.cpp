@@ -266,10 +266,10 @@ std::string with(std::string text, std::string_view placeholder, std::string_vie
   return text.replace(text.find(placeholder), placeholder.size(), part);
 }
 
-HttpResponse make_page() {
-  auto response =
-      text_response(with(with(kPageHtml, "/* page.css */", kPageCss), "/* page.js */", kPageJs),
-                    "text/html; charset=utf-8");
+HttpResponse make_page(bool has_fleet) {
+  auto html = with(with(kPageHtml, "/* page.css */", kPageCss), "/* page.js */", kPageJs);
+  if (has_fleet) html = with(std::move(html), "data-nav=\"fleet\" hidden", "data-nav=\"fleet\"");
+  auto response = text_response(std::move(html), "text/html; charset=utf-8");
   response.policy = fmt::format(
       "default-src 'none'; script-src {}; style-src {}; img-src 'self' data:; connect-src 'self'; "
       "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -378,9 +378,10 @@ HttpResponse health(const Metrics& metrics) {
   return response;
 }
 
-HttpResponse page() {
-  static const HttpResponse once = make_page();
-  return once;
+HttpResponse page(bool has_fleet) {
+  static const HttpResponse alone = make_page(false);
+  static const HttpResponse one_of_several = make_page(true);
+  return has_fleet ? one_of_several : alone;
 }
 
 }  // namespace orbbuf

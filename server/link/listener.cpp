@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "server/fleet/earlier_segments.hpp"
 #include "server/runtime/listen_on.hpp"
 #include "server/runtime/run_in_pool.hpp"
 
@@ -308,6 +309,14 @@ void Listener::on_opened(const SessionKey& key, SessionInfo info, Result<OpenedS
 
 std::shared_ptr<Session> Listener::begin(const SessionKey& key, SessionInfo info,
                                          OpenedSession opened) {
+  if (fleet_ != nullptr && opened.kept && !info.segment.is_first()) {
+    opened.kept->earlier = std::make_shared<fleet::EarlierSegments>(
+        main_, pool_, fleet_->store(),
+        fleet::EarlierSegments::Options{{key.first, key.second},
+                                        info.segment.epoch,
+                                        settings_.fleet.name,
+                                        settings_.sinks.files_path});
+  }
   auto sinks = make_sinks(settings_.sinks, info, std::move(opened), main_, pool_, commit_.get());
   const Session::Timeouts timeouts{settings_.session_timeout, settings_.drain_timeout};
   auto session = std::make_shared<Session>(

@@ -352,6 +352,9 @@ void Session::close(SessionEnd end) {
     for (const auto& sink : self->sinks_) sink->close();
     if (self->end_ == SessionEnd::kStopping) self->give_up_recording();
   });
+  if (end == SessionEnd::kMoved) {
+    for (const auto& sink : sinks_) sink->pass_on();
+  }
   on_waiter_gone();
 }
 

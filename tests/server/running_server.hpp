@@ -25,10 +25,14 @@ class RunningServer {
   explicit RunningServer(Settings settings) {
     std::signal(SIGPIPE, SIG_IGN);
     settings.listen.address.port = 0;
-    if (settings.http_address) http_.emplace(main_, files_, settings, metrics_);
-    listener_.emplace(main_, files_, settings, http_ ? &metrics_ : nullptr);
     if (settings.fleet.is_on()) {
       fleet_.emplace(main_, settings.fleet, [this] { return listener_->robots(); });
+    }
+    if (settings.http_address) {
+      http_.emplace(main_, files_, settings, metrics_, fleet_ ? &*fleet_ : nullptr);
+    }
+    listener_.emplace(main_, files_, settings, http_ ? &metrics_ : nullptr);
+    if (fleet_) {
       listener_->join(*fleet_);
       fleet_->start();
     }
@@ -99,8 +103,8 @@ class RunningServer {
   boost::asio::io_context main_{1};
   boost::asio::thread_pool files_{2};
   Metrics metrics_{256};
-  std::optional<HttpServer> http_;
   std::optional<fleet::Fleet> fleet_;
+  std::optional<HttpServer> http_;
   std::optional<Listener> listener_;
   std::uint16_t port_ = 0;
   std::thread thread_;

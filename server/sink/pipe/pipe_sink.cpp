@@ -34,11 +34,17 @@ PipeSink::PipeSink(asio::io_context& main, asio::thread_pool& pool, const Sessio
       without_reader_(without_reader),
       now_(std::move(now)),
       backlog_(kept.folder),
+      earlier_(without_reader == WithoutReader::kCatchUp ? kept.earlier : nullptr),
+      first_here_(info.segment.from.next_sequence),
       pipe_(main),
       retry_(main),
       place_(without_reader == WithoutReader::kCatchUp && kept.next_sequence > 0 ? Place::kBehind
                                                                                  : Place::kLive),
-      next_(kept.next_sequence > 0 ? kept.next_sequence - 1 : 0) {}
+      next_(kept.next_sequence > 0 ? kept.next_sequence - 1 : 0) {
+  if (!earlier_ || kept.next_sequence > first_here_) return;
+  next_ = 0;
+  awaited_ = 0;
+}
 
 void PipeSink::start() { look_for_reader(); }
 
@@ -57,6 +63,11 @@ void PipeSink::cancel() {
   go_on();
 }
 
+void PipeSink::pass_on() {
+  is_passed_on_ = true;
+  if (earlier_) earlier_->close();
+}
+
 void PipeSink::async_drain(const SessionClosing& /*closing*/, std::function<void()> drained) {
   drained_ = std::move(drained);
   go_on();
@@ -64,6 +75,7 @@ void PipeSink::async_drain(const SessionClosing& /*closing*/, std::function<void
 
 void PipeSink::close() {
   reader_state_ = ReaderState::kClosed;
+  if (earlier_) earlier_->close();
   retry_.cancel();
   error_code ignored;  // nothing to do about it, and the reader has the end
   pipe_.close(ignored);
@@ -146,7 +158,7 @@ void PipeSink::go_on() {
   if (call_) serve_call();
   if (work_ == Work::kNone && reader_state_ == ReaderState::kPresent) {
     if (place_ != Place::kLive) {
-      catch_up();
+      if (!is_passed_on_) catch_up();
     } else if (call_) {
       work_ = Work::kLive;
       send(FramePtr(call_->frame));  // it is given up where it cannot be sent
@@ -178,10 +190,21 @@ void PipeSink::serve_call() {
 void PipeSink::catch_up() {
   work_ = Work::kCatchUp;
   place_ = Place::kBehind;
+  if (earlier_ && next_ < first_here_) {
+    return earlier_->async_next(
+        next_, [self = shared_from_this()](FramePtr frame) { self->on_earlier(std::move(frame)); });
+  }
   run_in_pool(
       main_, pool_,
       [self = shared_from_this(), first = next_] { return self->backlog_.next(first); },
       [self = shared_from_this()](Result<FramePtr> frame) { self->on_backlog(std::move(frame)); });
+}
+
+void PipeSink::on_earlier(FramePtr frame) {
+  if (frame) return on_backlog(std::move(frame));
+  next_ = first_here_;
+  work_ = Work::kNone;
+  go_on();
 }
 
 void PipeSink::on_backlog(Result<FramePtr> frame) {
@@ -206,9 +229,7 @@ void PipeSink::send(const FramePtr& frame) {
 
 PipeNote PipeSink::note_of(const EncodedFrame& frame) const {
   std::uint64_t missed = 0;
-  if (last_written_ && frame.sequence > *last_written_) {
-    missed = frame.sequence - *last_written_ - 1;
-  }
+  if (awaited_ && frame.sequence > *awaited_) missed = frame.sequence - *awaited_;
   const auto age = now_() - std::chrono::nanoseconds(frame.capture_time_ns);
   const bool is_of_today = std::chrono::abs(age) < std::chrono::hours(24);
   return {session_id_, missed, is_of_today ? std::optional(age) : std::nullopt};
@@ -247,7 +268,7 @@ void PipeSink::write_block(const FramePtr& frame) {
 void PipeSink::note_sent(Sequence sequence) {
   constexpr std::uint64_t kMostInPipe = 1 << 20;  // as far as a reader without privileges may go
   ++frames_read_;
-  last_written_ = sequence;
+  awaited_ = sequence + 1;
   sent_.push_back({sequence, written_bytes_});
   while (sent_.front().end + kMostInPipe < written_bytes_) sent_.pop_front();
 }

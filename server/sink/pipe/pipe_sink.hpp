@@ -19,6 +19,7 @@
 
 #include "common/jpeg.hpp"
 #include "server/recording/backlog.hpp"
+#include "server/recording/earlier_frames.hpp"
 #include "server/recording/session_info.hpp"
 #include "server/sink/frame_sink.hpp"
 #include "server/sink/pipe/pipe_format.hpp"
@@ -36,8 +37,9 @@ enum class WithoutReader : std::uint8_t {
 
 /// The frames of a session that are kept, whatever becomes of its pipe.
 struct KeptFrames {
-  std::filesystem::path folder;  ///< SessionFiles'; empty: they are not in files
-  Sequence next_sequence = 0;    ///< of the session, when the sink is made
+  std::filesystem::path folder;              ///< SessionFiles'; empty: they are not in files
+  Sequence next_sequence = 0;                ///< of the session, when the sink is made
+  std::shared_ptr<EarlierFrames> earlier{};  ///< of a session that began elsewhere; else null
 };
 
 /// The time since the epoch.
@@ -53,6 +55,9 @@ using WallClock = std::function<std::chrono::nanoseconds()>;
 /// (kCatchUp): frames then pass, to be read from the files in their turn, until the reader has all
 /// there is; the recording does not suffer from what SLAM once missed. A program that is slower
 /// than the camera never gets there. Memory: a frame from the files and a live one.
+///
+/// Of a session that began elsewhere (KeptFrames::earlier, kCatchUp) the reader gets all from the
+/// beginning on, unless this server has frames of its own already.
 ///
 /// Drop records are not part of the stream. A frame that does not decode (mjpeg: is no JPEG) is
 /// skipped with a warning, both images of it.
@@ -77,6 +82,7 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   void async_write(FramePtr frame, Done done) override;
   void async_write_drops(wire::Dropped dropped, Done done) override;
   void cancel() override;
+  void pass_on() override;
   /// Waits until the reader has caught up, or has left.
   void async_drain(const SessionClosing& closing, std::function<void()> drained) override;
   void close() override;
@@ -116,6 +122,7 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   void go_on();
   void serve_call();
   void catch_up();
+  void on_earlier(FramePtr frame);
   void on_backlog(Result<FramePtr> frame);
   void send(const FramePtr& frame);
   PipeNote note_of(const EncodedFrame& frame) const;
@@ -134,8 +141,10 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   const PipeFormat format_;
   const WithoutReader without_reader_;
   const WallClock now_;
-  JpegCodec codec_;  // `files` only
-  Backlog backlog_;  // `files` only
+  JpegCodec codec_;                         // `files` only
+  Backlog backlog_;                         // `files` only
+  std::shared_ptr<EarlierFrames> earlier_;  // null: there are none
+  const Sequence first_here_;               // earlier_ has those below
   boost::asio::posix::stream_descriptor pipe_;
   boost::asio::steady_timer retry_;
 
@@ -143,10 +152,11 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   std::optional<Call> call_;  // in progress
   ReaderState reader_state_ = ReaderState::kAwaited;
   Place place_ = Place::kLive;
+  bool is_passed_on_ = false;
   Work work_ = Work::kNone;
-  Sequence next_ = 0;                     // no reader needs any frame below
-  std::optional<Sequence> last_written_;  // to any reader
-  Block block_;                           // what is being written
+  Sequence next_ = 0;                // no reader needs any frame below
+  std::optional<Sequence> awaited_;  // by a reader that misses nothing; nothing: any
+  Block block_;                      // what is being written
 
   // Of the present reader, and of the last one until unread_ has been looked at.
   struct Sent {

@@ -2,6 +2,9 @@
 // Several servers, in this process, and a real etcd.
 #include <gmock/gmock.h>
 
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <regex>
 #include <thread>
 
 #include "server/fleet/fetch_segment.hpp"
@@ -11,12 +14,12 @@
 #include "testing/robot_client.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
+#include "tests/server/http/http_client.hpp"
 #include "tests/server/running_server.hpp"
 
 namespace orbbuf {
 namespace {
 
-using test::plain_frame;
 using test::RobotClient;
 using test::RunningServer;
 
@@ -35,6 +38,9 @@ class HandOverTest : public testing::Test {
     settings.fleet.name = name;
     settings.fleet.address = name + ":7722";
     settings.fleet.lease = std::chrono::seconds(60);
+    settings.sinks.slam.command = slam_;
+    settings.sinks.slam.format = PipeFormat::kMjpeg;
+    settings.sinks.slam.resume = Resume::kBacklog;
     if (http_port_ != 0) {
       settings.http_address = Address{"127.0.0.1", http_port_};
       settings.fleet.http = to_string(*settings.http_address);
@@ -45,7 +51,28 @@ class HandOverTest : public testing::Test {
     return server;
   }
   static void send(const RobotClient& robot, Sequence first, Sequence end) {
-    for (Sequence i = first; i < end; ++i) robot.send_frame(plain_frame(i));
+    for (Sequence i = first; i < end; ++i) robot.send_frame(*test::jpeg_like_frame_ptr(i));
+  }
+  static nlohmann::json fleet_json(std::uint16_t http_port) {
+    const auto answer = test::HttpClient(http_port).get("/fleet.json");
+    EXPECT_EQ(answer.status, 200) << answer.body;
+    return nlohmann::json::parse(answer.body);
+  }
+  /// The next servers have a SLAM program that keeps what it reads.
+  void begin_slam(const std::string& file) { slam_ = "cat > " + (folder_ / file).string(); }
+  /// What it has read when that has the last one: each frame's number and `missed`.
+  std::vector<std::string> read_by_slam(const std::string& file, Sequence last) const {
+    const std::regex note("(seq|missed)=[0-9]+");
+    for (;;) {
+      const std::string text = test::read_file(folder_ / file);
+      std::vector<std::string> notes;
+      for (std::sregex_iterator at(text.begin(), text.end(), note), end; at != end; ++at) {
+        const std::string word = at->str();
+        notes.push_back(word.starts_with("seq=") ? word.substr(4) : word);
+      }
+      if (std::ranges::find(notes, std::to_string(last)) != notes.end()) return notes;
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
   }
   std::vector<Sequence> frames_in(const std::string& folder) const {
     std::vector<Sequence> sequences;
@@ -57,6 +84,7 @@ class HandOverTest : public testing::Test {
 
   test::TemporaryFolder folder_;
   test::CapturedLog log_;
+  std::string slam_;
   std::uint16_t http_port_ = 0;  // of the next server's page; 0: none
   std::optional<test::RealEtcd> etcd_;
 };
@@ -182,13 +210,13 @@ TEST_F(HandOverTest, TheSegmentsAreFoundInEtcdAndFetchedFromTheServersPages) {
   send(robot, 2, 4);
   ASSERT_TRUE(robot.acked(4));
   const auto found =
-      fleet::find_segments({parse_address(etcd_->endpoint()).value()}, {"robot", "s"});
+      fleet::find_session({parse_address(etcd_->endpoint()).value()}, {"robot", "s"});
   ASSERT_TRUE(found) << found.error().text;
-  ASSERT_EQ(found.value().size(), 2U);
-  EXPECT_EQ(found.value()[0].segment, (fleet::Segment{"a", 1, {}}));
-  EXPECT_EQ(found.value()[0].http, "");  // it does not live
-  EXPECT_EQ(found.value()[1].segment, (fleet::Segment{"b", 2, {2, 0}}));
-  const auto page = parse_address(found.value()[1].http);
+  ASSERT_EQ(found.value().segments.size(), 2U);
+  EXPECT_EQ(found.value().segments[0].segment, (fleet::Segment{"a", 1, {}}));
+  EXPECT_EQ(found.value().segments[0].http, "");  // it does not live
+  EXPECT_EQ(found.value().segments[1].segment, (fleet::Segment{"b", 2, {2, 0}}));
+  const auto page = parse_address(found.value().segments[1].http);
   ASSERT_TRUE(page);
   const auto error = fleet::fetch_segment(page.value(), "robot", "s.e2", folder_ / "fetched");
   EXPECT_FALSE(error) << error->text;
@@ -197,6 +225,133 @@ TEST_F(HandOverTest, TheSegmentsAreFoundInEtcdAndFetchedFromTheServersPages) {
     EXPECT_EQ(test::read_file(folder_.path() / "fetched" / file),
               test::read_file(folder_.path() / "b/robot/s.e2" / file));
   }
+}
+
+TEST_F(HandOverTest, TheNextOwnersProgramGetsAllFramesInOrderFromEveryServer) {
+  auto a = start("a");
+  {
+    const RobotClient robot(a->port());
+    ASSERT_TRUE(robot.hello("robot", "s"));
+    send(robot, 0, 5);
+    ASSERT_TRUE(robot.acked(5));
+  }
+  a->stop();
+  http_port_ = test::free_ports(1)[0];
+  const auto b = start("b");
+  {
+    const RobotClient robot(b->port());
+    ASSERT_TRUE(robot.hello("robot", "s"));
+    send(robot, 5, 9);
+    ASSERT_TRUE(robot.acked(9));
+  }
+  http_port_ = 0;
+  begin_slam("read.mjpeg");
+  a = start("a");
+  EXPECT_FALSE(b->drain());
+  const RobotClient robot(a->port());
+  ASSERT_EQ(robot.hello("robot", "s"), (wire::Position{9, 0}));
+  send(robot, 9, 10);
+  EXPECT_EQ(read_by_slam("read.mjpeg", 9),
+            (std::vector<std::string>{"0", "1", "2", "3", "4", "5", "6", "7", "8", "9"}));
+  send(robot, 10, 12);
+  EXPECT_EQ(read_by_slam("read.mjpeg", 11).size(), 12U);
+  EXPECT_TRUE(robot.acked(12));
+  EXPECT_EQ(log_.lines("are passed over").size(), 0U);
+}
+
+TEST_F(HandOverTest, FramesOfADeadServerAreMissedByTheProgramAndHoldNothing) {
+  auto a = start("a");
+  {
+    const RobotClient robot(a->port());
+    ASSERT_TRUE(robot.hello("robot", "s"));
+    send(robot, 0, 3);
+    ASSERT_TRUE(robot.acked(3));
+  }
+  a->stop();
+  begin_slam("read.mjpeg");
+  const auto b = start("b");
+  const RobotClient robot(b->port());
+  ASSERT_TRUE(robot.hello("robot", "s"));
+  send(robot, 3, 5);
+  EXPECT_TRUE(robot.acked(5));
+  EXPECT_EQ(log_.lines("are passed over").size(), 0U);  // it still waits for that server
+  EXPECT_EQ(read_by_slam("read.mjpeg", 4), (std::vector<std::string>{"3", "missed=3", "4"}));
+  EXPECT_EQ(log_.lines("robot/s: frames 0 to 2 are passed over: segment s of server a: the server "
+                       "does not live, or has no page")
+                .size(),
+            1U);
+}
+
+TEST_F(HandOverTest, AMoveDoesNotWaitForAProgramThatCatchesUp) {
+  auto a = start("a");
+  {
+    const RobotClient robot(a->port());
+    ASSERT_TRUE(robot.hello("robot", "s"));
+    send(robot, 0, 3);
+    ASSERT_TRUE(robot.acked(3));
+  }
+  a->stop();
+  begin_slam("read.mjpeg");
+  const auto b = start("b");  // whose program waits for a
+  const auto c = start("c");
+  const RobotClient robot(b->port());
+  ASSERT_TRUE(robot.hello("robot", "s"));
+  send(robot, 3, 5);
+  EXPECT_TRUE(robot.acked(5));
+  const auto begun = std::chrono::steady_clock::now();
+  EXPECT_FALSE(b->drain());
+  EXPECT_LT(std::chrono::steady_clock::now() - begun, std::chrono::milliseconds(1500));
+}
+
+TEST_F(HandOverTest, ThePageTellsOfAllServersAndSessions) {
+  const auto ports = test::free_ports(2);
+  http_port_ = ports[0];
+  auto a = start("a");
+  http_port_ = ports[1];
+  const auto b = start("b");
+  {
+    const RobotClient robot(a->port());
+    ASSERT_TRUE(robot.hello("robot", "s"));
+    send(robot, 0, 3);
+    ASSERT_TRUE(robot.acked(3));
+    const auto overview = fleet_json(b->http_port());
+    EXPECT_EQ(overview["etcd"][0], etcd_->endpoint());
+    ASSERT_EQ(overview["servers"].size(), 2U);
+    EXPECT_EQ(overview["servers"][0]["name"], "a");
+    EXPECT_EQ(overview["servers"][0]["address"], "a:7722");
+    EXPECT_EQ(overview["servers"][0]["http"], "127.0.0.1:" + std::to_string(ports[0]));
+    EXPECT_EQ(overview["servers"][0]["draining"], false);
+    ASSERT_EQ(overview["sessions"].size(), 1U);
+    EXPECT_EQ(overview["sessions"][0]["server"], "a");
+    EXPECT_EQ(overview["sessions"][0]["epoch"], 1);
+    EXPECT_EQ(overview["sessions"][0]["next_sequence"], 3);
+    EXPECT_FALSE(a->drain());
+  }
+  const RobotClient robot(b->port());
+  ASSERT_TRUE(robot.hello("robot", "s"));
+  const auto overview = fleet_json(b->http_port());
+  EXPECT_EQ(overview["servers"][0]["draining"], true);
+  const auto& session = overview["sessions"][0];
+  EXPECT_EQ(session["robot"], "robot");
+  EXPECT_EQ(session["session"], "s");
+  EXPECT_EQ(session["server"], "b");
+  EXPECT_EQ(session["ended"], false);
+  ASSERT_EQ(session["segments"].size(), 2U);
+  EXPECT_EQ(session["segments"][1]["server"], "b");
+  EXPECT_EQ(session["segments"][1]["epoch"], 2);
+  EXPECT_EQ(session["segments"][1]["next_sequence"], 3);
+  const auto page = test::HttpClient(b->http_port()).get("/fleet");
+  EXPECT_EQ(page.status, 200);
+  EXPECT_THAT(page.body, testing::HasSubstr(R"(<a href="/fleet" data-nav="fleet">Fleet</a>)"));
+}
+
+TEST_F(HandOverTest, WithoutEtcdThePageSaysSo) {
+  http_port_ = test::free_ports(1)[0];
+  const auto a = start("a");
+  etcd_->kill();
+  const auto answer = test::HttpClient(a->http_port()).get("/fleet.json");
+  EXPECT_EQ(answer.status, 503);
+  EXPECT_THAT(answer.body, testing::HasSubstr("etcd"));
 }
 
 TEST_F(HandOverTest, ADrainNeedsAnotherServer) {
