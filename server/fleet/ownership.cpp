@@ -4,6 +4,7 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
+#include <chrono>
 #include <utility>
 #include <vector>
 
@@ -12,6 +13,8 @@ namespace {
 
 /// When others take it meanwhile, again and again.
 constexpr int kAttempts = 5;
+/// What has ended is forgotten after that.
+constexpr std::chrono::hours kRemembered{30 * 24};
 
 const KeyValue* find(const std::vector<KeyValue>& found, const std::string& key) {
   const auto at = std::ranges::find(found, key, &KeyValue::key);
@@ -55,7 +58,7 @@ void Ownership::decide(Attempt attempt, const KeyTxnOutcome& read) {
     return attempt.answer(Error{fmt::format("fleet: the key {} cannot be read", key->key)});
   }
   const wire::Position recorded = recorded_in(read, attempt.session);
-  if (owner->server == server_ && owner->instance == instance_) {
+  if (owner->server == server_ && owner->instance == instance_ && !owner->has_ended) {
     return attempt.answer(Owned{
         {attempt.session, key->mod_revision}, owner->epoch, owner->segments.back(), recorded});
   }
@@ -76,7 +79,9 @@ void Ownership::write(Attempt attempt, const KeyTxnOutcome& read, const SessionO
     const KeyValue* const value = find(read.found, key);
     txn.compare.push_back({key, value != nullptr ? value->mod_revision : 0});
   }
-  txn.puts = {{attempt.session.owner_key(), to_text(owner)}};
+  // Both, since those of a session that has ended go with a lease.
+  txn.puts = {{attempt.session.owner_key(), to_text(owner)},
+              {attempt.session.position_key(), to_text(recorded_in(read, attempt.session))}};
   store_.async_txns(
       {std::move(txn)}, [this, attempt = std::move(attempt), owner](const auto& outcomes) mutable {
         if (!outcomes) return attempt.answer(outcomes.error());
@@ -94,16 +99,26 @@ void Ownership::write(Attempt attempt, const KeyTxnOutcome& read, const SessionO
 }
 
 void Ownership::end(const Owned& owned) {
-  const std::string key = owned.claim.session.owner_key();
-  store_.async_txns({reading(owned.claim.session)}, [this, owned, key](const auto& outcomes) {
-    if (!outcomes) return;
-    const KeyValue* const value = find(outcomes.value().front().found, key);
-    auto owner = value != nullptr ? owner_from(value->value) : std::nullopt;
-    if (!owner || value->mod_revision != owned.claim.revision) return;
-    owner->has_ended = true;
-    store_.async_txns({{{{key, owned.claim.revision}}, {{key, to_text(*owner)}}, {}}},
-                      [](const auto& /*outcomes*/) {});
+  store_.async_grant(kRemembered, [this, owned](const auto& lease) {
+    if (!lease) return;
+    store_.async_txns({reading(owned.claim.session)},
+                      [this, owned, lease = lease.value()](const auto& outcomes) {
+                        if (outcomes) note_end(owned, lease, outcomes.value().front());
+                      });
   });
+}
+
+void Ownership::note_end(const Owned& owned, std::int64_t lease, const KeyTxnOutcome& read) {
+  const auto& [session, revision] = owned.claim;
+  const KeyValue* const value = find(read.found, session.owner_key());
+  auto owner = value != nullptr ? owner_from(value->value) : std::nullopt;
+  if (!owner || value->mod_revision != revision) return;
+  owner->has_ended = true;
+  KeyTxn txn;
+  txn.compare = {{session.owner_key(), revision}};
+  txn.puts = {{session.owner_key(), to_text(*owner), lease},
+              {session.position_key(), to_text(recorded_in(read, session)), lease}};
+  store_.async_txns({std::move(txn)}, [](const auto& /*outcomes*/) {});
 }
 
 }  // namespace orbbuf::fleet

@@ -42,7 +42,8 @@ class Ownership {
   /// `better` names another server. Never answers from within the call.
   void async_acquire(SessionName session, Better better, Answer answer);
 
-  /// The robot has ended it, and all is recorded. Best effort: nothing depends on it.
+  /// The robot has ended it, and all is recorded. Its keys go 30 days later, unless the robot goes
+  /// on. Best effort: nothing depends on it.
   void end(const Owned& owned);
 
   std::uint64_t take_overs() const { return take_overs_; }
@@ -57,6 +58,7 @@ class Ownership {
 
   void read(Attempt attempt);
   void decide(Attempt attempt, const KeyTxnOutcome& read);
+  void note_end(const Owned& owned, std::int64_t lease, const KeyTxnOutcome& read);
   void write(Attempt attempt, const KeyTxnOutcome& read, const SessionOwner& owner);
 
   KeyStore& store_;

@@ -16,6 +16,7 @@ namespace orbbuf::test {
 /// The keys themselves, which several servers share.
 struct FakeKeys {
   std::map<std::string, KeyValue> keys;
+  std::map<std::string, std::int64_t> leases;  // of the keys; 0: none
   std::int64_t revision = 1;
 
   KeyTxnOutcome run(const KeyTxn& txn) {
@@ -28,7 +29,10 @@ struct FakeKeys {
     }
     if (outcome.is_done && !txn.puts.empty()) {
       ++revision;
-      for (const auto& [key, value, lease] : txn.puts) keys[key] = {key, value, revision};
+      for (const auto& [key, value, lease] : txn.puts) {
+        keys[key] = {key, value, revision};
+        leases[key] = lease;
+      }
     }
     outcome.revision = revision;
     for (const std::string& key : txn.reads) {

@@ -158,6 +158,22 @@ TEST_F(OwnershipTest, TheEndIsNotedInTheKeyOfWhoOwnsIt) {
   EXPECT_TRUE(owner_from(keys_.keys.at(kSession.owner_key()).value)->has_ended);
 }
 
+TEST_F(OwnershipTest, TheKeysOfAnEndedSessionGoWithALeaseUnlessTheRobotGoesOn) {
+  const Owned first = a_.acquire();
+  a_.record(first, {10, 2});
+  ASSERT_TRUE(run_until([&] { return a_.store.sent() == 1; }));
+  a_.store.deliver();
+  a_.ownership.end(first);
+  a_.store.deliver_all();
+  EXPECT_NE(keys_.leases.at(kSession.owner_key()), 0);
+  EXPECT_NE(keys_.leases.at(kSession.position_key()), 0);
+  const Owned again = a_.acquire();
+  EXPECT_EQ(again.recorded, (wire::Position{10, 2}));
+  EXPECT_EQ(again.segment, first.segment);
+  EXPECT_EQ(keys_.leases.at(kSession.owner_key()), 0);
+  EXPECT_EQ(keys_.leases.at(kSession.position_key()), 0);
+}
+
 TEST_F(OwnershipTest, AKeyThatCannotBeReadIsNotTaken) {
   keys_.keys[kSession.owner_key()] = {kSession.owner_key(), "?", 5};
   a_.ask();
