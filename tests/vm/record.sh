@@ -43,7 +43,7 @@ while read -r session captured ended lost acknowledged; do
   [ "$count" -ge "$acknowledged" ] || problem "$count delivered, but $acknowledged acknowledged"
   if [ "$ended" = 1 ]; then
     [ $((count + named)) -eq "$captured" ] || problem "$count + $named frames, not $captured"
-  elif [ "$holes" -gt $((lost - named)) ]; then # those that it had named, but not to the server yet
+  elif [ "$holes" -gt $((lost > named ? lost - named : 0)) ]; then # those that it had named, but not to the server yet
     problem "$holes frames are missing"
   else
     died=$((died + holes + (captured > reach ? captured - reach : 0)))
