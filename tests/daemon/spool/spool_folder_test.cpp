@@ -91,11 +91,19 @@ TEST_F(SpoolFolderTest, AFolderThatCannotBeMadeIsNamed) {
 }
 
 TEST_F(SpoolFolderTest, AFolderThatCannotBeWrittenIsNamed) {
-  if (::geteuid() == 0) GTEST_SKIP() << "root may write everywhere";
+  using std::filesystem::perms;
   std::filesystem::create_directories(path());
-  std::filesystem::permissions(
-      path(), std::filesystem::perms::owner_read | std::filesystem::perms::owner_exec);
-  EXPECT_THAT(error(), HasSubstr("Permission denied; change spool.path"));
+  std::filesystem::permissions(path(), perms::owner_read | perms::owner_exec);
+  std::filesystem::permissions(folder_.path(), perms::others_exec,
+                               std::filesystem::perm_options::add);
+  constexpr uid_t kNobody = 65534;
+  const uid_t user = ::geteuid();
+  if (user == 0) {  // who may write everywhere
+    ASSERT_EQ(::seteuid(kNobody), 0);
+  }
+  const std::string said = error();
+  ASSERT_EQ(::seteuid(user), 0);
+  EXPECT_THAT(said, HasSubstr("Permission denied; change spool.path"));
 }
 
 }  // namespace

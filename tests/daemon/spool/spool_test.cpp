@@ -412,7 +412,7 @@ class SmallDisk {
 
 TEST_F(SpoolTest, AFullDiskCostsOneLineAndIsTriedAgain) {
   const SmallDisk disk(path());
-  if (!disk.is_mounted()) GTEST_SKIP() << "cannot mount a tmpfs: needs root";
+  if (!disk.is_mounted()) GTEST_SKIP() << "cannot mount a tmpfs (not root?)";
   const CapturedLog log;
   write_file(path() / "other", std::string(kMiB, 'x'));
   WatchedSpool spool(settings(), "a");
