@@ -30,6 +30,7 @@ struct Options {
   bool has_two_links = false;
   bool has_tls = false;
   bool has_spool = false;
+  bool has_power_cuts = false;
 };
 
 void play(Stage& stage, const std::vector<Step>& plan, std::ostream& log) {
@@ -80,8 +81,13 @@ int run(Options options) {
   std::printf("\n");
   std::fflush(stdout);
 
-  Stage stage(options.programs, options.work, controls,
-              {options.has_two_links ? 2 : 1, options.has_tls, options.has_spool});
+  if (options.has_power_cuts && !orbbuf::bench::PowerDisk::leave_other_mounts()) {
+    std::fprintf(stderr, "chaos: skipped: this user cannot mount\n");
+    return kSkipped;
+  }
+  Stage stage(
+      options.programs, options.work, controls,
+      {options.has_two_links ? 2 : 1, options.has_tls, options.has_spool, options.has_power_cuts});
   std::ofstream log(options.work / "events.txt");
   stage.begin();
   play(stage, plan, log);
@@ -109,6 +115,9 @@ int main(int argc, char** argv) {
                "link.interfaces; cuts take one, the other, both");
   app.add_flag("--tls", options.has_tls, "the link under TLS");
   app.add_flag("--spool", options.has_spool, "robots with spools: no frame is given up");
+  app.add_flag("--power-cuts", options.has_power_cuts,
+               "each second robot that is killed loses its disk's power, too (root)")
+      ->needs("--spool");
   CLI11_PARSE(app, argc, argv);
   return orbbuf::bench::run_program("chaos", [&] { return run(options); });
 }

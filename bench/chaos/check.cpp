@@ -38,9 +38,13 @@ std::vector<fs::path> sorted_files(const fs::path& folder) {
   return files;
 }
 
-/// The records of a drops file, whole lines, without the head.
+/// The records of a drops file, whole lines, without the head, up to the zeros that a power cut has
+/// left at its end.
 std::vector<std::string> drop_lines(const fs::path& file) {
   std::vector<std::string> all = lines(file);
+  const auto torn = std::ranges::find_if(
+      all, [](const std::string& line) { return line.find('\0') != std::string::npos; });
+  all.erase(torn, all.end());
   if (!all.empty()) all.erase(all.begin());
   return all;
 }

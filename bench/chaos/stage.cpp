@@ -24,6 +24,7 @@ constexpr const char* kNetwork = "10.77.0.";
 constexpr std::chrono::seconds kPatience{120};
 constexpr int kKilled = 128 + SIGKILL;
 constexpr const char* kCalmMbit = "20mbit";
+constexpr std::uintmax_t kDiskBytes = std::uintmax_t{4} << 30U;  // of a file with holes
 
 Words operator+(Words words, const Words& more) {
   words.insert(words.end(), more.begin(), more.end());
@@ -94,7 +95,11 @@ Stage::Stage(Programs programs, fs::path work, const Words& controls, LinkKind k
     if (i > 0) on_server({"ip", "addr", "add", address + "/24", "dev", "wire"});
     on_robot(congestion_route(address, controls[i]));
     if (links_ == 2) on_robot(second_route(address, controls[i]));
-    robots_.push_back({"robot-" + controls[i], address, nullptr, 0});
+    robots_.push_back({"robot-" + controls[i], address, nullptr, 0, nullptr});
+    if (!kind.has_power_cuts) continue;
+    auto& disk = robots_.back().disk;
+    disk = std::make_unique<bench::PowerDisk>(work_, ("disk-" + controls[i]).c_str(), kDiskBytes);
+    if (!disk->mount()) throw std::runtime_error("cannot mount a loop device");
   }
   on_robot(shape(kCalmMbit));
   if (links_ == 2) on_robot(shape(kCalmMbit, test::Namespaces::kSecondLink));
@@ -150,7 +155,8 @@ void Stage::start_robot(Robot& robot, double fps) {
   const std::size_t n = sessions_.size();
   Session session;
   session.log = work_ / fmt::format("robot-{}.log", n);
-  const fs::path drops = work_ / ("drops-" + robot.id);  // the next one tells what this one cannot
+  const fs::path disk = robot.disk ? robot.disk->folder() : work_;
+  const fs::path drops = disk / ("drops-" + robot.id);  // the next one tells what this one cannot
   Words settings{"robot.id=" + robot.id,
                  "link.server=" + robot.address + ":" + port_,
                  "link.drain_timeout=1 min",
@@ -161,7 +167,7 @@ void Stage::start_robot(Robot& robot, double fps) {
                  "buffer.policy=" + std::string(kPolicies.at(n % kPolicies.size())),
                  fmt::format("buffer.capacity={}", kCapacities.at(n % kCapacities.size())),
                  "buffer.drop_log=" + drops.string()};
-  if (has_spool_) settings.push_back("spool.path=" + (work_ / ("spool-" + robot.id)).string());
+  if (has_spool_) settings.push_back("spool.path=" + (disk / ("spool-" + robot.id)).string());
   if (links_ == 2) {
     settings = settings + Words{R"(link.interfaces=["wire", "wire2"])", "link.return_after=1 s"};
   }
@@ -230,15 +236,22 @@ void Stage::apply(const Step& step) {
       return server_->signal(SIGSTOP);
     case Action::kResumeServer:
       return server_->signal(SIGCONT);
-    case Action::kKillRobot: {
-      Robot& robot = robots_.at(static_cast<std::size_t>(step.value));
-      robot.process->signal(SIGKILL);
-      const int status = robot.process->wait(kPatience);
-      bury_robot(robot, true);
-      if (status != kKilled) throw std::runtime_error(robot.id + " had ended on its own");
-      return start_robot(robot);
-    }
+    case Action::kKillRobot:
+      return kill(robots_.at(static_cast<std::size_t>(step.value)));
   }
+}
+
+void Stage::kill(Robot& robot) {
+  const bool loses_power = robot.disk && kills_++ % 2 == 0;
+  if (loses_power && !robot.disk->cut()) throw std::runtime_error("cannot cut a disk's power");
+  robot.process->signal(SIGKILL);
+  const int status = robot.process->wait(kPatience);
+  bury_robot(robot, true);
+  if (status != kKilled) throw std::runtime_error(robot.id + " had ended on its own");
+  if (loses_power && (!robot.disk->unmount() || !robot.disk->mount())) {
+    throw std::runtime_error("cannot mount a disk again");
+  }
+  start_robot(robot);
 }
 
 void Stage::end_robots() {

@@ -8,6 +8,7 @@
 
 #include "bench/chaos/check.hpp"
 #include "bench/chaos/plan.hpp"
+#include "bench/power_disk.hpp"
 #include "testing/certificates.hpp"
 #include "testing/namespaces.hpp"
 #include "testing/process.hpp"
@@ -25,6 +26,8 @@ struct LinkKind {
   int links = 1;           ///< or 2: then cuts take the first, the second and both in turn
   bool has_tls = false;    ///< with keys made for the purpose
   bool has_spool = false;  ///< a folder for each robot, which its sessions share
+  /// Each second robot that is killed loses power instead: its disk has what was synced.
+  bool has_power_cuts = false;
 };
 
 /// A server and a robot for each congestion control, in two network namespaces, and all that can
@@ -55,7 +58,8 @@ class Stage {
     std::string id;
     std::string address;
     std::unique_ptr<test::Process> process;
-    std::size_t session;  ///< in sessions_
+    std::size_t session;                     ///< in sessions_
+    std::unique_ptr<bench::PowerDisk> disk;  ///< null: it has none of its own
   };
 
   static constexpr double kFps = 40;
@@ -68,6 +72,7 @@ class Stage {
   void on_server(const std::vector<std::string>& command) const;
   void start_server();
   void start_robot(Robot& robot, double fps = kFps);
+  void kill(Robot& robot);
   void end_robots();
   void send_spools();
   /// It has ended, or is killed: keeps what it printed, and names its session.
@@ -87,6 +92,7 @@ class Stage {
   std::vector<Robot> robots_;
   std::vector<Session> sessions_;
   int servers_ = 0;
+  int kills_ = 0;
 };
 
 }  // namespace orbbuf::chaos

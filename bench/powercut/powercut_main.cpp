@@ -1,14 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Cuts the power of a server under load, again and again, and audits what is left on its disk.
 //   orbbuf-powercut --server PROGRAM --work FOLDER [--cuts N] [--seed N] [--sync ack] [--mcap]
-// A cut is the file system's own: EXT4_IOC_SHUTDOWN without a flush of the journal, on a loop
-// device. Exit status 77: this machine cannot mount one.
-#include <fcntl.h>
+// Exit status 77: this machine cannot mount one.
 #include <poll.h>
-#include <sched.h>
 #include <spdlog/spdlog.h>
-#include <sys/ioctl.h>
-#include <sys/mount.h>
 
 #include <CLI/CLI.hpp>
 #include <atomic>
@@ -22,6 +17,7 @@
 #include <random>
 #include <thread>
 
+#include "bench/power_disk.hpp"
 #include "common/wire.hpp"
 #include "server/recording/file_io.hpp"
 #include "server/recording/mcap/scan.hpp"
@@ -239,44 +235,6 @@ class Robot {
   Sequence end_ = 0;
 };
 
-/// The file system that loses power.
-class Disk {
- public:
-  explicit Disk(const fs::path& work) : image_(work / "disk.img"), folder_(work / "disk") {
-    fs::create_directories(folder_);
-    std::ofstream(image_).close();
-    fs::resize_file(image_, std::uintmax_t{1} << 30U);
-    is_made_ = test::run({"mkfs.ext4", "-q", "-F", image_.string()}).status == 0;
-  }
-  ~Disk() { unmount(); }
-  Disk(const Disk&) = delete;
-  Disk& operator=(const Disk&) = delete;
-
-  const fs::path& folder() const { return folder_; }
-
-  bool mount() {
-    is_mounted_ = is_made_ &&
-                  test::run({"mount", "-o", "loop", image_.string(), folder_.string()}).status == 0;
-    return is_mounted_;
-  }
-  bool cut() const {
-    constexpr unsigned long kShutdown = _IOR('X', 125, std::uint32_t);
-    std::uint32_t no_flush = 2;  // EXT4_GOING_FLAGS_NOLOGFLUSH
-    const UniqueFd fd(::open(folder_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-    return fd && ::ioctl(fd.get(), kShutdown, &no_flush) == 0;
-  }
-  bool unmount() {
-    if (!std::exchange(is_mounted_, false)) return true;
-    return test::run({"umount", folder_.string()}).status == 0;
-  }
-
- private:
-  const fs::path image_;
-  const fs::path folder_;
-  bool is_made_ = false;
-  bool is_mounted_ = false;
-};
-
 class Server {
  public:
   Server(const Options& options, const fs::path& data)
@@ -295,7 +253,7 @@ class Server {
 };
 
 /// Runs the robots for a while, and cuts the power under them.
-std::optional<Clock::time_point> cut_under_load(const Options& options, const Disk& disk,
+std::optional<Clock::time_point> cut_under_load(const Options& options, const PowerDisk& disk,
                                                 std::vector<Robot>& robots,
                                                 std::chrono::milliseconds after) {
   Server server(options, disk.folder() / "data");
@@ -320,7 +278,7 @@ std::uint64_t lack(const wire::Position& had, const wire::Position& has) {
   return beyond(had.next_sequence, has.next_sequence) + beyond(had.next_drop, has.next_drop);
 }
 
-void finish_and_audit(const Options& options, const Disk& disk, std::vector<Robot>& robots,
+void finish_and_audit(const Options& options, const PowerDisk& disk, std::vector<Robot>& robots,
                       Clock::time_point cut, Counts& counts) {
   Server server(options, disk.folder() / "data");
   for (Robot& robot : robots) {
@@ -349,19 +307,12 @@ void finish_and_audit(const Options& options, const Disk& disk, std::vector<Robo
   }
 }
 
-/// A mount namespace of our own: a copy of the mount in another would keep the cut file system
-/// alive.
-bool leave_other_mounts() {
-  return ::unshare(CLONE_NEWNS) == 0 &&
-         ::mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) == 0;
-}
-
 int run(const Options& options) {
-  if (!leave_other_mounts()) {
+  if (!PowerDisk::leave_other_mounts()) {
     std::cout << "powercut: skipped, this user cannot mount\n";
     return kSkipped;
   }
-  Disk disk(options.work);
+  PowerDisk disk(options.work, "disk", std::uintmax_t{1} << 30U);
   std::mt19937 random(options.seed);
   Counts counts;
   while (counts.cuts < options.cuts) {
