@@ -213,7 +213,8 @@ class SessionCheck {
   }
 
   /// Frames reach the server in order: whatever is older than the last one delivered must be in the
-  /// drop record, at least in the robot's own, which it writes before it sends.
+  /// drop record, at least in the robot's own, which it writes before it sends, and which has not
+  /// been synced yet if the power is lost.
   void check_killed() {
     captured_ = std::max(captured_, frames_seen());
     Frame reach = 0;  // of the live stream
@@ -231,7 +232,8 @@ class SessionCheck {
       }
       if (is_recorded(frame)) continue;
       const bool should_be_spooled = session_.has_spool && frame + kAtRisk < captured_;
-      if (should_be_spooled || (frame < reach && !robots_drops_.contains(frame))) {
+      if (should_be_spooled ||
+          (frame < reach && !session_.lost_power && !robots_drops_.contains(frame))) {
         problem(result_.lost, "frame " + std::to_string(frame));
       } else {
         ++result_.died_with_robot;

@@ -15,6 +15,7 @@ struct Session {
   std::filesystem::path log;       ///< all that the robot printed
   std::filesystem::path drop_log;  ///< the robot's own record of dropped frames
   bool was_killed = false;         ///< by -9; otherwise it ended in peace, everything said
+  bool lost_power = false;         ///< with that: of its own files only what was synced is there
   bool has_spool = false;          ///< then every frame that was dropped must have come late
 };
 

@@ -247,6 +247,7 @@ void Stage::kill(Robot& robot) {
   robot.process->signal(SIGKILL);
   const int status = robot.process->wait(kPatience);
   bury_robot(robot, true);
+  sessions_.at(robot.session).lost_power = loses_power;
   if (status != kKilled) throw std::runtime_error(robot.id + " had ended on its own");
   if (loses_power && (!robot.disk->unmount() || !robot.disk->mount())) {
     throw std::runtime_error("cannot mount a disk again");
