@@ -13,7 +13,8 @@ using Seconds = BackfillPace::Seconds;
 constexpr double kPart = 1.0 / 16;  // of a new observation in the means
 constexpr double kLongest = 4;      // intervals that one observation counts for
 constexpr Seconds kAhead{0.002};    // how far before the link is free to write
-constexpr Seconds kShortestGuard{0.0005};
+constexpr double kShortestGuard =
+    1.0 / 10;  // of the interval: what is written may take longer than it should
 constexpr Seconds kUnknownInterval{1};
 constexpr Seconds kLongestTurn{0.25};  // without live frames
 
@@ -52,8 +53,7 @@ BackfillPace::Turn BackfillPace::next(Time now, double bytes_per_s) const {
   const Time second = after(captured_, kUnknownInterval);
   if (has_captured_ && interval_.count() <= 0 && now < second) return {0, second};
   if (has_captured_ && now < late) {
-    const Seconds guard =
-        std::clamp(2 * deviation_, std::min(kShortestGuard, interval_ / 4), interval_ / 4);
+    const Seconds guard = std::clamp(2 * deviation_, kShortestGuard * interval_, interval_ / 4);
     window = after(captured_, interval_ - guard) - free;
   }
   const double fits = window.count() * or_unknown(bytes_per_s);

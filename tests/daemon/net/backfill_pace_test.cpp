@@ -33,19 +33,19 @@ class BackfillPaceTest : public ::testing::Test {
 
 TEST_F(BackfillPaceTest, APartEndsBeforeTheNextFrameIsExpected) {
   EXPECT_EQ(bytes_at(0us), BackfillPace::kMostBytes);
-  EXPECT_EQ(bytes_at(23'000us), BackfillPace::kMostBytes);
-  EXPECT_NEAR(static_cast<double>(bytes_at(30'000us)), 9'500, 10);  // but for the guard
-  EXPECT_NEAR(static_cast<double>(bytes_at(38'000us)), 1'500, 10);
-  EXPECT_EQ(bytes_at(39'100us), 0U);  // 400 bytes are too few
-  EXPECT_EQ(pace_.next(now_ + 39'100us, kRate).again, now_ + 80ms);
+  EXPECT_EQ(bytes_at(19'000us), BackfillPace::kMostBytes);
+  EXPECT_NEAR(static_cast<double>(bytes_at(30'000us)), 6'000, 10);  // but for the guard
+  EXPECT_NEAR(static_cast<double>(bytes_at(34'500us)), 1'500, 10);
+  EXPECT_EQ(bytes_at(35'600us), 0U);  // 400 bytes are too few
+  EXPECT_EQ(pace_.next(now_ + 35'600us, kRate).again, now_ + 80ms);
 }
 
 TEST_F(BackfillPaceTest, WhatWasWrittenKeepsTheLinkBusy) {
   pace_.on_written(now_, 30'000, kRate);
   EXPECT_EQ(bytes_at(0us), 0U);
   EXPECT_EQ(pace_.next(now_, kRate).again, now_ + 30ms);
-  EXPECT_NEAR(static_cast<double>(bytes_at(29'000us)), 9'500, 10);  // behind it
-  EXPECT_NEAR(static_cast<double>(bytes_at(31'000us)), 8'500, 10);
+  EXPECT_NEAR(static_cast<double>(bytes_at(29'000us)), 6'000, 10);  // behind it
+  EXPECT_NEAR(static_cast<double>(bytes_at(31'000us)), 5'000, 10);
   pace_.on_written(now_, 30'000, kRate);
   EXPECT_EQ(bytes_at(35'000us), 0U);
   EXPECT_EQ(pace_.next(now_ + 35ms, kRate).again, now_ + 60ms);
@@ -68,11 +68,11 @@ TEST_F(BackfillPaceTest, ALongPauseIsNotTakenForTheInterval) {
   capture(10s);
   EXPECT_LT(bytes_at(50'000us), 16'000U);
   for (int i = 0; i < 60; ++i) capture();
-  EXPECT_NEAR(static_cast<double>(bytes_at(30'000us)), 9'000, 1'000);
+  EXPECT_NEAR(static_cast<double>(bytes_at(30'000us)), 6'000, 1'000);
 }
 
 TEST_F(BackfillPaceTest, AnUnknownRateIsTakenForALowOne) {
-  EXPECT_NEAR(static_cast<double>(bytes_at(0us, 0)), 0.0395 * BackfillPace::kUnknownRate, 10);
+  EXPECT_NEAR(static_cast<double>(bytes_at(0us, 0)), 0.036 * BackfillPace::kUnknownRate, 10);
 }
 
 TEST(BackfillPaceOfNoCamera, ASlowLinkGetsSmallParts) {
