@@ -132,6 +132,15 @@ TEST_F(ChaosCheck, ADropThatAKilledRobotCouldNotReportIsInItsOwnLog) {
   EXPECT_EQ(result().lost, 1U) << "older than the last frame delivered, and in no record";
 }
 
+TEST_F(ChaosCheck, ARobotThatLostItsPowerMayLackTheEndOfItsOwnLog) {
+  kill();
+  session_.lost_power = true;
+  write_drops("");
+  write_file(session_.drop_log, kHead + std::string(40, '\0'));
+  EXPECT_EQ(result().died_with_robot, 3U);
+  EXPECT_EQ(result().problems, std::vector<std::string>());
+}
+
 TEST_F(ChaosCheck, OneUnfinishedImageMayBeLeftOfAKilledRobot) {
   kill();
   add_image(6);
