@@ -206,22 +206,15 @@ double share_of(std::vector<double> all, double share) {
                       static_cast<std::size_t>(share * static_cast<double>(all.size())))];
 }
 
-std::vector<double> acks_of(const std::vector<std::unique_ptr<Robot>>& robots) {
-  std::vector<double> acks;
+/// Those of all robots.
+std::vector<double> times_of(const std::vector<std::unique_ptr<Robot>>& robots,
+                             std::vector<double> Robot::Counts::*times) {
+  std::vector<double> all;
   for (const auto& robot : robots) {
-    const auto& own = robot->counts().acks_s;
-    acks.insert(acks.end(), own.begin(), own.end());
+    const auto& own = robot->counts().*times;
+    all.insert(all.end(), own.begin(), own.end());
   }
-  return acks;
-}
-
-std::vector<double> gaps_of(const std::vector<std::unique_ptr<Robot>>& robots) {
-  std::vector<double> gaps;
-  for (const auto& robot : robots) {
-    const auto& own = robot->counts().gaps_s;
-    gaps.insert(gaps.end(), own.begin(), own.end());
-  }
-  return gaps;
+  return all;
 }
 
 /// Each server in turn is drained and started again.
@@ -279,17 +272,18 @@ bool stream(const Options& options, const std::string& prefix) {
     result("server_cores", Seconds(first.cpu_time() - cpu_before) / took);
     result("etcd_writes_per_s",
            static_cast<double>(stage.etcd_revision() - revision) / took.count());
-    result("ack_s_median", share_of(acks_of(robots), 0.5));
-    result("ack_s_p99", share_of(acks_of(robots), 0.99));
+    const auto acks = times_of(robots, &Robot::Counts::acks_s);
+    result("ack_s_median", share_of(acks, 0.5));
+    result("ack_s_p99", share_of(acks, 0.99));
   }
   std::vector<double> gaps;
   std::vector<double> drain_gaps;
   if (stage.servers() > 1) {
     io.run_for(kRest);  // what the last disturbance has left
-    gaps = gaps_of(robots);
+    gaps = times_of(robots, &Robot::Counts::gaps_s);
     for (const auto& robot : robots) robot->forget_gaps();
     roll(io, stage);
-    drain_gaps = gaps_of(robots);
+    drain_gaps = times_of(robots, &Robot::Counts::gaps_s);
   }
   await_end(io, robots);
   stage.end();
@@ -318,7 +312,9 @@ bool stream(const Options& options, const std::string& prefix) {
     result("drain_gap_s_median", share_of(drain_gaps, 0.5));
     result("drain_gap_s_max", share_of(drain_gaps, 1));
   }
-  if (!options.is_calm) result("ack_s_p99", share_of(acks_of(robots), 0.99));
+  if (!options.is_calm) {
+    result("ack_s_p99", share_of(times_of(robots, &Robot::Counts::acks_s), 0.99));
+  }
   return found.lost + found.repeated + found.unexplained + split_brain == 0 && found.captured > 0;
 }
 

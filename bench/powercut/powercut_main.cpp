@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Cuts the power of a server under load, again and again, and audits what is left on its disk.
 //   orbbuf-powercut --server PROGRAM --work FOLDER [--cuts N] [--seed N] [--sync ack] [--mcap]
-// Exit status 77: this machine cannot mount one.
+// Exit status 77: this machine cannot mount a loop device.
 #include <poll.h>
 #include <spdlog/spdlog.h>
 

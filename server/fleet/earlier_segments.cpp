@@ -90,7 +90,7 @@ void EarlierSegments::open(std::size_t part) {
   const std::string folder = folder_of(options_.session.session_id, chosen.segment);
   source_ = Source{};
   source_->part = part;
-  source_->path = fmt::format("/sessions/{}/{}/", options_.session.robot_id, folder);
+  source_->path = page_path(options_.session.robot_id, folder);
   if (chosen.segment.server == options_.server) {
     source_->local = std::make_shared<Backlog>(options_.files / options_.session.robot_id / folder);
   } else if (auto page = parse_address(chosen.http)) {

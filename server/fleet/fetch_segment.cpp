@@ -57,10 +57,6 @@ Result<std::string> fetch(Page& page, const std::string& from, const std::string
   return std::move(*content.value());
 }
 
-std::string path_of(const std::string& robot_id, const std::string& folder) {
-  return fmt::format("/sessions/{}/{}/", robot_id, folder);
-}
-
 /// Late frames that are not merged yet, before what is merged: none is missed in between.
 std::optional<Error> fetch_late(Page& page, const std::string& from, const fs::path& to) {
   const auto list = fetch(page, from, session_names::kLateList, to);
@@ -80,6 +76,10 @@ std::optional<Error> fetch_late(Page& page, const std::string& from, const fs::p
 }
 
 }  // namespace
+
+std::string page_path(const std::string& robot_id, const std::string& folder) {
+  return fmt::format("/sessions/{}/{}/", robot_id, folder);
+}
 
 void async_find_session(KeyStore& store, const SessionName& session,
                         const std::function<void(Result<FoundSession>)>& done) {
@@ -116,7 +116,7 @@ Result<FoundSession> find_session(const std::vector<Address>& etcd, const Sessio
 
 Result<std::string> fetch_file(const Address& address, const std::string& robot_id,
                                const std::string& folder, const std::string& file) {
-  auto content = Page(address).get(path_of(robot_id, folder) + file);
+  auto content = Page(address).get(page_path(robot_id, folder) + file);
   if (!content) return std::move(content).error();
   return std::move(content).value().value_or("");
 }
@@ -124,7 +124,7 @@ Result<std::string> fetch_file(const Address& address, const std::string& robot_
 std::optional<Error> fetch_segment(const Address& address, const std::string& robot_id,
                                    const std::string& folder, const fs::path& to) {
   Page page(address);
-  const std::string from = path_of(robot_id, folder);
+  const std::string from = page_path(robot_id, folder);
   if (auto error = fetch_late(page, from, to)) return error;
   std::string checksums;
   for (const char* const name :

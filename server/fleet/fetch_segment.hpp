@@ -33,6 +33,9 @@ void async_find_session(KeyStore& store, const SessionName& session,
 /// The same. Blocking.
 Result<FoundSession> find_session(const std::vector<Address>& etcd, const SessionName& session);
 
+/// Where a page has the files of a robot's folder; ends with a slash.
+std::string page_path(const std::string& robot_id, const std::string& folder);
+
 /// A file of that folder, as a server's page shows it; empty: there is none. Blocking.
 Result<std::string> fetch_file(const Address& page, const std::string& robot_id,
                                const std::string& folder, const std::string& file);

@@ -38,8 +38,8 @@ class Ownership {
   Ownership(KeyStore& store, std::string server, std::string instance)
       : store_(store), server_(std::move(server)), instance_(std::move(instance)) {}
 
-  /// The session becomes ours, whoever owned it: the robot is here. But not a new one for which
-  /// `better` names another server. Never answers from within the call.
+  /// The session becomes ours, also from a server that lives: the robot is here. But not a new one
+  /// for which `better` names another server. Never answers from within the call.
   void async_acquire(SessionName session, Better better, Answer answer);
 
   /// The robot has ended it, and all is recorded. Its keys go 30 days later, unless the robot goes
