@@ -74,6 +74,13 @@ class HandOverTest : public testing::Test {
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     }
   }
+  /// A robot that comes, delivers these frames, and leaves.
+  static void deliver(const RunningServer& server, Sequence first, Sequence end) {
+    const RobotClient robot(server.port());
+    ASSERT_TRUE(robot.hello("robot", "s"));
+    send(robot, first, end);
+    ASSERT_TRUE(robot.acked(end));
+  }
   std::vector<Sequence> frames_in(const std::string& folder) const {
     std::vector<Sequence> sequences;
     const auto session = read_recorded_session(folder_ / folder);
@@ -133,12 +140,7 @@ TEST_F(HandOverTest, ARobotThatComesIsTakenAlsoWhenItsOwnerLives) {
 
 TEST_F(HandOverTest, AServerThatIsStartedAgainGoesOnInItsFolder) {
   auto a = start("a");
-  {
-    const RobotClient robot(a->port());
-    ASSERT_TRUE(robot.hello("robot", "s"));
-    send(robot, 0, 2);
-    ASSERT_TRUE(robot.acked(2));
-  }
+  ASSERT_NO_FATAL_FAILURE(deliver(*a, 0, 2));
   a->stop();
   a = start("a");
   const RobotClient robot(a->port());
@@ -196,12 +198,7 @@ TEST_F(HandOverTest, ADrainSendsTheRobotsAwayOneByOneAndTheOtherTakesThemAtOnce)
 
 TEST_F(HandOverTest, TheSegmentsAreFoundInEtcdAndFetchedFromTheServersPages) {
   auto a = start("a");
-  {
-    const RobotClient robot(a->port());
-    ASSERT_TRUE(robot.hello("robot", "s"));
-    send(robot, 0, 2);
-    ASSERT_TRUE(robot.acked(2));
-  }
+  ASSERT_NO_FATAL_FAILURE(deliver(*a, 0, 2));
   a->stop();
   http_port_ = test::free_ports(1)[0];
   const auto b = start("b");
@@ -229,21 +226,11 @@ TEST_F(HandOverTest, TheSegmentsAreFoundInEtcdAndFetchedFromTheServersPages) {
 
 TEST_F(HandOverTest, TheNextOwnersProgramGetsAllFramesInOrderFromEveryServer) {
   auto a = start("a");
-  {
-    const RobotClient robot(a->port());
-    ASSERT_TRUE(robot.hello("robot", "s"));
-    send(robot, 0, 5);
-    ASSERT_TRUE(robot.acked(5));
-  }
+  ASSERT_NO_FATAL_FAILURE(deliver(*a, 0, 5));
   a->stop();
   http_port_ = test::free_ports(1)[0];
   const auto b = start("b");
-  {
-    const RobotClient robot(b->port());
-    ASSERT_TRUE(robot.hello("robot", "s"));
-    send(robot, 5, 9);
-    ASSERT_TRUE(robot.acked(9));
-  }
+  ASSERT_NO_FATAL_FAILURE(deliver(*b, 5, 9));
   http_port_ = 0;
   begin_slam("read.mjpeg");
   a = start("a");
@@ -261,12 +248,7 @@ TEST_F(HandOverTest, TheNextOwnersProgramGetsAllFramesInOrderFromEveryServer) {
 
 TEST_F(HandOverTest, FramesOfADeadServerAreMissedByTheProgramAndHoldNothing) {
   auto a = start("a");
-  {
-    const RobotClient robot(a->port());
-    ASSERT_TRUE(robot.hello("robot", "s"));
-    send(robot, 0, 3);
-    ASSERT_TRUE(robot.acked(3));
-  }
+  ASSERT_NO_FATAL_FAILURE(deliver(*a, 0, 3));
   a->stop();
   begin_slam("read.mjpeg");
   const auto b = start("b");
@@ -284,12 +266,7 @@ TEST_F(HandOverTest, FramesOfADeadServerAreMissedByTheProgramAndHoldNothing) {
 
 TEST_F(HandOverTest, AMoveDoesNotWaitForAProgramThatCatchesUp) {
   auto a = start("a");
-  {
-    const RobotClient robot(a->port());
-    ASSERT_TRUE(robot.hello("robot", "s"));
-    send(robot, 0, 3);
-    ASSERT_TRUE(robot.acked(3));
-  }
+  ASSERT_NO_FATAL_FAILURE(deliver(*a, 0, 3));
   a->stop();
   begin_slam("read.mjpeg");
   const auto b = start("b");  // whose program waits for a
