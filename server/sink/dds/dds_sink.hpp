@@ -24,7 +24,7 @@ void begin_dds();
 /// It never pauses the stream: it answers each frame at once. One thread, `dds`, of all the
 /// sinks publishes, and decodes images for readers of raw ones. Up to 64 MiB of all sessions wait
 /// for it. A frame that finds them full, or that DDS refuses, is given up: counted in lost(), and
-/// logged at most every 10 s. Without readers nothing waits and nothing is lost. For a second after
+/// logged at most every 10 s. Without readers nothing waits and nothing is lost. For 3 s after
 /// begin_dds() frames wait, so that readers can find this process. Drop records are not published.
 std::shared_ptr<FrameSink> make_dds_sink(boost::asio::io_context& main, const SessionInfo& info,
                                          std::string_view frame_id);
