@@ -107,7 +107,15 @@ lateness() {
   ' "$shared/$1/chosen" "$shared/$1/watch.out"
 }
 
-percentile() { sort -n | awk -v p="$1" '{ v[NR] = $1 } END { if (NR) print v[int(p * (NR - 1)) + 1]; else print "-" }'; }
+percentile() { sort -n | awk -v p="$1" '{ v[NR] = $1 } END { if (NR) print v[int(p * (NR - 1) / 100) + 1]; else print "-" }'; }
+
+# steady SIDE: those lines of `lateness` whose frames are captured between outages, 5 s after the last one or later: the
+# p95 of all frames is one of the frames that waited for an outage's end.
+steady() {
+  awk 'FNR == NR { begin[++n] = $1; end[n] = $2; next }
+    { for (i = 1; i <= n; ++i) if ($3 > begin[i] && $3 - $2 < end[i] + 5) next; print }
+  ' "$shared/$1/cuts" "$shared/$1/lateness"
+}
 
 # How long after each outage the stream is live: a frame less than 0.2 s after its capture.
 live_again() { # SIDE
@@ -166,9 +174,10 @@ account
 echo "RESULT backfill.done_after_s $(cat "$shared/with/done_after")"
 for one in with without; do
   echo "RESULT backfill.delivered_live.$one $(wc -l <"$shared/$one/lateness")"
-  for part in 0.5 0.95; do
-    echo "RESULT backfill.lateness_ms_p$(awk -v p="$part" "BEGIN { print 100 * p }").$one $(awk '$2 < 0.5 { printf "%.1f\n", 1000 * $2 }' "$shared/$one/lateness" | percentile $part)"
+  for part in 50 95; do
+    echo "RESULT backfill.lateness_ms_p$part.$one $(awk '$2 < 0.5 { printf "%.1f\n", 1000 * $2 }' "$shared/$one/lateness" | percentile $part)"
+    echo "RESULT backfill.steady_ms_p$part.$one $(steady "$one" | awk '{ printf "%.1f\n", 1000 * $2 }' | percentile $part)"
   done
-  echo "RESULT backfill.live_again_s.$one $(live_again "$one" | percentile 0.5)"
+  echo "RESULT backfill.live_again_s.$one $(live_again "$one" | percentile 50)"
 done
 "$build/server/orbbuf-server" check "$shared/with/session"
