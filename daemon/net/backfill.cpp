@@ -85,9 +85,9 @@ std::vector<std::uint8_t> Backfill::take_spool_message(Time now, bool final) {
   return wire::encode(*said_);
 }
 
-std::vector<std::uint8_t> Backfill::take_part(Time now, double bytes_per_s) {
+std::vector<std::uint8_t> Backfill::take_part(Time now, double bytes_per_s, Time busy_until) {
   if (!takes_late_ || (record_.empty() && !begin_frame())) return {};
-  const auto turn = pace_.next(now, bytes_per_s);
+  const auto turn = pace_.next(now, bytes_per_s, busy_until);
   if (turn.bytes == 0) {
     wake_at(turn.again);
     return {};

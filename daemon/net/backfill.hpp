@@ -58,7 +58,8 @@ class Backfill {
   std::vector<std::uint8_t> take_spool_message(Time now, bool final = false);
   /// The next part of a late frame, if it may be written now: nothing live waits for the link. Else
   /// empty, and `wake` runs later if need be.
-  std::vector<std::uint8_t> take_part(Time now, double bytes_per_s);
+  /// busy_until: as BackfillPace::next() takes it.
+  std::vector<std::uint8_t> take_part(Time now, double bytes_per_s, Time busy_until);
 
   Spool::Stats stats() const { return spool_.stats(); }
 

@@ -45,9 +45,10 @@ void BackfillPace::on_written(Time now, std::size_t bytes, double bytes_per_s) {
   busy_until_ = after(std::max(now, busy_until_), service);
 }
 
-BackfillPace::Turn BackfillPace::next(Time now, double bytes_per_s) const {
-  if (busy_until_ > after(now, kAhead)) return {0, busy_until_};
-  const Time free = std::max(now, busy_until_);
+BackfillPace::Turn BackfillPace::next(Time now, double bytes_per_s, Time busy_until) const {
+  busy_until = std::max(busy_until, busy_until_);
+  if (busy_until > after(now, kAhead)) return {0, busy_until};
+  const Time free = std::max(now, busy_until);
   Seconds window = kLongestTurn;
   const Time late = after(captured_, 2 * interval_);  // none is expected any more
   const Time second = after(captured_, kUnknownInterval);

@@ -14,6 +14,8 @@ namespace orbbuf {
 /// mean deviation, at least by a tenth of the interval. A part that would not end before that is
 /// made smaller or waits. So a live frame waits for late ones only where rate or capture are other
 /// than they were, and a link that live frames fill to nine tenths carries no late ones.
+/// What is in the link's queue beside that, as after an outage, the acknowledgements tell
+/// (LinkRate::served_at() and is_overdue()).
 /// Knows no clock and no socket. Reentrant.
 class BackfillPace {
  public:
@@ -37,7 +39,8 @@ class BackfillPace {
     std::size_t bytes = 0;  ///< 0: nothing may be written now
     Time again;             ///< then: ask again at this time
   };
-  Turn next(Time now, double bytes_per_s) const;
+  /// busy_until: what the acknowledgements say of the link, if that is later.
+  Turn next(Time now, double bytes_per_s, Time busy_until = {}) const;
 
  private:
   Time captured_;         // the last one

@@ -57,4 +57,26 @@ bool LinkRate::has_room(std::chrono::nanoseconds round_trip) const {
   return bytes < bytes_per_s() * (2 * to_seconds(round_trip) + kBeyondS);
 }
 
+LinkRate::Time LinkRate::served_at(std::chrono::nanoseconds round_trip) const {
+  return served_at(on_their_way_.size(), round_trip);
+}
+
+bool LinkRate::is_overdue(Time now, std::chrono::nanoseconds round_trip) const {
+  if (on_their_way_.empty()) return false;
+  return service_s_ <= 0 || now > served_at(1, round_trip) + round_trip;
+}
+
+/// The first ones of those on their way.
+LinkRate::Time LinkRate::served_at(std::size_t frames, std::chrono::nanoseconds round_trip) const {
+  Time time = received_time_ - round_trip;
+  for (std::size_t i = 0; i < frames; ++i) {
+    const Written& written = on_their_way_[i];
+    time = std::max(time, written.time);
+    if (service_s_ <= 0) continue;
+    const std::chrono::duration<double> service(static_cast<double>(written.bytes) / bytes_per_s());
+    time += std::chrono::duration_cast<Time::duration>(service);
+  }
+  return time;
+}
+
 }  // namespace orbbuf

@@ -35,6 +35,12 @@ class LinkRate {
   /// little: two frames, or what link and server take in two round trips and 100 ms.
   bool has_room(std::chrono::nanoseconds round_trip) const;
 
+  /// When the link has served what is on its way, as far as the acknowledgements tell; in the past
+  /// if nothing is.
+  Time served_at(std::chrono::nanoseconds round_trip) const;
+  /// A frame should have been received by now: something else keeps the link busy, or it is gone.
+  bool is_overdue(Time now, std::chrono::nanoseconds round_trip) const;
+
  private:
   struct Written {
     Sequence sequence = 0;
@@ -43,6 +49,7 @@ class LinkRate {
   };
 
   void observe(double bytes, double service_s);
+  Time served_at(std::size_t frames, std::chrono::nanoseconds round_trip) const;
 
   std::deque<Written> on_their_way_;
   Time received_time_;  // of the last frame that was

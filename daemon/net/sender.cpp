@@ -124,14 +124,16 @@ void Sender::write_next() {
 void Sender::write_late() {
   const auto now = Clock::now();
   auto message = backfill_->take_spool_message(now);
-  if (message.empty() && is_live()) {
-    message = backfill_->take_part(now, rate_.bytes_per_s());
+  if (message.empty() && is_live(now)) {
+    message = backfill_->take_part(now, rate_.bytes_per_s(), rate_.served_at(round_trip()));
   }
   if (!message.empty()) write(std::move(message));
 }
 
-bool Sender::is_live() const {
-  return buffer_.stats().waiting == 0 && rate_.has_room(round_trip()) && !link_.is_stalled();
+/// A frame that is overdue waits in the link's queue: a late one would hold up the next.
+bool Sender::is_live(Clock::time_point now) const {
+  return buffer_.stats().waiting == 0 && rate_.has_room(round_trip()) &&
+         !rate_.is_overdue(now, round_trip()) && !link_.is_stalled();
 }
 
 FramePtr Sender::take_frame() {

@@ -72,7 +72,7 @@ class Sender final : private ServerLink::Owner {
   void write_next();
   void write(std::vector<std::uint8_t> message);
   void write_late();
-  bool is_live() const;
+  bool is_live(std::chrono::steady_clock::time_point now) const;
   FramePtr take_frame();
   bool is_too_large(const EncodedFrame& frame);
   void collect_drops();

@@ -57,6 +57,13 @@ TEST_F(BackfillPaceTest, AnUnsteadyCameraIsGivenMoreTime) {
   EXPECT_GT(bytes_at(20'000us), 9'000U);
 }
 
+TEST_F(BackfillPaceTest, WaitsWhileTheAcknowledgementsSayThatTheLinkIsBusy) {
+  const auto turn = pace_.next(now_ + 10ms, kRate, now_ + 25ms);
+  EXPECT_EQ(turn.bytes, 0U);
+  EXPECT_EQ(turn.again, now_ + 25ms);
+  EXPECT_EQ(pace_.next(now_ + 25ms, kRate, now_ + 25ms).bytes, bytes_at(25'000us));
+}
+
 TEST_F(BackfillPaceTest, WithoutLiveFramesOnlyTheLinkCounts) {
   EXPECT_EQ(bytes_at(81'000us), BackfillPace::kMostBytes);
   EXPECT_EQ(bytes_at(10'000'000us), BackfillPace::kMostBytes);

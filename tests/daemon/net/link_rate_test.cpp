@@ -9,6 +9,8 @@
 #include <cstddef>
 #include <deque>
 
+#include "common/seconds.hpp"
+
 namespace orbbuf {
 namespace {
 
@@ -141,6 +143,31 @@ TEST_F(LinkRateTest, BeyondTheTwoFramesIsWhatTakes100MsAndTwoRoundTrips) {
   round_trip_ = milliseconds(50);
   run(1000, milliseconds(1));
   EXPECT_NEAR(static_cast<double>(largest_window_), 20, 1);
+}
+
+TEST_F(LinkRateTest, TheLinkIsBusyWithWhatTheServerHasNotReceived) {
+  round_trip_ = milliseconds(10);
+  run(100, milliseconds(50));
+  now_ += std::chrono::seconds(1);
+  acknowledge_until(now_);
+  EXPECT_LT(rate_.served_at(round_trip_), now_);
+  EXPECT_FALSE(rate_.is_overdue(now_, round_trip_));
+  const auto begin = now_;
+  served_ = now_ + milliseconds(20);  // something else is in the link's queue
+  write();
+  write();
+  EXPECT_NEAR(to_seconds(rate_.served_at(round_trip_) - begin), 0.080, 0.002);
+  EXPECT_FALSE(rate_.is_overdue(begin + milliseconds(45), round_trip_));
+  EXPECT_TRUE(rate_.is_overdue(begin + milliseconds(55), round_trip_));
+  acknowledge_until(acks_.front().time);
+  EXPECT_NEAR(to_seconds(rate_.served_at(round_trip_) - begin), 0.100, 0.006);
+  EXPECT_FALSE(rate_.is_overdue(now_, round_trip_));
+}
+
+TEST_F(LinkRateTest, WithoutARateAFrameOnItsWayIsOverdue) {
+  EXPECT_FALSE(rate_.is_overdue(now_, round_trip_));
+  write();
+  EXPECT_TRUE(rate_.is_overdue(now_, round_trip_));
 }
 
 TEST_F(LinkRateTest, OverALongRoundTripTheWindowGrowsToTheLinksRate) {
