@@ -76,8 +76,10 @@ bool parse(const std::string& line, Stats& stats) {
                      &stats.acknowledged, &stats.waiting, &stats.in_flight) == 7;
 }
 
-/// Frames that a robot that is killed may have in its memory only: two seconds and a half.
-constexpr Frame kAtRisk = 100;
+/// Frames that a robot may have in its memory only: of the last 2 s if it is killed, of the last 3
+/// s if its power is cut (docs/promises.md), and half a second for a busy disk.
+constexpr Frame kAtRiskOfKill = 100;
+constexpr Frame kAtRiskOfPowerCut = 140;
 
 /// The check of one session; each question is a function.
 class SessionCheck {
@@ -217,6 +219,7 @@ class SessionCheck {
   /// been synced yet if the power is lost.
   void check_killed() {
     captured_ = std::max(captured_, frames_seen());
+    const Frame at_risk = session_.lost_power ? kAtRiskOfPowerCut : kAtRiskOfKill;
     Frame reach = 0;  // of the live stream
     for (const Frame frame : delivered_) {
       if (!late_.contains(frame)) reach = frame + 1;
@@ -224,14 +227,14 @@ class SessionCheck {
     for (Frame frame = 0; frame < captured_; ++frame) {
       if (not_late_.contains(frame)) {
         // In the memory of the process, and not yet on its disk.
-        if (frame + kAtRisk >= captured_) {
+        if (frame + at_risk >= captured_) {
           ++result_.died_with_robot;
         } else {
           problem(result_.lost, fmt::format("frame {} was dropped and never came", frame));
         }
       }
       if (is_recorded(frame)) continue;
-      const bool should_be_spooled = session_.has_spool && frame + kAtRisk < captured_;
+      const bool should_be_spooled = session_.has_spool && frame + at_risk < captured_;
       if (should_be_spooled ||
           (frame < reach && !session_.lost_power && !robots_drops_.contains(frame))) {
         problem(result_.lost, "frame " + std::to_string(frame));

@@ -181,6 +181,8 @@ TEST_F(ChaosCheck, OfAKilledRobotOnlyItsLastFramesMayBeMissingFromTheSpool) {
              "now info [main] captured 200 skipped 0 failed 0 dropped 1 acknowledged 3 waiting 196 "
              "in flight 0, no connection\n");
   EXPECT_EQ(result().lost, 95U);  // 3 and 6 to 99
+  session_.lost_power = true;
+  EXPECT_EQ(result().lost, 55U);  // 3 and 6 to 59
 }
 
 }  // namespace
