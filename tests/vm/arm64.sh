@@ -53,7 +53,7 @@ make_image() {
   modules "$PWD/debian" vivid | xargs cp -t .
   rm -rf debian/lib/modules
   mkdir -p "debian/lib/modules/$version"
-  mv ./*.ko "debian/lib/modules/$version"
+  mv ./*.ko* "debian/lib/modules/$version"
   depmod -b "$PWD/debian" "$version" 2>/dev/null
   set_up debian
   mke2fs -q -t ext4 -O ^has_journal -d debian root.ext4 "$(($(du -sm debian | cut -f1) * 5 / 4 + 60))M" >/dev/null
