@@ -17,7 +17,7 @@ cd "$vm"
 programs=$(for deb in "$packages"/orbbufd_*.deb "$packages"/orbbuf-server_*.deb; do dpkg-deb -f "$deb" Depends; done |
   sed 's/([^)]*)//g; s/, */\n/g' | tr -d ' ' | sort -u | paste -sd,)
 INCLUDE=busybox-static,bash,coreutils,dpkg,diffutils,findutils,grep,libc-bin,sed,mawk,tar,kmod,mount,util-linux,login,dbus
-INCLUDE+=,init-system-helpers,systemd,udev,libcamera-ipa,linux-image-arm64,$programs
+INCLUDE+=,init-system-helpers,perl-base,systemd,udev,libcamera-ipa,linux-image-arm64,$programs
 lines=$(debian_sources "$(own_release)")
 mapfile -t sources <<<"$lines"
 
