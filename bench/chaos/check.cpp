@@ -76,8 +76,8 @@ bool parse(const std::string& line, Stats& stats) {
                      &stats.acknowledged, &stats.waiting, &stats.in_flight) == 7;
 }
 
-/// Frames that a robot may have in its memory only: of the last 2 s if it is killed, of the last 3
-/// s if its power is cut (docs/promises.md), and half a second for a busy disk.
+/// Frames that a robot may not have on its disk yet: if it is killed those of the last 2 s, if its
+/// power is cut those of the last 3 s (docs/promises.md), and half a second for a busy disk.
 constexpr Frame kAtRiskOfKill = 100;
 constexpr Frame kAtRiskOfPowerCut = 140;
 

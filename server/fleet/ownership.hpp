@@ -18,7 +18,7 @@ struct Owned {
   Claim claim;
   std::uint64_t epoch = 0;
   Segment segment;          ///< ours
-  wire::Position recorded;  ///< all below it may have been acknowledged, by whoever owned it then
+  wire::Position recorded;  ///< all below it may have been acknowledged, by its owner of that time
 };
 
 /// A new session that another server should have.

@@ -29,7 +29,7 @@ namespace asio = boost::asio;
 using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t kMostQueuedBytes = std::size_t{64} << 20U;
-constexpr std::chrono::seconds kDiscovery{3};  // Fast DDS's readers need up to 1 s and more
+constexpr std::chrono::seconds kDiscovery{3};  // a reader of Fast DDS may need more than 1 s
 constexpr std::chrono::seconds kLastSecond{1};
 
 /// What all sinks share.
