@@ -68,13 +68,13 @@ bool LinkRate::is_overdue(Time now, std::chrono::nanoseconds round_trip) const {
 
 /// The first ones of those on their way.
 LinkRate::Time LinkRate::served_at(std::size_t frames, std::chrono::nanoseconds round_trip) const {
+  const double seconds_per_byte = service_s_ > 0 ? service_s_ / bytes_ : 0;
   Time time = received_time_ - round_trip;
   for (std::size_t i = 0; i < frames; ++i) {
     const Written& written = on_their_way_[i];
-    time = std::max(time, written.time);
-    if (service_s_ <= 0) continue;
-    const std::chrono::duration<double> service(static_cast<double>(written.bytes) / bytes_per_s());
-    time += std::chrono::duration_cast<Time::duration>(service);
+    const std::chrono::duration<double> service(static_cast<double>(written.bytes) *
+                                                seconds_per_byte);
+    time = std::max(time, written.time) + std::chrono::duration_cast<Time::duration>(service);
   }
   return time;
 }

@@ -69,7 +69,8 @@ void Sender::on_disconnected() {
 
 void Sender::on_ack(const wire::Ack& ack) {
   const auto& position = ack.position;
-  rate_.on_received(Clock::now(), ack.received.value_or(position.next_sequence), round_trip());
+  rate_.on_received(Clock::now(), ack.received.value_or(position.next_sequence),
+                    measure_round_trip());
   buffer_.acknowledge(position.next_sequence);
   confirmed_ = std::max(confirmed_, position.next_sequence);
   drops_.acknowledge(position.next_drop);
@@ -105,7 +106,8 @@ void Sender::write_next() {
   if (reporter_.is_due()) return write(next_report());
   // After an outage the drop records are many: frames first, then turn by turn.
   const bool is_drops_turn = std::exchange(is_drops_turn_, false) && drops_.has_unsent();
-  if (FramePtr frame = is_drops_turn ? nullptr : take_frame()) {
+  const auto round_trip = measure_round_trip();
+  if (FramePtr frame = is_drops_turn ? nullptr : take_frame(round_trip)) {
     is_drops_turn_ = true;
     written_end_ = std::max(written_end_, frame->sequence + 1);
     link_.write(std::move(frame));
@@ -116,28 +118,28 @@ void Sender::write_next() {
   } else if (done_ && !is_bye_sent_ && is_settled()) {
     say_bye();
   } else if (backfill_ && !done_) {
-    write_late();
+    write_late(round_trip);
   }
 }
 
 /// Nothing live waits for the link.
-void Sender::write_late() {
+void Sender::write_late(std::chrono::nanoseconds round_trip) {
   const auto now = Clock::now();
   auto message = backfill_->take_spool_message(now);
-  if (message.empty() && is_live(now)) {
-    message = backfill_->take_part(now, rate_.bytes_per_s(), rate_.served_at(round_trip()));
+  if (message.empty() && is_live(now, round_trip)) {
+    message = backfill_->take_part(now, rate_.bytes_per_s(), rate_.served_at(round_trip));
   }
   if (!message.empty()) write(std::move(message));
 }
 
 /// A frame that is overdue waits in the link's queue: a late one would hold up the next.
-bool Sender::is_live(Clock::time_point now) const {
-  return buffer_.stats().waiting == 0 && rate_.has_room(round_trip()) &&
-         !rate_.is_overdue(now, round_trip()) && !link_.is_stalled();
+bool Sender::is_live(Clock::time_point now, std::chrono::nanoseconds round_trip) const {
+  return buffer_.stats().waiting == 0 && rate_.has_room(round_trip) &&
+         !rate_.is_overdue(now, round_trip) && !link_.is_stalled();
 }
 
-FramePtr Sender::take_frame() {
-  if (!rate_.has_room(round_trip())) return nullptr;
+FramePtr Sender::take_frame(std::chrono::nanoseconds round_trip) {
+  if (!rate_.has_room(round_trip)) return nullptr;
   const auto now = Clock::now();
   SendMoment moment{now.time_since_epoch(), rate_.bytes_per_s()};
   if (done_) moment.end = drain_timer_.expiry().time_since_epoch();
@@ -185,7 +187,7 @@ bool Sender::is_settled() const {
   return stats.waiting == 0 && stats.in_flight == 0 && drops_.is_settled();
 }
 
-std::chrono::nanoseconds Sender::round_trip() const {
+std::chrono::nanoseconds Sender::measure_round_trip() const {
   const auto progress = link_.progress();
   return progress ? progress->least_round_trip : std::chrono::microseconds(0);
 }

@@ -71,15 +71,16 @@ class Sender final : private ServerLink::Owner {
   void report_each_second();
   void write_next();
   void write(std::vector<std::uint8_t> message);
-  void write_late();
-  bool is_live(std::chrono::steady_clock::time_point now) const;
-  FramePtr take_frame();
+  void write_late(std::chrono::nanoseconds round_trip);
+  bool is_live(std::chrono::steady_clock::time_point now,
+               std::chrono::nanoseconds round_trip) const;
+  FramePtr take_frame(std::chrono::nanoseconds round_trip);
   bool is_too_large(const EncodedFrame& frame);
   void collect_drops();
   void note_state();
   bool is_connected() const;
   bool is_settled() const;
-  std::chrono::nanoseconds round_trip() const;
+  std::chrono::nanoseconds measure_round_trip() const;
   std::vector<std::uint8_t> next_report();
   void say_bye();
   void give_up_waiting();

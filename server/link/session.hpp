@@ -79,7 +79,7 @@ class Session : public std::enable_shared_from_this<Session> {
     /// Runs its handler, never from within the call, when that much may be acknowledged; false: the
     /// session is another server's, so nothing may. It may never run.
     std::function<void(wire::Position, std::function<void(bool)>)> record;
-    std::function<void()> hurry;  ///< somebody waits for what is being recorded
+    std::function<void()> hurry;  ///< the session waits for what is being recorded
     wire::Position recorded;      ///< before this session began
   };
 
