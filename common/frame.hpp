@@ -23,7 +23,13 @@ struct EncodedFrame {
   std::uint32_t jpeg_crc = 0;  ///< crc32() of `jpeg`, computed once, where the frame was encoded
   std::vector<std::uint8_t> jpeg;  ///< stereo: the left image's, then the right one's
   std::uint32_t left_bytes = 0;    ///< of `jpeg`; 0 or all of them: there is no right image
+  std::uint8_t quality = 0;        ///< JPEG's, 1..100; 0: unknown, as of a camera's own JPEG
+  /// The size and the crc32() of the JPEG that `jpeg` was made from, with fewer bytes and at
+  /// `quality`; 0: `jpeg` is the one that was encoded.
+  std::uint32_t whole_bytes = 0;
+  std::uint32_t whole_crc = 0;
 
+  bool is_reduced() const { return whole_bytes > 0; }
   bool is_stereo() const { return left_bytes > 0 && left_bytes < jpeg.size(); }
   std::span<const std::uint8_t> left() const {
     return std::span(jpeg).first(is_stereo() ? left_bytes : jpeg.size());
