@@ -57,6 +57,8 @@ Result<EncodedFrame> JpegEncoder::encode(const RawFrame& raw, Sequence sequence)
   frame.height_px = static_cast<std::uint16_t>(height_px);
   frame.left_bytes = static_cast<std::uint32_t>(jpeg.size());
   frame.jpeg = std::move(jpeg);
+  if (raw.format != PixelFormat::kJpeg)
+    frame.quality = static_cast<std::uint8_t>(settings_.quality);
   if (raw.right) {
     auto right = encode_image(*raw.right);
     if (!right) return Error{"right image: " + right.error().text};

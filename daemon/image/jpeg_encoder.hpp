@@ -26,7 +26,11 @@ class JpegEncoder {
   /// `sequence` is the frame's number. Fails for a frame with a defect, a truncated JPEG, or a size
   /// over 65535 pixels either way; of a stereo frame, for either image, and if the two differ in
   /// size. Does not keep the raw frame.
+  /// The frame's quality is that of the settings, and 0 where the source's own JPEG is passed on.
   Result<EncodedFrame> encode(const RawFrame& raw, Sequence sequence);
+
+  /// 1..100, for the frames from now on.
+  void set_quality(int quality) { settings_.quality = quality; }
 
  private:
   struct Image {

@@ -60,6 +60,18 @@ TEST(JpegEncoder, GrayPixelsBecomeAGrayJpegThatLooksLikeThem) {
   EXPECT_LT(difference, 8 * static_cast<std::int64_t>(pixels.size()));
 }
 
+TEST(JpegEncoder, AFrameSaysItsQualityWhichMayChange) {
+  JpegEncoder encoder({.quality = 70});
+  const auto first = encoder.encode(scene_frame(), 0);
+  encoder.set_quality(20);
+  const auto second = encoder.encode(scene_frame(), 1);
+  ASSERT_TRUE(first && second);
+  EXPECT_EQ(first.value().quality, 70);
+  EXPECT_EQ(second.value().quality, 20);
+  EXPECT_LT(second.value().jpeg.size(), first.value().jpeg.size());
+  EXPECT_EQ(encoder.encode(jpeg_frame(first.value().jpeg), 2).value().quality, 0);
+}
+
 TEST(JpegEncoder, ColourIsKeptOnlyWhereAskedFor) {
   const auto raw = scene_frame(true);
   JpegCodec codec;
