@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Any bytes as the images of one camera, through one encoder and one codec. A good image comes
-// after each of them and must be unharmed. An image: two bytes of length, then its bytes.
+// Any bytes as the images of one camera, through one encoder, one requantiser and one codec. A good
+// image comes after each of them and must be unharmed. An image: two bytes of length, then its
+// bytes.
 #include <algorithm>
 #include <cstdlib>
 #include <span>
 
 #include "common/jpeg.hpp"
 #include "daemon/image/jpeg_encoder.hpp"
+#include "daemon/image/requantiser.hpp"
 
 namespace orbbuf {
 namespace {
@@ -31,6 +33,8 @@ class Path {
     if (frame.value().width_px * frame.value().height_px > kMaxPixels) return {};
     static_cast<void>(codec_.halve(frame.value().jpeg));
     auto image = codec_.decode_gray(frame.value().jpeg, 1);
+    const auto reduced = requantiser_.reduce(frame.value(), 30);
+    require(!image || !reduced || codec_.decode_gray(reduced.value().jpeg, 1).has_value());
     return image ? std::move(image.value().pixels) : Bytes();
   }
 
@@ -38,6 +42,7 @@ class Path {
   static constexpr int kMaxPixels = 1 << 20;  // larger ones only cost time
 
   JpegEncoder encoder_{{}};
+  Requantiser requantiser_;
   JpegCodec codec_;
 };
 
