@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // orbbuf-core-bench: what an enqueue costs, as a ratio to the baseline, plain OpenCV, in the same
-// run. Everything on one thread, in that thread's own time.
+// run; and what reducing a JPEG costs, as a ratio to encoding one. Everything on one thread, in
+// that thread's own time.
 #include <benchmark/benchmark.h>
 #include <spdlog/fmt/fmt.h>
 
@@ -15,6 +16,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/core/requantising.hpp"
 #include "bench/run_program.hpp"
 #include "bench/sim/recorded_sequence.hpp"
 #include "common/jpeg.hpp"
@@ -247,5 +249,8 @@ int main(int argc, char** argv) {
     return 2;
   }
   cv::setNumThreads(1);
-  return orbbuf::bench::run_program("orbbuf-core-bench", [&] { orbbuf::run_all(argv[1]); });
+  return orbbuf::bench::run_program("orbbuf-core-bench", [&] {
+    orbbuf::bench::measure_requantising(argv[1]);
+    orbbuf::run_all(argv[1]);
+  });
 }
