@@ -145,6 +145,8 @@ struct Report {
   /// By how much the robot's clock was set since the session began: to be added to the capture
   /// times of the session, which keep the clock that it began with. 0 before version 3.
   std::int64_t clock_offset_ns = 0;
+  /// Frames that were to be sent reduced and were sent as they are: their JPEG could not be read.
+  std::uint64_t irreducible = 0;
 
   friend bool operator==(const Report&, const Report&) = default;
 };

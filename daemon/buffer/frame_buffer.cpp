@@ -115,7 +115,12 @@ bool FrameBuffer::wait_for_room(const std::stop_token& stop) {
 FramePtr FrameBuffer::take(const SendMoment& moment) {
   const std::lock_guard lock(mutex_);
   if (waiting_.empty() || !may_take()) return nullptr;
-  const auto chosen = waiting_.begin() + static_cast<std::ptrdiff_t>(planner_ ? choose(moment) : 0);
+  auto choices = planner_ ? choose(moment) : SendPlanner::Choices(1);
+  const auto chosen = waiting_.begin() + static_cast<std::ptrdiff_t>(choices.front().index);
+  FramePtr frame = version_of(choices.front(), moment);
+  if (frame) choices.erase(choices.begin());
+  want_reductions(choices);
+  if (!frame) return nullptr;
   for (auto passed = waiting_.begin(); passed != chosen; ++passed) {
     drop(*passed, kUnknownSimilarity);
   }
@@ -123,8 +128,42 @@ FramePtr FrameBuffer::take(const SendMoment& moment) {
   in_flight_bytes_ += chosen->frame->jpeg.size();
   in_flight_.push_back(std::move(*chosen));
   waiting_.erase(waiting_.begin(), chosen + 1);
+  if (planner_) planner_->on_sent(frame->jpeg.size(), moment);
   room_.notify_all();
-  return in_flight_.back().frame;
+  return frame;
+}
+
+void FrameBuffer::look_ahead(const SendMoment& moment) {
+  const std::lock_guard lock(mutex_);
+  if (!planner_ || waiting_.empty() || !has_reducer_) return;
+  want_reductions(planner_->look_ahead(last_position(), plan_waiting(), moment));
+}
+
+void FrameBuffer::expect_reductions() {
+  const std::lock_guard lock(mutex_);
+  has_reducer_ = true;
+}
+
+std::optional<Reductions::Job> FrameBuffer::next_to_reduce(const std::stop_token& stop) {
+  std::unique_lock lock(mutex_);
+  wait_beating(reductions_wanted_, lock, stop, [this] { return reductions_.is_wanting(); });
+  return reductions_.next();
+}
+
+void FrameBuffer::on_reduced(const Reductions::Job& job, FramePtr reduced) {
+  const std::lock_guard lock(mutex_);
+  if (reduced) {
+    planner_->on_reduced({0, job.whole->jpeg.size(), job.whole->quality}, reduced->jpeg.size(),
+                         job.quality);
+  } else {
+    ++irreducible_;
+  }
+  reductions_.on_made(job, std::move(reduced));
+}
+
+std::optional<int> FrameBuffer::encode_quality() const {
+  const std::lock_guard lock(mutex_);
+  return planner_ ? std::optional(planner_->encode_quality()) : std::nullopt;
 }
 
 void FrameBuffer::refuse_newest() {
@@ -271,7 +310,12 @@ wire::Report FrameBuffer::report() const {
     capacity = std::min(capacity, static_cast<std::size_t>(frames));
   }
   constexpr std::size_t kMost = std::numeric_limits<std::uint32_t>::max();
-  return {current_stats(), static_cast<std::uint32_t>(std::min(capacity, kMost)), waiting_bytes_};
+  wire::Report report;
+  report.stats = current_stats();
+  report.capacity = static_cast<std::uint32_t>(std::min(capacity, kMost));
+  report.waiting_bytes = waiting_bytes_;
+  report.irreducible = irreducible_;
+  return report;
 }
 
 std::int64_t FrameBuffer::last_capture_time_ns() const {
@@ -303,19 +347,46 @@ double FrameBuffer::next_position(const EncodedFrame& frame) {
   const std::int64_t step_ns = time_ns - last_capture_time_ns_.value_or(time_ns);
   last_capture_time_ns_ = time_ns;
   const double step_s = 1e-9 * static_cast<double>(std::max<std::int64_t>(0, step_ns));
-  if (planner_) planner_->on_captured(step_s, frame.jpeg.size());
+  if (planner_) planner_->on_captured(step_s, {0, frame.jpeg.size(), frame.quality});
   return last_position_s_ += step_s;
 }
 
-std::size_t FrameBuffer::choose(const SendMoment& moment) {
-  for (const Entry& entry : waiting_) {
-    planned_.push_back({entry.position_s, entry.frame->jpeg.size()});
-  }
+/// Of the frame before the waiting ones.
+std::optional<double> FrameBuffer::last_position() const {
   const Entry& last = in_flight_.empty() ? last_acknowledged_ : in_flight_.back();
-  const std::size_t choice = planner_->choose(
-      last.frame ? std::optional(last.position_s) : std::nullopt, planned_, moment);
+  return last.frame ? std::optional(last.position_s) : std::nullopt;
+}
+
+std::span<const PlannedFrame> FrameBuffer::plan_waiting() {
   planned_.clear();
-  return choice;
+  for (const Entry& entry : waiting_) {
+    planned_.push_back({entry.position_s, entry.frame->jpeg.size(), entry.frame->quality});
+  }
+  return planned_;
+}
+
+SendPlanner::Choices FrameBuffer::choose(const SendMoment& moment) {
+  return planner_->choose(last_position(), plan_waiting(), moment);
+}
+
+/// Null while it is worth while to wait for it.
+FramePtr FrameBuffer::version_of(const SendPlanner::Choice& choice,
+                                 const SendMoment& moment) const {
+  const FramePtr& whole = waiting_[choice.index].frame;
+  if (choice.quality == 0) return whole;
+  FramePtr reduced = reductions_.reduced(whole);
+  if (reduced && planner_->is_close(reduced->quality, choice.quality)) return reduced;
+  if (moment.is_busy && has_reducer_ && !reductions_.has_failed(whole)) return nullptr;
+  return reduced ? reduced : whole;
+}
+
+void FrameBuffer::want_reductions(const SendPlanner::Choices& choices) {
+  Reductions::Jobs jobs;
+  for (const auto& [index, quality] : choices) {
+    if (quality > 0) jobs.push_back({waiting_[index].frame, quality});
+  }
+  reductions_.want(jobs, [this](int one, int other) { return planner_->is_close(one, other); });
+  if (reductions_.is_wanting()) reductions_wanted_.notify_one();
 }
 
 void FrameBuffer::update_view() {

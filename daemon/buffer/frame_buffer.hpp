@@ -8,6 +8,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <stop_token>
 #include <vector>
 
@@ -15,6 +16,7 @@
 #include "common/frame.hpp"
 #include "common/wire.hpp"
 #include "daemon/buffer/drop_policy.hpp"
+#include "daemon/buffer/reductions.hpp"
 #include "daemon/buffer/send_planner.hpp"
 
 namespace orbbuf {
@@ -35,8 +37,11 @@ struct BufferLimits {
 /// Source: Wang et al., "ORBBuf", IROS 2021, arXiv:2010.14861, Sec. III-C and III-D.
 ///
 /// With a SendPlanner (the policy `catch-up`) the choice is made when the network takes a frame:
-/// the planner chooses one, and the buffer gives up those before it. The buffer is then bounded by
-/// bytes, and large; the policy chooses a victim only when it is full.
+/// the planner chooses one, and its quality, and the buffer gives up those before it. The buffer is
+/// then bounded by bytes, and large; the policy chooses a victim only when it is full. A thread of
+/// its own, `reducer`, makes the frames smaller that will probably be taken next. The network does
+/// not wait for it: if the link has nothing else to send, the frame goes as it is. The buffer keeps
+/// the whole frame until its acknowledgement.
 ///
 /// A frame waits, is taken by the network (in flight), and leaves when the server acknowledges it.
 /// If the connection breaks first, the frame returns to the head of the waiting frames, and may be
@@ -81,8 +86,11 @@ class FrameBuffer {
 
   /// `main`: hands the oldest frame to the network, or, with a planner, the one that it chooses
   /// (giving up those before it). Null if none waits, or if so much is in flight as may be: then
-  /// the server receives frames faster than it brings them onto its device, or not at all.
+  /// the server receives frames faster than it brings them onto its device, or not at all; or if
+  /// the link is busy and the frame will soon have been made smaller (`reducer`'s `changed`).
   FramePtr take(const SendMoment& moment = {});
+  /// `main`, when it cannot take a frame: what would be taken at this moment is made smaller first.
+  void look_ahead(const SendMoment& moment);
   /// `main`: the frame taken last is too large for the server (kRefused).
   void refuse_newest();
   /// `main`: the server has acknowledged every frame in flight below `next`.
@@ -120,10 +128,20 @@ class FrameBuffer {
   /// else kShutdown) and makes all drops final.
   void give_up();
 
+  /// Any thread: from here on there is a `reducer`, and take() may wait for its results.
+  void expect_reductions();
+  /// `reducer`: waits for a frame to be made smaller. Nothing once `stop` is requested.
+  std::optional<Reductions::Job> next_to_reduce(const std::stop_token& stop);
+  /// `reducer`: what came of the job; null: it cannot be done.
+  void on_reduced(const Reductions::Job& job, FramePtr reduced);
+  /// Any thread. JPEG's, for the next frame; nothing: as configured.
+  std::optional<int> encode_quality() const;
+
   /// Any thread. A consistent snapshot: captured = the sum of the rest.
   wire::Stats stats() const;
-  /// Any thread. A consistent snapshot of the stats, the capacity and the waiting bytes; nothing of
-  /// the link. If bytes are the limit, the capacity is the limit in frames of the mean size.
+  /// Any thread. A consistent snapshot of the stats, the capacity, the waiting bytes and the count
+  /// of frames that could not be made smaller; nothing of the link. If bytes are the limit, the
+  /// capacity is the limit in frames of the mean size.
   wire::Report report() const;
   /// Any thread. Capture time of the newest frame that was pushed; 0 before the first.
   std::int64_t last_capture_time_ns() const;
@@ -152,7 +170,11 @@ class FrameBuffer {
   bool is_over_limit() const;
   bool may_take() const;
   double next_position(const EncodedFrame& frame);
-  std::size_t choose(const SendMoment& moment);
+  std::optional<double> last_position() const;
+  std::span<const PlannedFrame> plan_waiting();
+  SendPlanner::Choices choose(const SendMoment& moment);
+  FramePtr version_of(const SendPlanner::Choice& choice, const SendMoment& moment) const;
+  void want_reductions(const SendPlanner::Choices& choices);
   void update_view();
   void drop_if_waiting(const FramePtr& victim, std::uint16_t similarity);
   void drop(Entry& entry, std::uint16_t similarity);
@@ -168,9 +190,13 @@ class FrameBuffer {
   std::condition_variable_any room_;
   // All below guarded by mutex_.
   const std::unique_ptr<SendPlanner> planner_;  // null: frames are taken in order
-  std::vector<PlannedFrame> planned_;           // empty between calls
-  std::vector<Entry> waiting_;                  // some dozens at most; with a planner, thousands
-  std::size_t waiting_bytes_ = 0;               // of their JPEGs
+  std::vector<PlannedFrame> planned_;           // for one call; keeps its storage
+  std::condition_variable_any reductions_wanted_;
+  Reductions reductions_;
+  bool has_reducer_ = false;
+  std::uint64_t irreducible_ = 0;  // jobs that could not be done
+  std::vector<Entry> waiting_;     // some dozens at most; with a planner, thousands
+  std::size_t waiting_bytes_ = 0;  // of their JPEGs
   std::vector<Entry> in_flight_;
   std::size_t in_flight_bytes_ = 0;   // of their JPEGs
   std::vector<Delivered> delivered_;  // the newest acknowledged ones; a ring once it is full

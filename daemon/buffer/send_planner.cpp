@@ -19,93 +19,161 @@ constexpr double kJitter = 0.2;         // of an interval: that much late may be
 constexpr double kDrift = 0.01;         // of an interval that the clocks drift apart in a frame
 constexpr double kTolerance = 0.5;      // of an interval: the deadline is met to the nearest frame
 constexpr int kHalvings = 20;           // a millionth of the range
-constexpr double kShortestHorizon = 0.15;  // of live_again: left to plan for when late
+constexpr double kShortestHorizon = 0.15;    // of live_again: left to plan for when late
+constexpr double kClose = 7.0 / 6;           // ratio of bytes that is not worth the work
+constexpr double kFill = 0.9;                // of the link, by frames that are encoded for it
+constexpr double kLittleFill = 0.7;          // then it carries a higher quality
+constexpr std::chrono::seconds kSlowFor{1};  // until frames are encoded at a lower quality
+constexpr std::chrono::seconds kFastFor{3};  // and at a higher one
 
 }  // namespace
 
-/// Frames that could be sent, one after the other.
-struct SendPlanner::Chain {
-  std::size_t first = 0;  ///< index of its first frame
-  double live_s = 0;      ///< from now until it has caught up with the camera; infinite: never
+/// How to send until the stream is live.
+struct SendPlanner::Plan {
+  double step_s = 0;  ///< the longest; 0: every frame
+  int quality = 0;    ///< the highest
 };
 
-void SendPlanner::on_captured(double step_s, std::size_t bytes) {
-  const auto size = static_cast<double>(bytes);
-  if (mean_bytes_ == 0) mean_bytes_ = size;
-  mean_bytes_ += kWeightOfNew * (size - mean_bytes_);
+/// Frames that could be sent, one after the other.
+struct SendPlanner::Chain {
+  boost::container::static_vector<std::size_t, Choices::static_capacity> first;  ///< that wait
+  double live_s = 0;  ///< from now until it has caught up with the camera; infinite: never
+};
+
+SendPlanner::SendPlanner(PlanSettings settings)
+    : settings_(settings), least_so_far_(settings.quality), encode_quality_(settings.quality) {
+  assert(settings.least_quality <= settings.quality);
+}
+
+void SendPlanner::on_captured(double step_s, const PlannedFrame& frame) {
+  const double size = static_cast<double>(frame.bytes) / sizes_.share(own_quality(frame));
+  if (mean_size_ == 0) mean_size_ = size;
+  mean_size_ += kWeightOfNew * (size - mean_size_);
   if (step_s <= 0) return;
   if (interval_s_ == 0) interval_s_ = step_s;
   interval_s_ += kWeightOfNew * (std::min(step_s, kLongestInterval * interval_s_) - interval_s_);
 }
 
-std::size_t SendPlanner::choose(std::optional<double> last, std::span<const PlannedFrame> waiting,
-                                const SendMoment& moment) {
+SendPlanner::Choices SendPlanner::choose(std::optional<double> last,
+                                         std::span<const PlannedFrame> waiting,
+                                         const SendMoment& moment) {
   assert(!waiting.empty());
   look_for_return(waiting.size(), moment);
   note_phase(waiting, moment);
-  std::size_t choice = 0;
-  if (!last) {
-    choice = first_to_send(waiting);
-  } else if (waiting.size() > 1 && moment.bytes_per_s > 0) {
-    const double step_s =
-        moment.end ? smallest_step(*last, waiting, to_seconds(*moment.end - moment.now), moment)
-                   : next_step(*last, waiting, moment);
-    choice = chain(*last, waiting, step_s, 0, moment).first;
+  adapt_encoding(moment);
+  if (!last) return {{first_to_send(waiting), 0}};
+  if (moment.bytes_per_s <= 0) return {{0, 0}};
+  if (waiting.size() == 1 && !moment.end) {
+    const double room = moment.bytes_per_s * interval_s_ / static_cast<double>(waiting[0].bytes);
+    const int fitting = highest_quality(room * sizes_.share(own_quality(waiting[0])));
+    return {{0, interval_s_ > 0 ? reduced_quality(waiting[0], fitting) : 0}};
   }
-  if (moment.bytes_per_s > 0) {
-    expected_s_ = static_cast<double>(waiting[choice].bytes) / moment.bytes_per_s;
+  const Plan plan = moment.end
+                        ? plan_within(to_seconds(*moment.end - moment.now), *last, waiting, moment)
+                        : next_plan(*last, waiting, moment);
+  Choices choices;
+  for (const std::size_t i : chain(plan, 0, *last, waiting, moment).first) {
+    choices.push_back({i, reduced_quality(waiting[i], plan.quality)});
   }
-  return choice;
+  return choices;
 }
 
-/// The smallest step that is live by the deadline. Near the deadline and after it, a few sends too
-/// few would need a large step. There no step is longer than the largest one that was needed
+void SendPlanner::on_sent(std::size_t bytes, const SendMoment& moment) {
+  if (moment.bytes_per_s > 0) expected_s_ = static_cast<double>(bytes) / moment.bytes_per_s;
+}
+
+void SendPlanner::on_reduced(const PlannedFrame& frame, std::size_t bytes, int quality) {
+  sizes_.learn(static_cast<double>(frame.bytes), own_quality(frame), static_cast<double>(bytes),
+               quality);
+}
+
+bool SendPlanner::is_close(int quality, int other) const {
+  const double ratio = sizes_.share(quality) / sizes_.share(other);
+  return ratio < kClose && ratio > 1 / kClose;
+}
+
+int SendPlanner::own_quality(const PlannedFrame& frame) const {
+  return frame.quality > 0 ? frame.quality : settings_.quality;
+}
+
+/// 0, which is as it is, if the frame has that quality or less, or nearly.
+int SendPlanner::reduced_quality(const PlannedFrame& frame, int quality) const {
+  const int own = own_quality(frame);
+  return quality >= own || is_close(quality, own) ? 0 : quality;
+}
+
+/// At which a JPEG has no more than that share of its bytes at quality 50; else the least.
+int SendPlanner::highest_quality(double share) const {
+  int quality = settings_.quality;
+  while (quality > settings_.least_quality && sizes_.share(quality) > share) --quality;
+  return quality;
+}
+
+/// Frames that take no longer to send than they wait for are sent before the deadline: lateness
+/// costs more than a little quality. Near the deadline and after it, a few sends too few would need
+/// a long step or a low quality. There no step is longer, and no quality lower, than was needed
 /// before, and the stream is late instead.
-double SendPlanner::next_step(double last, std::span<const PlannedFrame> waiting,
-                              const SendMoment& moment) {
+SendPlanner::Plan SendPlanner::next_plan(double last, std::span<const PlannedFrame> waiting,
+                                         const SendMoment& moment) {
   const double left_s = to_seconds(*deadline_ - moment.now) + kTolerance * interval_s_;
   const double least_s = kShortestHorizon * to_seconds(settings_.live_again);
-  const double step = smallest_step(last, waiting, left_s, moment);
-  if (step > largest_so_far_s_ && left_s < least_s) {
-    return std::max(largest_so_far_s_, smallest_step(last, waiting, least_s, moment));
+  const double behind_s = waiting.back().position_s - last;
+  Plan plan = plan_within(std::min(left_s, behind_s), last, waiting, moment);
+  if (plan.step_s > 0 && behind_s < left_s) plan = plan_within(left_s, last, waiting, moment);
+  const bool is_worse = plan.step_s > largest_so_far_s_ || plan.quality < least_so_far_;
+  if (is_worse && left_s < least_s) {
+    const Plan later = plan_within(least_s, last, waiting, moment);
+    return {std::max(largest_so_far_s_, later.step_s), std::min(least_so_far_, later.quality)};
   }
-  largest_so_far_s_ = std::max(largest_so_far_s_, step);
-  return step;
+  largest_so_far_s_ = std::max(largest_so_far_s_, plan.step_s);
+  least_so_far_ = std::min(least_so_far_, plan.quality);
+  return plan;
 }
 
 /// The smallest step with which the chain is live within the horizon, or, after the last capture,
-/// ends within it. The largest one if there is none.
-double SendPlanner::smallest_step(double last, std::span<const PlannedFrame> waiting,
-                                  double horizon_s, const SendMoment& moment) const {
-  const auto is_enough = [&](double step_s) {
-    return chain(last, waiting, step_s, horizon_s, moment).live_s <= horizon_s;
+/// ends within it, and then the highest quality. The largest step and the least quality if there is
+/// none.
+SendPlanner::Plan SendPlanner::plan_within(double horizon_s, double last,
+                                           std::span<const PlannedFrame> waiting,
+                                           const SendMoment& moment) const {
+  const auto is_enough = [&](const Plan& plan) {
+    return chain(plan, horizon_s, last, waiting, moment).live_s <= horizon_s;
   };
-  double too_small = 0;
-  double step = moment.end ? waiting.back().position_s - last
-                           : std::max(to_seconds(settings_.largest_step), 2 * kRoom * interval_s_);
-  if (is_enough(0)) return 0;
-  if (!is_enough(step)) return step;
-  for (int i = 0; i < kHalvings; ++i) {
-    const double middle = (too_small + step) / 2;
-    (is_enough(middle) ? step : too_small) = middle;
+  Plan plan{0, settings_.least_quality};
+  if (!is_enough(plan)) {
+    double too_small = 0;
+    plan.step_s = moment.end
+                      ? waiting.back().position_s - last
+                      : std::max(to_seconds(settings_.largest_step), 2 * kRoom * interval_s_);
+    if (!is_enough(plan)) return plan;
+    for (int i = 0; i < kHalvings; ++i) {
+      const double middle = (too_small + plan.step_s) / 2;
+      (is_enough({middle, plan.quality}) ? plan.step_s : too_small) = middle;
+    }
   }
-  return step;
+  for (int too_high = settings_.quality + 1; too_high - plan.quality > 1;) {
+    const int middle = (too_high + plan.quality) / 2;
+    (is_enough({plan.step_s, middle}) ? plan.quality : too_high) = middle;
+  }
+  return plan;
 }
 
 /// Sets the deadline when frames begin to wait, and again when sending continues after a pause
 /// that was longer than the last frame can have taken.
 void SendPlanner::look_for_return(std::size_t waiting, const SendMoment& moment) {
   const auto before = std::exchange(last_choice_, moment.now);
+  const double pause_s = before ? to_seconds(moment.now - *before) : 0;
+  const bool is_return = pause_s > 2 * (expected_s_ + interval_s_);
+  if (is_return) unfit_since_.reset();
   if (waiting == 1) {
     deadline_.reset();
-    largest_so_far_s_ = 0;
+  } else if (!deadline_ || is_return) {
+    deadline_ = moment.now + settings_.live_again;
+  } else {
     return;
   }
-  const double pause_s = before ? to_seconds(moment.now - *before) : 0;
-  if (!deadline_ || pause_s > 2 * (expected_s_ + interval_s_)) {
-    deadline_ = moment.now + settings_.live_again;
-    largest_so_far_s_ = 0;
-  }
+  largest_so_far_s_ = 0;
+  least_so_far_ = settings_.quality;
 }
 
 /// A frame that does not wait is taken when it is captured: this relates the two clocks.
@@ -113,6 +181,20 @@ void SendPlanner::note_phase(std::span<const PlannedFrame> waiting, const SendMo
   const double offset_s = to_seconds(moment.now) - waiting.back().position_s;
   if (waiting.size() == 1) offset_s_ = std::min(offset_s, offset_s_ + kDrift * interval_s_);
   next_capture_s_ = std::clamp(interval_s_ - (offset_s - offset_s_), 0.0, interval_s_);
+}
+
+/// Not at once, and with a margin either way, so that the quality does not flicker.
+void SendPlanner::adapt_encoding(const SendMoment& moment) {
+  const double room = moment.bytes_per_s * interval_s_;
+  if (room <= 0 || mean_size_ <= 0) return;
+  const double fill = mean_bytes() / room;
+  const bool is_slow = fill > 1 && encode_quality_ > settings_.least_quality;
+  const bool is_fast = fill < kLittleFill && encode_quality_ < settings_.quality;
+  if (!is_slow && !is_fast) return unfit_since_.reset();
+  if (!unfit_since_) unfit_since_ = moment.now;
+  if (moment.now - *unfit_since_ < (is_slow ? kSlowFor : kFastFor)) return;
+  unfit_since_.reset();
+  encode_quality_ = highest_quality(kFill * room / mean_size_);
 }
 
 /// No step comes before the first send, so it may skip frames: to the oldest one that is at most
@@ -125,31 +207,42 @@ std::size_t SendPlanner::first_to_send(std::span<const PlannedFrame> waiting) co
 
 /// Each frame of a chain is the farthest within a step of the last one that is captured by then, or
 /// the next one. Frames still to be captured have the mean size and interval.
-SendPlanner::Chain SendPlanner::chain(double last, std::span<const PlannedFrame> waiting,
-                                      double step_s, double horizon_s,
+SendPlanner::Chain SendPlanner::chain(const Plan& plan, double horizon_s, double last,
+                                      std::span<const PlannedFrame> waiting,
                                       const SendMoment& moment) const {
   const std::size_t known = waiting.size();
   const auto position_of = [&](std::size_t i) {
     if (i < known) return waiting[i].position_s;
     return waiting.back().position_s + static_cast<double>(i - known + 1) * interval_s_;
   };
+  const double expected_bytes = mean_size_ * sizes_.share(std::min(plan.quality, encode_quality_));
+  int quality = -1;  // the last frame's own
+  double kept = 1;   // of its bytes
   const auto bytes_of = [&](std::size_t i) {
-    return i < known ? static_cast<double>(waiting[i].bytes) : mean_bytes_;
+    if (i >= known) return expected_bytes;
+    if (std::exchange(quality, waiting[i].quality) != waiting[i].quality) {
+      const int reduced = reduced_quality(waiting[i], plan.quality);
+      kept = reduced == 0 ? 1 : sizes_.share(reduced) / sizes_.share(own_quality(waiting[i]));
+    }
+    return kept * static_cast<double>(waiting[i].bytes);
   };
   const auto captured_by = [&](double time_s) {
     if (moment.end || interval_s_ <= 0 || time_s <= next_capture_s_) return known;
     return known + 1 + static_cast<std::size_t>((time_s - next_capture_s_) / interval_s_);
   };
-  Chain chain{0, std::numeric_limits<double>::infinity()};
+  Chain chain{{}, std::numeric_limits<double>::infinity()};
+  const auto is_foreseen = [&](std::size_t i) {
+    return i < known && chain.first.size() < chain.first.capacity();
+  };
   double time_s = 0;  // at which the frame at hand is sent
-  for (std::size_t i = 0; time_s <= horizon_s; ++i) {
+  for (std::size_t i = 0; time_s <= horizon_s || is_foreseen(i); ++i) {
     const std::size_t count = captured_by(time_s);
-    const double reach_s = last + step_s;
+    const double reach_s = last + plan.step_s;
     while (i + 1 < count &&
            position_of(i + 1) <= reach_s + (i + 1 < known ? 0 : kJitter * interval_s_)) {
       ++i;
     }
-    if (time_s == 0) chain.first = i;
+    if (is_foreseen(i)) chain.first.push_back(i);
     last = position_of(i);
     if (i + 1 == count && !moment.end) chain.live_s = time_s;
     time_s += bytes_of(i) / moment.bytes_per_s;

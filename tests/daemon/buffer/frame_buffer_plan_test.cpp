@@ -5,10 +5,14 @@
 
 #include <chrono>
 #include <memory>
+#include <optional>
+#include <stop_token>
+#include <utility>
 #include <vector>
 
 #include "daemon/buffer/frame_buffer.hpp"
 #include "daemon/buffer/make_policy.hpp"
+#include "daemon/buffer/simple_policies.hpp"
 #include "tests/daemon/buffer/frames.hpp"
 
 namespace orbbuf {
@@ -145,6 +149,120 @@ TEST_F(FrameBufferPlanTest, WhatWaitsIsCountedInBytesThroughEveryWayOut) {
   EXPECT_EQ(buffer_.report().waiting_bytes, kFrameBytes);
   buffer_.give_up();
   EXPECT_EQ(buffer_.report().waiting_bytes, 0U);
+}
+
+/// The same buffer with a range of qualities, and a reducer that the test plays.
+class FrameBufferReduceTest : public testing::Test {
+ protected:
+  FrameBufferReduceTest() {
+    stopped_.request_stop();
+    buffer_.expect_reductions();
+  }
+  void push(Sequence first, Sequence last) {
+    for (Sequence sequence = first; sequence <= last; ++sequence) {
+      buffer_.on_captured();
+      buffer_.push(make(sequence, 80, kFrameBytes));
+    }
+  }
+  static FramePtr make(Sequence sequence, int quality, std::size_t bytes) {
+    EncodedFrame frame = make_frame(sequence);
+    frame.quality = static_cast<std::uint8_t>(quality);
+    frame.jpeg.resize(bytes);
+    return std::make_shared<const EncodedFrame>(std::move(frame));
+  }
+  FramePtr take(int after_ms, bool is_busy) {
+    now_ += milliseconds(after_ms);
+    SendMoment moment{now_, 2 * kNeed};
+    moment.is_busy = is_busy;
+    return buffer_.take(moment);
+  }
+  std::optional<Reductions::Job> job() { return buffer_.next_to_reduce(stopped_.get_token()); }
+  /// Frame 0 has been sent, and 1 to 20 wait since an outage.
+  void outage() {
+    push(0, 0);
+    take(0, false);
+    push(1, 20);
+  }
+
+  FrameBuffer buffer_{
+      {.bytes = 100 * kFrameBytes},
+      std::make_unique<UniformPolicy>(),
+      std::make_unique<SendPlanner>(PlanSettings{milliseconds(100), milliseconds(200), 80, 20})};
+  std::stop_source stopped_;
+  std::chrono::nanoseconds now_{0};
+};
+
+TEST_F(FrameBufferReduceTest, WhatWillBeTakenIsMadeSmallerBeforeAndThenTaken) {
+  outage();
+  buffer_.look_ahead({milliseconds(200), 2 * kNeed});
+  const auto first = job();
+  ASSERT_TRUE(first);
+  EXPECT_EQ(first->whole->sequence, 1U);
+  EXPECT_LT(first->quality, 80);
+  const FramePtr reduced = make(1, first->quality, 30);
+  buffer_.on_reduced(*first, reduced);
+  EXPECT_EQ(take(200, false), reduced);
+  EXPECT_EQ(buffer_.stats().in_flight, 1U + 1U);
+}
+
+TEST_F(FrameBufferReduceTest, TheLinkDoesNotWaitForTheReducer) {
+  outage();
+  const FramePtr frame = take(200, false);
+  ASSERT_TRUE(frame);
+  EXPECT_EQ(frame->quality, 80);
+}
+
+TEST_F(FrameBufferReduceTest, ABusyLinkWaitsForTheReducerAndNothingIsLostByIt) {
+  outage();
+  EXPECT_FALSE(take(200, true));
+  EXPECT_EQ(buffer_.stats().waiting, 20U);
+  EXPECT_THAT(collect_drops(buffer_), IsEmpty());
+  const auto first = job();
+  ASSERT_TRUE(first);
+  const FramePtr reduced = make(first->whole->sequence, first->quality, 30);
+  buffer_.on_reduced(*first, reduced);
+  EXPECT_EQ(take(1, true), reduced);
+}
+
+TEST_F(FrameBufferReduceTest, AFrameThatCannotBeMadeSmallerGoesAsItIsAndIsCounted) {
+  outage();
+  EXPECT_FALSE(take(200, true));
+  const auto first = job();
+  buffer_.on_reduced(*first, nullptr);
+  const FramePtr frame = take(1, true);
+  EXPECT_EQ(frame, first->whole);
+  EXPECT_EQ(buffer_.report().irreducible, 1U);
+}
+
+TEST_F(FrameBufferReduceTest, AReducedFrameThatReturnsIsWholeAgain) {
+  outage();
+  EXPECT_FALSE(take(200, true));
+  const auto first = job();
+  buffer_.on_reduced(*first, make(first->whole->sequence, first->quality, 30));
+  ASSERT_TRUE(take(1, true));
+  buffer_.acknowledge(1);
+  const auto before = buffer_.report().waiting_bytes;
+  buffer_.return_in_flight();
+  EXPECT_EQ(buffer_.report().waiting_bytes, before + kFrameBytes);
+  buffer_.resume(1);
+  EXPECT_EQ(take(1, false)->sequence, first->whole->sequence);
+}
+
+TEST_F(FrameBufferReduceTest, NothingIsMadeSmallerWhileTheLinkKeepsUp) {
+  for (Sequence sequence = 0; sequence < 100; ++sequence) {
+    push(sequence, sequence);
+    buffer_.look_ahead({now_, 2 * kNeed});
+    EXPECT_FALSE(job()) << sequence;
+    EXPECT_EQ(take(10, false)->quality, 80);
+    buffer_.acknowledge(sequence + 1);
+  }
+}
+
+TEST_F(FrameBufferReduceTest, ALookAheadGivesUpNothing) {
+  outage();
+  for (int i = 0; i < 10; ++i) buffer_.look_ahead({milliseconds(200 + i), 2 * kNeed});
+  EXPECT_EQ(buffer_.stats().waiting, 20U);
+  EXPECT_THAT(collect_drops(buffer_), IsEmpty());
 }
 
 TEST_F(FrameBufferPlanTest, NothingIsPassedOverWhileTheLinkKeepsUp) {

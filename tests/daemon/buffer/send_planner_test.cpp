@@ -35,7 +35,8 @@ class SendPlannerTest : public testing::Test {
         continue;
       }
       const SendMoment moment{time(now_), believed.value_or(rate) * kNeed, end_};
-      const std::size_t choice = planner_->choose(last_, waiting_, moment);
+      const std::size_t choice = planner_->choose(last_, waiting_, moment).front().index;
+      planner_->on_sent(kBytes, moment);
       last_ = waiting_.at(choice).position_s;
       sent_.push_back(std::lround(*last_ / kInterval));
       lateness_.push_back(now_ - *last_);
@@ -48,8 +49,8 @@ class SendPlannerTest : public testing::Test {
   void capture_until(double now) {
     while (static_cast<double>(captured_) * kInterval <= now + 1e-9) {
       if (is_ended_) return;
-      planner_->on_captured(captured_ == 0 ? 0 : kInterval, kBytes);
-      waiting_.push_back({static_cast<double>(captured_++) * kInterval, kBytes});
+      planner_->on_captured(captured_ == 0 ? 0 : kInterval, {0, kBytes, 80});
+      waiting_.push_back({static_cast<double>(captured_++) * kInterval, kBytes, 80});
     }
   }
   static nanoseconds time(double t) { return nanoseconds(std::llround(t * 1e9)); }
