@@ -33,6 +33,7 @@ std::vector<FramePtr> stream(double duration_s) {
     frame.sequence = i;
     frame.capture_time_ns = std::chrono::nanoseconds(static_cast<long>(i) * kInterval).count();
     frame.jpeg.resize(kFrameBytes);
+    frame.quality = kQuality;
     frames.push_back(std::make_shared<const EncodedFrame>(std::move(frame)));
   }
   return frames;
@@ -83,11 +84,25 @@ SimulatedBuffer make(const Contender& contender, const Setup& setup) {
   return buffer;
 }
 
-std::vector<Entry> entries(const PairSimilarity& similarity) {
-  std::vector<Entry> all;
+Setup make_setup(const std::function<double(int quality)>& share,
+                 const PairSimilarity& similarity) {
   Setup setup;
   setup.similarity = similarity;
+  setup.least_quality = kLeastQuality;
+  setup.bytes_at = [share](std::size_t, int quality) {
+    return static_cast<std::size_t>(std::lround(kFrameBytes * share(quality)));
+  };
+  return setup;
+}
+
+std::vector<Entry> entries(const Setup& setup_of_all) {
+  std::vector<Entry> all;
   for (const Contender& contender : contenders()) {
+    Setup setup = setup_of_all;
+    if (contender.name.starts_with(kPlanner) && contender.name != kPlanner) {
+      all.push_back({contender.name, contender, setup});
+      continue;
+    }
     if (contender.name == kPlanner) {
       all.push_back({contender.name, contender, setup});
       for (const int frames : {4, 8, 12, 1000}) {
@@ -153,6 +168,7 @@ std::vector<Story> stories() {
   };
   return {
       {"slow", {{60, 0.5}}, 3},
+      {"quarter", {{60, 0.25}}, 3},
       {"slow-believed-half", {{60, 0.5}}, 3, 0.5},
       {"slow-believed-double", {{60, 0.5}}, 3, 2},
       {"outage", outage(1.5), 4},
@@ -178,9 +194,7 @@ std::pair<std::size_t, std::size_t> extreme_gaps(const std::vector<FramePtr>& fr
   return {least, most};
 }
 
-std::string try_stories(const PairSimilarity& similarity) {
-  Setup setup;
-  setup.similarity = similarity;
+std::string try_stories(const Setup& setup) {
   std::string results;
   const std::vector<Contender> all = contenders();
   const Contender& planner = *std::ranges::find(all, kPlanner, &Contender::name);
@@ -199,8 +213,8 @@ std::string try_stories(const PairSimilarity& similarity) {
                stats.late_p50_s, stats.late_p95_s, stats.late_worst_s);
     results += fmt::format(
         "RESULT sim.link.{0}.least_gap {1}\nRESULT sim.link.{0}.longest_gap {2}\n"
-        "RESULT sim.link.{0}.late_worst_s {3:.3f}\n",
-        story.name, least, most, stats.late_worst_s);
+        "RESULT sim.link.{0}.late_p95_s {3:.3f}\nRESULT sim.link.{0}.late_worst_s {4:.3f}\n",
+        story.name, least, most, stats.late_p95_s, stats.late_worst_s);
   }
   return results;
 }
@@ -227,13 +241,16 @@ StreamStats measure_stream(const std::vector<FramePtr>& frames, const Delivery& 
   return stats;
 }
 
-std::string try_links(const std::filesystem::path& traces, const PairSimilarity& similarity) {
+std::string try_links(const std::filesystem::path& traces,
+                      const std::function<double(int quality)>& share,
+                      const PairSimilarity& similarity) {
   std::string results;
-  const std::vector<Entry> all = entries(similarity);
+  const Setup setup = make_setup(share, similarity);
+  const std::vector<Entry> all = entries(setup);
   const std::vector<Link> links = read_links(traces);
   if (links.empty()) fmt::print("skipped: no recorded links in {}\n", traces.string());
   for (const Link& link : links) results += try_link(link, all);
-  return results + try_stories(similarity);
+  return results + try_stories(setup);
 }
 
 }  // namespace orbbuf::sim

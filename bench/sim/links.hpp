@@ -28,9 +28,12 @@ StreamStats measure_stream(const std::vector<FramePtr>& frames, const Delivery& 
 
 /// The recorded links in `traces`, each scaled to a mean of what the stream needs, and the mahimahi
 /// ones as they are too, under a stream of 25 frames of 40 kB a second: every policy, and the
-/// planner with other bounds on its step. Then links that are too slow, with a wrong rate, or dead
-/// again while the stream catches up. Prints tables; returns RESULT lines. `similarity`: what
-/// orbbuf is given, since there are no images.
-std::string try_links(const std::filesystem::path& traces, const PairSimilarity& similarity);
+/// planner with other bounds on its step and with whole frames only. Then links that are too slow,
+/// with a wrong rate, or dead again while the stream catches up. Prints tables; returns RESULT
+/// lines. `share`: of a frame's bytes, what is left at a quality. `similarity`: what orbbuf is
+/// given, since there are no images.
+std::string try_links(const std::filesystem::path& traces,
+                      const std::function<double(int quality)>& share,
+                      const PairSimilarity& similarity);
 
 }  // namespace orbbuf::sim

@@ -16,7 +16,9 @@ class EarliestArrival {
       : problem_(problem), cost_(cost), is_monotone_(is_monotone), nodes_(problem.frames.size()) {
     Node& last = nodes_[problem.last];
     last.begin_ns = problem.last_begin_ns;
-    last.end_ns = problem.finish(last.begin_ns, problem.frames[problem.last]->jpeg.size());
+    last.end_ns = problem.finish(last.begin_ns, problem.last_bytes > 0
+                                                    ? problem.last_bytes
+                                                    : problem.frames[problem.last]->jpeg.size());
   }
 
   std::optional<OraclePath> path_within(double bound) {
@@ -59,7 +61,8 @@ class EarliestArrival {
       return;
     }
     node.begin_ns = std::max(free_ns, capture_ns(j));
-    node.end_ns = problem_.finish(node.begin_ns, problem_.frames[j]->jpeg.size());
+    node.end_ns = problem_.finish(
+        node.begin_ns, problem_.bytes ? problem_.bytes(j) : problem_.frames[j]->jpeg.size());
   }
 
   bool is_live(std::size_t j) const {
@@ -110,6 +113,22 @@ std::optional<OraclePath> oracle(const OracleProblem& problem, const StepCost& c
     }
   }
   return best;
+}
+
+std::optional<QualityPath> oracle(OracleProblem problem, const BytesAt& bytes_at,
+                                  std::span<const int> qualities, const StepCost& cost,
+                                  bool is_monotone, double tolerance) {
+  int quality = qualities.back();
+  problem.bytes = [&](std::size_t frame) { return bytes_at(frame, quality); };
+  const auto least = oracle(problem, cost, is_monotone, tolerance);
+  if (!least) return std::nullopt;
+  EarliestArrival search(problem, cost, is_monotone);
+  for (const int higher : qualities) {
+    quality = higher;
+    auto path = search.path_within(least->largest_cost);
+    if (path) return QualityPath{*std::move(path), quality};
+  }
+  return std::nullopt;  // not reached: the last one is possible
 }
 
 }  // namespace orbbuf::sim

@@ -20,8 +20,11 @@ using StepCost = std::function<double(std::size_t i, std::size_t j)>;
 struct OracleProblem {
   std::span<const FramePtr> frames;  ///< by capture time
   FinishTime finish;
+  /// Of each frame that is sent after `last`. Null: those of its JPEG.
+  std::function<std::size_t(std::size_t frame)> bytes = nullptr;
   std::size_t last = 0;            ///< the frame whose send began last before the outage
   std::int64_t last_begin_ns = 0;  ///< and when that was
+  std::size_t last_bytes = 0;      ///< that were sent of it; 0: its JPEG
   std::int64_t deadline_ns = 0;    ///< to be live by: to begin to send the newest captured frame
 };
 
@@ -45,5 +48,20 @@ struct OraclePath {
 /// `is_monotone`: cost(i, j) does not rise with i, as on a clock; saves most of the time.
 std::optional<OraclePath> oracle(const OracleProblem& problem, const StepCost& cost,
                                  bool is_monotone, double tolerance);
+
+/// A path whose frames are all sent at one quality.
+struct QualityPath {
+  OraclePath path;
+  int quality = 0;
+};
+
+/// The same in two dimensions: the path whose largest step costs least if every frame may be sent
+/// at the lowest of `qualities`, and of those paths the one whose lowest quality is highest. Some
+/// path whose frames are all of one quality is among the best: to send a frame at less than its
+/// quality, down to the path's lowest, makes no begin later.
+/// `qualities`: falling, at least one. problem.bytes does not count.
+std::optional<QualityPath> oracle(OracleProblem problem, const BytesAt& bytes_at,
+                                  std::span<const int> qualities, const StepCost& cost,
+                                  bool is_monotone, double tolerance);
 
 }  // namespace orbbuf::sim

@@ -19,7 +19,7 @@ using Stat = double OutageStats::*;
 
 constexpr double kTailS = 16;  // played behind the sequence's end
 constexpr double kRounding = 1e-6;
-const std::vector<double> kBuffersS = {0.5, 1};
+const std::vector<double> kBuffersS = {0.25, 0.5, 1};
 const std::vector<double> kCurveBuffersS = {0.25, 0.5, 1, 2};
 const std::vector<double> kRates = {1.2, 3};
 
@@ -83,11 +83,11 @@ std::string row(const Column& column, const std::vector<Column>& columns, const 
                 double interval_s) {
   const auto of = [&](Stat stat) { return mean(column, choice, stat); };
   return fmt::format(
-      "  {:<15} {:6.2f} {:6.3f} {:6.3f} {:6.1f} {:6.3f} {:6.3f} {:4.0f}   {:5.3f} {:5.3f} {:5.3f}  "
-      "{} {}\n",
+      "  {:<16} {:6.2f} {:6.3f} {:5.1f} {:6.3f} {:6.1f} {:6.3f} {:6.3f} {:4.0f}   {:5.3f} {:5.3f} "
+      "{:5.3f}  {} {}\n",
       column.name, of(&OutageStats::longest_gap), of(&OutageStats::largest_step_s),
-      of(&OutageStats::largest_motion), of(&OutageStats::smallest_similarity),
-      of(&OutageStats::jump), of(&OutageStats::live_again_s),
+      of(&OutageStats::mean_quality), of(&OutageStats::largest_motion),
+      of(&OutageStats::smallest_similarity), of(&OutageStats::jump), of(&OutageStats::live_again_s),
       late_share(column, find(columns, "drop-oldest"), choice, interval_s),
       of(&OutageStats::vs_oracle), of(&OutageStats::vs_oracle_motion),
       of(&OutageStats::vs_oracle_similarity), worse_than(column, find(columns, "uniform"), choice),
@@ -103,12 +103,14 @@ std::string results_of(const std::string& sequence, const Column& column, const 
   };
   add("longest_gap", &OutageStats::longest_gap);
   add("largest_step", &OutageStats::largest_step_s);
+  add("mean_quality", &OutageStats::mean_quality);
   add("largest_motion", &OutageStats::largest_motion);
   add("worst_similarity", &OutageStats::smallest_similarity);
   add("jump", &OutageStats::jump);
   add("live_again_s", &OutageStats::live_again_s);
   if (column.name.starts_with("oracle")) return results;
   add("vs_oracle", &OutageStats::vs_oracle);
+  if (column.name == "catch-up") add("vs_oracle_quality", &OutageStats::vs_oracle_quality);
   add("vs_oracle_motion", &OutageStats::vs_oracle_motion);
   if (column.name == "orbbuf") add("vs_fifo_oracle", &OutageStats::vs_fifo_oracle);
   return results;
@@ -120,12 +122,13 @@ void add_table(PolicyReport& report, const RecordedSequence& sequence,
   const Choice choice = choose(outages, buffer_s);
   report.text += fmt::format(
       "\n{}: as late as a FIFO of {} s, {} outages; means\n"
-      "  {:<15} {:>6} {:>6} {:>6} {:>6} {:>6} {:>6} {:>4}   {:^17}   worse than, % of outages, by\n"
-      "  {:<15} {:>6} {:>6} {:>6} {:>6} {:>6} {:>6} {:>4}   {:>5} {:>5} {:>5}   uniform     "
+      "  {:<16} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6} {:>6} {:>4}   {:^17}   worse than, % of "
+      "outages, by\n"
+      "  {:<16} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6} {:>6} {:>4}   {:>5} {:>5} {:>5}   uniform     "
       "orbbuf\n",
-      sequence.name(), buffer_s, choice.size(), "", "", "step", "motion", "least", "", "live",
-      "late", "oracle / own, by", "policy", "gap", "s", "widths", "M", "jump", "s", "%", "time",
-      "motn", "M");
+      sequence.name(), buffer_s, choice.size(), "", "", "step", "qual", "motion", "least", "",
+      "live", "late", "oracle / own, by", "policy", "gap", "s", "ity", "widths", "M", "jump", "s",
+      "%", "time", "motn", "M");
   const double interval_s = 1e-9 * sequence.mean_interval_ns();
   for (const Column& column : columns) {
     report.text += row(column, columns, choice, interval_s);
@@ -141,14 +144,18 @@ void add_comparison(PolicyReport& report, const RecordedSequence& sequence,
   const auto gap_of = [&](std::string_view name) {
     return mean(find(columns, name), choice, &OutageStats::longest_gap);
   };
-  for (const char* baseline : {"uniform", "orbbuf"}) {
+  for (const char* baseline : {"catch-up-full", "uniform", "orbbuf"}) {
     const double own = gap_of("catch-up") / gap_of(baseline);
-    report.text +=
-        fmt::format("  longest gap as a share of {}'s: catch-up {:.2f}, oracle-time {:.2f}\n",
-                    baseline, own, gap_of("oracle-time") / gap_of(baseline));
+    report.text += fmt::format("  longest gap as a share of {}'s: catch-up {:.2f}, oracle {:.2f}\n",
+                               baseline, own, gap_of("oracle") / gap_of(baseline));
     report.results += fmt::format("RESULT sim.{}.catch-up.gap_vs_{}.{} {:.3f}\n", sequence.name(),
                                   baseline, buffer_s, own);
   }
+  const double bytes = mean(find(columns, "catch-up"), choice, &OutageStats::bytes) /
+                       mean(find(columns, "catch-up-full"), choice, &OutageStats::bytes);
+  report.text += fmt::format("  bytes as a share of catch-up-full's: {:.3f}\n", bytes);
+  report.results += fmt::format("RESULT sim.{}.catch-up.bytes_vs_full.{} {:.3f}\n", sequence.name(),
+                                buffer_s, bytes);
 }
 
 /// For the histogram of plots.gp.
@@ -170,7 +177,7 @@ void add_curve(PolicyReport& report, const RecordedSequence& sequence,
                              sequence.name());
   for (const double rate : kRates) {
     for (const Column& column : columns) {
-      report.text += fmt::format("  {:3} x {:<15}", rate, column.name);
+      report.text += fmt::format("  {:3} x {:<16}", rate, column.name);
       for (const double buffer_s : kCurveBuffersS) {
         const Choice choice = choose(outages, buffer_s, rate);
         const double live_s = mean(column, choice, &OutageStats::live_again_s);

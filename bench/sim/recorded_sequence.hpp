@@ -19,6 +19,8 @@ namespace orbbuf::sim {
 /// frames are. Both measures are computed when first asked for and kept.
 class RecordedSequence {
  public:
+  static constexpr int kLeastQuality = 10;
+
   /// Reads the source to its end; JPEG and features as orbbufd's defaults have them. Throws
   /// std::runtime_error if the source cannot be opened.
   RecordedSequence(std::string name, SourceSettings source);
@@ -29,6 +31,10 @@ class RecordedSequence {
   const std::vector<FramePtr>& frames() const { return frames_; }
   const FramePtr& frame(std::size_t i) const { return frames_[i]; }
   const FeatureSet& features(std::size_t i) const { return features_[i]; }
+
+  /// The size of frame i as Requantiser makes it at `quality`, between its own and kLeastQuality.
+  /// Made at some qualities; interpolated between them.
+  std::size_t bytes_at(std::size_t i, int quality) const;
 
   double mean_interval_ns() const;
   double mean_jpeg_bytes() const;
@@ -48,6 +54,7 @@ class RecordedSequence {
   std::string name_;
   std::vector<FramePtr> frames_;
   std::vector<FeatureSet> features_;
+  std::vector<std::vector<double>> sizes_;  // of each frame, at kQualities
   std::map<std::size_t, EpipolarView> views_;
   std::vector<int> similarities_;  // row by row; -1: not yet computed
   std::map<Pair, int> inliers_;

@@ -8,6 +8,7 @@
 #include <bit>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <future>
 #include <string>
 #include <vector>
@@ -17,6 +18,7 @@
 #include "bench/sim/links.hpp"
 #include "bench/sim/policy_report.hpp"
 #include "bench/sim/stage.hpp"
+#include "bench/sim/trial.hpp"
 
 namespace orbbuf::sim {
 namespace {
@@ -29,7 +31,7 @@ struct Options {
   std::vector<std::filesystem::path> sequences;  // beside those in data
   std::filesystem::path traces;
   std::filesystem::path plots;
-  std::size_t outages = 150;
+  std::size_t outages = 100;
   std::uint64_t seed = 1;
   bool is_quick = false;
 };
@@ -149,6 +151,25 @@ std::string try_policies(const Options& options, const Sequences& sequences) {
   return results;
 }
 
+/// Of the bytes of a frame, what is left at a quality: the mean over all frames.
+std::function<double(int quality)> mean_share(const Sequences& sequences) {
+  std::vector<double> shares;  // from RecordedSequence::kLeastQuality on
+  for (int quality = RecordedSequence::kLeastQuality; quality <= kQuality; ++quality) {
+    double sum = 0;
+    double count = 0;
+    for (const auto& sequence : sequences) {
+      for (std::size_t i = 0; i < sequence->size(); ++i, ++count) {
+        sum += static_cast<double>(sequence->bytes_at(i, quality)) /
+               static_cast<double>(sequence->frame(i)->jpeg.size());
+      }
+    }
+    shares.push_back(sum / count);
+  }
+  return [shares](int quality) {
+    return shares.at(static_cast<std::size_t>(quality - RecordedSequence::kLeastQuality));
+  };
+}
+
 void run_all(const Options& options) {
   std::filesystem::create_directories(options.plots);
   const Sequences sequences = load(options);
@@ -159,7 +180,7 @@ void run_all(const Options& options) {
   }
   results += try_policies(options, sequences);
   Stage generated(*sequences.back(), kLongestLinkS);
-  results += try_links(options.traces,
+  results += try_links(options.traces, mean_share(sequences),
                        [&](std::size_t i, std::size_t j) { return generated.similarity(i, j); });
   fmt::print("\nseed {}, {} outages for each buffer and rate\n{}", options.seed, options.outages,
              results);

@@ -22,10 +22,15 @@ struct Delivery {
   std::vector<std::int64_t> end_ns;       ///< and when its last byte had passed
   std::vector<std::size_t> drops_before;  ///< how many had been dropped when received[k] was taken
   std::vector<std::size_t> drops_after;   ///< how many, once arrival T had been pushed
+  std::vector<int> quality{};             ///< at which received[k] was sent
+  std::vector<std::size_t> bytes{};       ///< and its size
 };
 
 /// When the last of `bytes` has passed a link, if the first may set out at `start_ns`.
 using FinishTime = std::function<std::int64_t(std::int64_t start_ns, std::size_t bytes)>;
+
+/// The size of a frame, by its sequence number, at a quality.
+using BytesAt = std::function<std::size_t(std::size_t frame, int quality)>;
 
 /// What a FrameBuffer is made of, and what only a simulation knows.
 struct SimulatedBuffer {
@@ -38,6 +43,13 @@ struct SimulatedBuffer {
   /// What is pushed instead of frame i: the same number and size, the capture time on another
   /// clock, for a planner that goes by it. Null: the frame itself. Must outlive the simulation.
   const std::vector<FramePtr>* stand_ins = nullptr;
+  /// With it, frames that wait are made smaller, at no cost of time. Null: none is.
+  BytesAt reduced_bytes = nullptr;
+  /// JPEG's for the frame captured now, lower than the frame's own, given the bytes that wait and
+  /// the measured rate; needs encoded_bytes. Null: as the buffer asks for.
+  std::function<int(std::uint64_t waiting_bytes, double bytes_per_s)> encode_quality = nullptr;
+  /// With it, frames are encoded at the quality that is asked for. Null: at their own.
+  BytesAt encoded_bytes = nullptr;
   /// What the planner is given of the link's measured rate: 1 is the truth as far as it is known.
   double believed_rate = 1;
 };

@@ -18,6 +18,7 @@ FramePtr with_time(const EncodedFrame& frame, std::int64_t time_ns, std::size_t 
   EncodedFrame copy;
   copy.sequence = number;
   copy.capture_time_ns = time_ns;
+  copy.quality = frame.quality;
   copy.jpeg.resize(frame.jpeg.size());
   return std::make_shared<const EncodedFrame>(std::move(copy));
 }

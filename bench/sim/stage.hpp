@@ -24,6 +24,10 @@ class Stage {
   int similarity(std::size_t i, std::size_t j) {
     return sequence_.similarity(origin_[i], origin_[j]);
   }
+  /// Of frame i, at that quality.
+  std::size_t bytes_at(std::size_t i, int quality) const {
+    return sequence_.bytes_at(origin_[i], quality);
+  }
   double time_s(std::size_t i) const {
     return 1e-9 * static_cast<double>(frames_[i]->capture_time_ns);
   }

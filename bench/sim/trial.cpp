@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/sim/trial.hpp"
 
+#include <spdlog/fmt/fmt.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <memory>
 #include <optional>
 #include <random>
+#include <span>
 #include <string_view>
 #include <utility>
 
@@ -21,6 +24,7 @@ namespace {
 
 constexpr double kLeadS = 3;           // simulated before the outage, for the rate to be known
 constexpr double kJudgedAfterS = 0.5;  // the stream is live again
+constexpr double kCarriedS = 2;        // the same, when bytes are counted
 constexpr double kLongestTailS = 20;   // simulated after the outage
 constexpr auto kUnbounded = std::chrono::seconds(1000);
 constexpr double kSameTimeS = 1e-6;
@@ -45,13 +49,48 @@ std::unique_ptr<DropPolicy> make_orbbuf(const PairSimilarity& similarity) {
       });
 }
 
+/// The planner; it makes no frame smaller.
+SimulatedBuffer make_full(const Setup& setup, int least_quality = kQuality) {
+  SimulatedBuffer buffer{{}, std::make_unique<UniformPolicy>()};
+  buffer.planner = std::make_unique<SendPlanner>(
+      PlanSettings{setup.live_again, setup.largest_step, kQuality, least_quality});
+  buffer.stand_ins = setup.stand_ins;
+  return buffer;
+}
+
+/// Every frame is encoded at that quality.
+Contender fixed(int quality) {
+  return {fmt::format("catch-up-{}", quality), [quality](const Setup& setup) {
+            SimulatedBuffer buffer = make_full(setup);
+            buffer.encoded_bytes = setup.bytes_at;
+            buffer.encode_quality = [quality](auto...) { return quality; };
+            return buffer;
+          }};
+}
+
+/// Frames are encoded such that they and what waits can be sent within live_again, but at not less
+/// than the least quality.
+SimulatedBuffer make_steered(const Setup& setup) {
+  SimulatedBuffer buffer = make_full(setup);
+  buffer.encoded_bytes = setup.bytes_at;
+  buffer.encode_quality = [setup](std::uint64_t waiting_bytes, double bytes_per_s) {
+    const double live_s = 1e-9 * static_cast<double>(setup.live_again.count());
+    const double room = bytes_per_s - static_cast<double>(waiting_bytes) / live_s;
+    int quality = kQuality;
+    const auto need = [&] {
+      return static_cast<double>(setup.bytes_at(0, quality)) / setup.interval_s;
+    };
+    while (bytes_per_s > 0 && quality > setup.least_quality && need() > room) --quality;
+    return quality;
+  };
+  return buffer;
+}
+
 SimulatedBuffer make_shipped(std::string_view name, const Setup& setup) {
   if (name == "orbbuf") return {{.frames = setup.capacity}, make_orbbuf(setup.similarity)};
   if (name == "catch-up") {
-    SimulatedBuffer buffer{{}, std::make_unique<UniformPolicy>()};
-    buffer.planner =
-        std::make_unique<SendPlanner>(PlanSettings{setup.live_again, setup.largest_step});
-    buffer.stand_ins = setup.stand_ins;
+    SimulatedBuffer buffer = make_full(setup, setup.least_quality);
+    buffer.reduced_bytes = buffer.encoded_bytes = setup.bytes_at;
     return buffer;
   }
   BufferSettings settings;
@@ -72,6 +111,7 @@ SimulatedBuffer make_afr(const Setup& setup) {
 struct Sent {
   std::vector<std::size_t> frames;
   std::vector<std::int64_t> begin_ns;
+  std::vector<int> quality;
 };
 
 /// One outage on a stage.
@@ -86,7 +126,7 @@ class Run {
     cut(kLongestTailS);
     reference_ = sent(simulate(fifo));
     asked_s_ = live_again_s(reference_).value_or(kLongestTailS);
-    cut(asked_s_ + 2);
+    cut(asked_s_ + kCarriedS);
   }
 
   Delivery simulate(const Contender& contender, const std::vector<FramePtr>* stand_ins = nullptr) {
@@ -95,6 +135,9 @@ class Run {
     setup.live_again = std::chrono::nanoseconds(to_ns(asked_s_));
     setup.largest_step = kUnbounded;
     setup.seed = outage_.seed;
+    setup.least_quality = kLeastQuality;
+    setup.bytes_at = bytes_at();
+    setup.interval_s = stage_.time_s(1) - stage_.time_s(0);
     setup.similarity = similarity();
     setup.stand_ins = stand_ins;
     return sim::simulate(frames_, finish_, contender.make(setup));
@@ -104,28 +147,36 @@ class Run {
     return [this](std::size_t i, std::size_t j) { return stage_.similarity(i, j); };
   }
 
+  BytesAt bytes_at() const {
+    return [this](std::size_t frame, int quality) { return stage_.bytes_at(frame, quality); };
+  }
+
   /// From the two last sends before the link's return.
   Sent sent(const Delivery& delivery) const {
     const auto first = std::ranges::lower_bound(delivery.begin_ns, outage_.link.outage_end_ns) -
                        delivery.begin_ns.begin();
     const auto from = std::max<std::ptrdiff_t>(0, first - 2);
     return {{delivery.received.begin() + from, delivery.received.end()},
-            {delivery.begin_ns.begin() + from, delivery.begin_ns.end()}};
+            {delivery.begin_ns.begin() + from, delivery.begin_ns.end()},
+            {delivery.quality.begin() + from, delivery.quality.end()}};
   }
 
-  Sent sent(const OraclePath& path) const {
-    Sent all = before_return();
+  Sent sent(const OraclePath& path, int quality = kQuality) const {
+    Sent all = before_return(reference_);
     all.frames.insert(all.frames.end(), path.frames.begin(), path.frames.end());
     all.begin_ns.insert(all.begin_ns.end(), path.begin_ns.begin(), path.begin_ns.end());
+    all.quality.resize(all.frames.size(), quality);
     return all;
   }
 
   OutageStats measure(const Sent& sent) {
     OutageStats stats;
     stats.smallest_similarity = std::numeric_limits<double>::max();
+    stats.least_quality = kQuality;
+    double count = 0;
     stats.live_again_s = live_again_s(sent).value_or(kLongestTailS);
-    const std::int64_t end_ns =
-        outage_.link.outage_end_ns + to_ns(std::max(stats.live_again_s, asked_s_) + kJudgedAfterS);
+    const std::int64_t carried_until_ns = outage_.link.outage_end_ns + to_ns(asked_s_ + kCarriedS);
+    const std::int64_t end_ns = judged_until_ns(stats);
     for (std::size_t k = 1; k < sent.frames.size() && sent.begin_ns[k] <= end_ns; ++k) {
       if (sent.begin_ns[k] < outage_.link.outage_end_ns) continue;
       const std::size_t i = sent.frames[k - 1];
@@ -133,6 +184,9 @@ class Run {
       const double motion = stage_.motion(j) - stage_.motion(i);
       const auto largest = [](double& value, double other) { value = std::max(value, other); };
       largest(stats.longest_gap, static_cast<double>(j - i - 1));
+      ++count;
+      stats.mean_quality += sent.quality[k];
+      stats.least_quality = std::min(stats.least_quality, static_cast<double>(sent.quality[k]));
       largest(stats.largest_step_s, stage_.time_s(j) - stage_.time_s(i));
       largest(stats.largest_motion, motion);
       stats.smallest_similarity =
@@ -141,41 +195,60 @@ class Run {
       const double before = stage_.motion(i) - stage_.motion(sent.frames[k - 2]);
       largest(stats.jump, std::abs(motion - before));
     }
+    stats.mean_quality /= std::max(1.0, count);
+    for (std::size_t k = 0; k < sent.frames.size(); ++k) {
+      const std::int64_t begin_ns = sent.begin_ns[k];
+      if (begin_ns < outage_.link.outage_end_ns || begin_ns > carried_until_ns) continue;
+      const std::size_t bytes = stage_.bytes_at(sent.frames[k], sent.quality[k]);
+      const auto passed = static_cast<double>(carried_until_ns - begin_ns) /
+                          static_cast<double>(finish_(begin_ns, bytes) - begin_ns);
+      stats.bytes += std::min(1.0, passed) * static_cast<double>(bytes);
+    }
     return stats;
   }
 
-  void compare(OutageStats& stats) {
+  /// With what an oracle does after the same last frame before the return.
+  void compare(OutageStats& stats, const Sent& own, bool may_reduce) {
     const double lateness_s = std::max(stats.live_again_s, asked_s_);
-    if (const auto best = by_time(lateness_s)) {
-      stats.vs_oracle = best->largest_cost / stats.largest_step_s;
+    if (const auto best = by_time(lateness_s, may_reduce, own)) {
+      const double oracle_s = std::max(best->path.largest_cost, longest_interval_s(*best, stats));
+      stats.vs_oracle = oracle_s / stats.largest_step_s;
+      stats.vs_oracle_quality = std::min(1.0, stats.least_quality / best->quality);
     }
-    if (const auto best = by_motion(lateness_s)) {
+    if (const auto best = by_motion(lateness_s, own)) {
       stats.vs_oracle_motion =
           stats.largest_motion > 0 ? best->largest_cost / stats.largest_motion : 1;
     }
-    if (const auto best = by_similarity(lateness_s)) {
+    if (const auto best = by_similarity(lateness_s, own)) {
       stats.vs_oracle_similarity =
           best->largest_cost < 0 ? stats.smallest_similarity / -best->largest_cost : 1;
     }
   }
 
-  std::optional<OraclePath> by_time(double lateness_s) {
+  std::optional<QualityPath> by_time(double lateness_s, bool may_reduce, const Sent& own) {
+    static const std::vector<int> kQualities = [] {
+      std::vector<int> falling;
+      for (int quality = kQuality; quality >= kLeastQuality; --quality) falling.push_back(quality);
+      return falling;
+    }();
     const StepCost cost = [this](std::size_t i, std::size_t j) {
       return stage_.time_s(j) - stage_.time_s(i);
     };
-    return oracle(problem(lateness_s), cost, true, kSameTimeS);
+    return oracle(problem(lateness_s, own), bytes_at(),
+                  std::span(kQualities).first(may_reduce ? kQualities.size() : 1), cost, true,
+                  kSameTimeS);
   }
-  std::optional<OraclePath> by_motion(double lateness_s) {
+  std::optional<OraclePath> by_motion(double lateness_s, const Sent& own) {
     const StepCost cost = [this](std::size_t i, std::size_t j) {
       return stage_.motion(j) - stage_.motion(i);
     };
-    return oracle(problem(lateness_s), cost, true, kSameMotion);
+    return oracle(problem(lateness_s, own), cost, true, kSameMotion);
   }
-  std::optional<OraclePath> by_similarity(double lateness_s) {
+  std::optional<OraclePath> by_similarity(double lateness_s, const Sent& own) {
     const StepCost cost = [this](std::size_t i, std::size_t j) {
       return -static_cast<double>(stage_.similarity(i, j));
     };
-    return oracle(problem(lateness_s), cost, false, 0.5);
+    return oracle(problem(lateness_s, own), cost, false, 0.5);
   }
 
   /// What could have been sent with the opportunities of this run of a FIFO, going by M.
@@ -189,6 +262,8 @@ class Run {
     return sent(best);
   }
 
+  /// What drop-oldest has sent.
+  const Sent& reference() const { return reference_; }
   double asked_s() const { return asked_s_; }
 
  private:
@@ -200,6 +275,22 @@ class Run {
     };
     frames_.assign(at(to_s(outage_.link.outage_begin_ns) - kLeadS),
                    at(to_s(outage_.link.outage_end_ns) + tail_s));
+  }
+
+  std::int64_t judged_until_ns(const OutageStats& stats) const {
+    return outage_.link.outage_end_ns +
+           to_ns(std::max(stats.live_again_s, asked_s_) + kJudgedAfterS);
+  }
+
+  /// Between two frames that are captured one after the other, behind the path's end: no policy has
+  /// shorter steps there.
+  double longest_interval_s(const QualityPath& best, const OutageStats& stats) const {
+    double longest_s = 0;
+    for (std::size_t i = best.path.frames.back(); i + 1 < stage_.frames().size(); ++i) {
+      if (stage_.frames()[i + 1]->capture_time_ns > judged_until_ns(stats)) break;
+      longest_s = std::max(longest_s, stage_.time_s(i + 1) - stage_.time_s(i));
+    }
+    return longest_s;
   }
 
   /// With the first send that begins with the newest captured frame.
@@ -215,20 +306,23 @@ class Run {
     return std::nullopt;
   }
 
-  Sent before_return() const {
-    Sent before;
-    for (std::size_t k = 0; k < reference_.frames.size(); ++k) {
-      if (reference_.begin_ns[k] >= outage_.link.outage_end_ns) break;
-      before.frames.push_back(reference_.frames[k]);
-      before.begin_ns.push_back(reference_.begin_ns[k]);
-    }
-    return before;
+  Sent before_return(Sent sent) const {
+    const auto first = std::ranges::lower_bound(sent.begin_ns, outage_.link.outage_end_ns);
+    const auto count = static_cast<std::size_t>(first - sent.begin_ns.begin());
+    sent.frames.resize(count);
+    sent.begin_ns.resize(count);
+    sent.quality.resize(count);
+    return sent;
   }
 
-  OracleProblem problem(double lateness_s) const {
-    const Sent before = before_return();
-    return {stage_.frames(), finish_, before.frames.back(), before.begin_ns.back(),
-            outage_.link.outage_end_ns + to_ns(lateness_s)};
+  OracleProblem problem(double lateness_s, const Sent& own) const {
+    const Sent before = before_return(own);
+    OracleProblem problem{stage_.frames(), finish_};
+    problem.last = before.frames.back();
+    problem.last_begin_ns = before.begin_ns.back();
+    problem.last_bytes = stage_.bytes_at(problem.last, before.quality.back());
+    problem.deadline_ns = outage_.link.outage_end_ns + to_ns(lateness_s);
+    return problem;
   }
 
   Stage& stage_;
@@ -243,11 +337,14 @@ class Run {
 
 std::vector<Contender> contenders() {
   std::vector<Contender> all;
-  all.reserve(kPolicies.size() + 1);
   for (const std::string_view name : kPolicies) {
-    all.push_back(
-        {std::string(name), [name](const Setup& setup) { return make_shipped(name, setup); }});
+    all.push_back({std::string(name),
+                   [name](const Setup& setup) { return make_shipped(name, setup); },
+                   name == "catch-up"});
   }
+  all.push_back({"catch-up-full", [](const Setup& setup) { return make_full(setup); }});
+  for (const int quality : {50, 30, 20}) all.push_back(fixed(quality));
+  all.push_back({"catch-up-steered", make_steered});
   all.push_back({"afr", make_afr});
   return all;
 }
@@ -290,14 +387,14 @@ std::vector<Column> run(Stage& stage, const std::vector<Outage>& outages) {
   std::vector<Entry> entries;
   for (Contender& contender : contenders()) {
     if (contender.name == "catch-up") {
-      entries.push_back({{"catch-up-motion", contender.make}, &stage.by_motion()});
-      entries.push_back({{"catch-up-both", contender.make}, &stage.by_both()});
+      entries.push_back({{"catch-up-motion", contender.make, true}, &stage.by_motion()});
+      entries.push_back({{"catch-up-both", contender.make, true}, &stage.by_both()});
     }
     entries.push_back({std::move(contender), nullptr});
   }
   std::vector<Column> columns;
   for (const Entry& entry : entries) columns.push_back({entry.contender.name, {}});
-  for (const char* name : {"oracle-time", "oracle-motion", "oracle-m", "oracle-fifo"}) {
+  for (const char* name : {"oracle", "oracle-time", "oracle-motion", "oracle-m", "oracle-fifo"}) {
     columns.push_back({name, {}});
   }
   for (const Outage& outage : outages) {
@@ -306,8 +403,9 @@ std::vector<Column> run(Stage& stage, const std::vector<Outage>& outages) {
     std::optional<OutageStats> by_fifo;
     for (const auto& [contender, stand_ins] : entries) {
       const Delivery delivery = run.simulate(contender, stand_ins);
-      OutageStats stats = run.measure(run.sent(delivery));
-      run.compare(stats);
+      const Sent sent = run.sent(delivery);
+      OutageStats stats = run.measure(sent);
+      run.compare(stats, sent, contender.may_reduce);
       if (contender.name == "orbbuf") {
         by_fifo = run.measure(run.by_fifo(delivery));
         stats.vs_fifo_oracle = by_fifo->smallest_similarity > 0
@@ -317,8 +415,13 @@ std::vector<Column> run(Stage& stage, const std::vector<Outage>& outages) {
       columns[column++].runs.push_back(stats);
     }
     const double lateness_s = run.asked_s();
-    for (const auto& path :
-         {run.by_time(lateness_s), run.by_motion(lateness_s), run.by_similarity(lateness_s)}) {
+    for (const bool may_reduce : {true, false}) {
+      const auto best = run.by_time(lateness_s, may_reduce, run.reference());
+      OutageStats stats = best ? run.measure(run.sent(best->path, best->quality)) : OutageStats{};
+      columns[column++].runs.push_back(stats);
+    }
+    for (const auto& path : {run.by_motion(lateness_s, run.reference()),
+                             run.by_similarity(lateness_s, run.reference())}) {
       OutageStats stats = path ? run.measure(run.sent(*path)) : OutageStats{};
       columns[column++].runs.push_back(stats);
     }

@@ -4,11 +4,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <memory>
 #include <random>
+#include <span>
+#include <utility>
 #include <vector>
 
 #include "bench/sim/link_model.hpp"
@@ -128,6 +131,71 @@ TEST(Oracle, FindsTheSmallestStepOfAnyCost) {
     expect_best(
         made.problem, [&](std::size_t i, std::size_t j) { return table[i][j]; }, false);
   }
+}
+
+/// The same with a choice of quality at each send: the smallest largest step, and then the highest
+/// lowest quality.
+class EveryQuality {
+ public:
+  EveryQuality(const OracleProblem& problem, const StepCost& cost, const BytesAt& bytes_at,
+               std::span<const int> qualities)
+      : problem_(problem), cost_(cost), bytes_at_(bytes_at), qualities_(qualities) {
+    const std::size_t bytes = problem.frames[problem.last]->jpeg.size();
+    go_on(problem.last, problem.finish(problem.last_begin_ns, bytes), {-kInfinite, -100});
+  }
+
+  /// The cost, and the quality with a minus. Infinite: none is live in time.
+  std::pair<double, int> best() const { return best_; }
+
+ private:
+  std::int64_t capture_ns(std::size_t i) const { return problem_.frames[i]->capture_time_ns; }
+
+  void go_on(std::size_t last, std::int64_t now_ns, std::pair<double, int> so_far) {
+    if (now_ns > problem_.deadline_ns) return;
+    const std::size_t count = problem_.frames.size();
+    std::size_t next = last + 1;
+    for (; next < count && capture_ns(next) <= now_ns; ++next) {
+      for (const int quality : qualities_) {
+        const std::pair worse(std::max(so_far.first, cost_(last, next)),
+                              std::max(so_far.second, -quality));
+        if (next + 1 == count || capture_ns(next + 1) >= now_ns) best_ = std::min(best_, worse);
+        go_on(next, problem_.finish(now_ns, bytes_at_(next, quality)), worse);
+      }
+    }
+    if (next < count) go_on(last, capture_ns(next), so_far);
+  }
+
+  const OracleProblem& problem_;
+  const StepCost& cost_;
+  const BytesAt& bytes_at_;
+  const std::span<const int> qualities_;
+  std::pair<double, int> best_{kInfinite, 0};
+};
+
+TEST(Oracle, FindsTheSmallestStepAndThenTheHighestQuality) {
+  constexpr std::array<int, 3> kQualities = {80, 40, 20};
+  std::mt19937 random(5);
+  int reduced = 0;
+  for (int round = 0; round < 200; ++round) {
+    Case made = random_case(random);
+    made.frames.resize(6);
+    made.problem.frames = made.frames;
+    const BytesAt bytes_at = [&](std::size_t i, int quality) {
+      return made.frames[i]->jpeg.size() * static_cast<std::size_t>(quality) / 80;
+    };
+    const StepCost cost = [&](std::size_t i, std::size_t j) {
+      return 1e-9 *
+             static_cast<double>(made.frames[j]->capture_time_ns - made.frames[i]->capture_time_ns);
+    };
+    const auto [step, quality] = EveryQuality(made.problem, cost, bytes_at, kQualities).best();
+    const auto found = oracle(made.problem, bytes_at, kQualities, cost, true, 1e-9);
+    ASSERT_EQ(found.has_value(), step < kInfinite) << round;
+    if (!found) continue;
+    EXPECT_NEAR(found->path.largest_cost, step, 1e-9) << round;
+    EXPECT_EQ(found->quality, -quality) << round;
+    if (found->quality < 80) ++reduced;
+  }
+  EXPECT_GT(reduced, 20);  // else nothing was tried
 }
 
 TEST(Oracle, BoundsAPolicyThatDropsAtTheSameLateness) {

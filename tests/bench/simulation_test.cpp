@@ -30,6 +30,7 @@ std::vector<FramePtr> frames(std::size_t count) {
     EncodedFrame frame;
     frame.sequence = i;
     frame.capture_time_ns = static_cast<std::int64_t>(i) * 100 * kMs;
+    frame.quality = 80;
     frame.jpeg.assign(1000, 0);
     frames.push_back(std::make_shared<const EncodedFrame>(std::move(frame)));
   }
@@ -62,6 +63,35 @@ TEST(Simulation, AnOutageCostsWhatTheBufferCannotHold) {
   EXPECT_THAT(delivery.received, ElementsAre(0, 1, 5, 6, 7, 8, 9));
   EXPECT_THAT(delivery.drops_before, ElementsAre(0, 0, 3, 3, 3, 3, 3));
   EXPECT_THAT(delivery.drops_after, ElementsAre(0, 0, 0, 0, 0, 1, 2, 3, 3, 3));
+}
+
+/// The planner with a range of qualities; at quality 40 a frame has half of its bytes.
+Delivery reduce(std::size_t count, const LinkModel& link, bool may_reduce) {
+  SimulatedBuffer buffer{{}, std::make_unique<DropOldestPolicy>()};
+  buffer.planner = std::make_unique<SendPlanner>(
+      PlanSettings{500ms, std::chrono::seconds(100), 80, may_reduce ? 20 : 80});
+  buffer.reduced_bytes = buffer.encoded_bytes = [](std::size_t, int quality) {
+    return static_cast<std::size_t>(1000 * quality / 80);
+  };
+  return simulate(frames(count), link, std::move(buffer));
+}
+
+TEST(Simulation, FramesThatWaitAreMadeSmaller) {
+  const LinkModel link{20'000, 3000 * kMs, 4000 * kMs};
+  const Delivery reduced = reduce(100, link, true);
+  EXPECT_EQ(reduced.received.size(), 100U);
+  const auto first = std::ranges::lower_bound(reduced.begin_ns, link.outage_end_ns);
+  const auto k = static_cast<std::size_t>(first - reduced.begin_ns.begin());
+  EXPECT_LT(reduced.quality.at(k), 80);
+  EXPECT_EQ(reduced.bytes.at(k), static_cast<std::size_t>(1000 * reduced.quality.at(k) / 80));
+  EXPECT_EQ(reduced.quality.back(), 80);
+  EXPECT_LT(reduce(100, link, false).received.size(), 100U);
+}
+
+TEST(Simulation, ALinkThatIsTooSlowGetsFramesThatAreEncodedForIt) {
+  const Delivery delivery = reduce(300, {6'000, 0, 0}, true);
+  EXPECT_GE(delivery.received.size(), 299U);
+  EXPECT_LT(delivery.quality.back(), 50);
 }
 
 TEST(Simulation, RecordsWhenEachSendBeganAndEnded) {
