@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# The demo: 20 s of a generated scene, the link cut for 3 s in the middle, once under drop-oldest and
-# once under catch-up. Real processes over real TCP: between two network namespaces with an nftables
+# The demo: 20 s of a generated scene, the link cut for 3 s in the middle, once under drop-oldest, once
+# under orbbuf and once under catch-up. Real processes over real TCP: between two network namespaces with an nftables
 # drop on the receiving side where that is possible (root), else with the server stopped, so that it
 # reads nothing. Usage: bench/demo.sh BUILD_FOLDER
 set -euo pipefail
@@ -97,10 +97,10 @@ run() { # POLICY
     { echo "demo: the server's drop record differs from the robot's own" >&2 && exit 1; }
 }
 
-echo "demo: $FRAMES generated frames at $FPS fps; drop-oldest with a buffer of 25 frames; link down from $OUTAGE_BEGIN s to $OUTAGE_END s:"
+echo "demo: $FRAMES generated frames at $FPS fps; drop-oldest and orbbuf with a buffer of 25 frames; link down from $OUTAGE_BEGIN s to $OUTAGE_END s:"
 echo "      $how"
-for policy in drop-oldest catch-up; do run "$policy"; done
+for policy in drop-oldest orbbuf catch-up; do run "$policy"; done
 echo
 "$build/bench/orbbuf-timeline" drop-oldest="$(echo "$work"/drop-oldest/demo/*)" \
-  catch-up="$(echo "$work"/catch-up/demo/*)" --png "$work/timeline.png" --outage-begin $OUTAGE_BEGIN \
+  orbbuf="$(echo "$work"/orbbuf/demo/*)" catch-up="$(echo "$work"/catch-up/demo/*)" --png "$work/timeline.png" --outage-begin $OUTAGE_BEGIN \
   --outage-end $OUTAGE_END --results demo

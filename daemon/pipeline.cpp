@@ -90,6 +90,7 @@ void Pipeline::encode(const Captured& captured) {
 }
 
 Result<EncodedFrame> Pipeline::try_to_encode(const Captured& captured) {
+  if (const auto quality = buffer_.encode_quality()) encoder_.set_quality(*quality);
   try {
     return encoder_.encode(captured.raw, captured.sequence);
   } catch (const std::exception& error) {  // no memory, for one

@@ -21,6 +21,7 @@
 #include "daemon/clock_watch.hpp"
 #include "daemon/health.hpp"
 #include "daemon/pipeline.hpp"
+#include "daemon/reducer.hpp"
 
 namespace orbbuf {
 namespace asio = boost::asio;
@@ -53,11 +54,13 @@ class Robot {
   SessionLog log_;
   std::optional<Spool> spool_;  // nothing: dropped frames are not kept
   Sender sender_;
+  std::optional<Reducer> reducer_;  // nothing: all frames are sent as they are
   Pipeline pipeline_;
   asio::steady_timer report_timer_{io_};
   Health health_;
   ClockWatch clock_watch_;
   const std::filesystem::path drop_log_;
+  const bool may_reduce_;
   const bool is_camera_;      // else the times are the source's
   bool is_stopping_ = false;  // by a signal
   bool source_failed_ = false;
@@ -120,12 +123,17 @@ Robot::Robot(const Settings& settings)
            [this](bool failed) { asio::post(io_, [this, failed] { on_source_ended(failed); }); }}),
       health_(service_),
       drop_log_(settings.buffer.drop_log),
+      may_reduce_(buffer_.encode_quality() &&
+                  settings.buffer.plan.least_quality < settings.buffer.plan.quality),
       is_camera_(settings.source.kind == "v4l2" || settings.source.kind == "libcamera") {}
 
 bool Robot::run() {
   await_signal();
   await_reload();
   sender_.start(report_earlier_sessions(drop_log_));
+  if (may_reduce_) {
+    reducer_.emplace(buffer_, [this] { asio::post(io_, [this] { sender_.wake(); }); });
+  }
   pipeline_.start();
   report();
   io_.run();

@@ -32,6 +32,7 @@ constexpr auto kSourceFormats = [] {
   return formats;
 }();
 constexpr std::array<std::string_view, 2> kStereo = {"none", "side-by-side"};
+constexpr int kLeastQuality = 25;  // docs/evaluation.md has what SLAM makes of less
 constexpr std::int64_t kMaxInteger = std::numeric_limits<std::int64_t>::max();
 
 std::string host_name() {
@@ -146,7 +147,14 @@ void read_buffer(ConfigReader& config, BufferSettings& buffer) {
   buffer.drop_log = is_default ? default_drop_log() : config.path("buffer.drop_log", {});
 }
 
-void read_plan(ConfigReader& config, PlanSettings& plan) {
+void read_plan(ConfigReader& config, int quality, PlanSettings& plan) {
+  plan.quality = quality;
+  plan.least_quality = static_cast<int>(
+      config.integer("jpeg.least_quality", std::min(kLeastQuality, quality), 1, 100));
+  if (plan.least_quality > quality) {
+    config.fail("jpeg.least_quality",
+                fmt::format("must not be more than jpeg.quality, {}", quality));
+  }
   plan.live_again = config.duration("link.live_again", plan.live_again, milliseconds(50), hours(1));
   plan.largest_step =
       config.duration("link.largest_step", plan.largest_step, milliseconds(1), hours(1));
@@ -220,7 +228,7 @@ Settings load_settings(const std::filesystem::path& file, std::span<const std::s
   read_stereo(config, settings.source);
   read_images(config, settings);
   read_buffer(config, settings.buffer);
-  read_plan(config, settings.buffer.plan);
+  read_plan(config, settings.jpeg.quality, settings.buffer.plan);
   read_link(config, settings.link);
   read_spool(config, settings.spool);
   config.reject_unknown();

@@ -57,6 +57,12 @@ void Namespaces::cut_link(const std::string& link) const {
 
 void Namespaces::mend_link(const std::string& link) const { nft("delete table inet cut-" + link); }
 
+void Namespaces::shape_link(const std::string& rate) const {
+  const Finished done = run({"tc", "-n", robot_, "qdisc", "replace", "dev", kLink, "root", "tbf",
+                             "rate", rate, "burst", "8kb", "latency", "100ms"});
+  if (done.status != 0) throw std::runtime_error("tc: " + done.output);
+}
+
 void Namespaces::nft(const std::string& words) const {
   const Finished done = run({"ip", "netns", "exec", server_, "nft", words});
   if (done.status != 0) throw std::runtime_error("nft: " + done.output);

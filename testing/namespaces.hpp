@@ -36,6 +36,10 @@ class Namespaces {
   void cut_link(const std::string& link = kLink) const;
   void mend_link(const std::string& link = kLink) const;
 
+  /// From here on the robot sends at most that much over the first cable, e.g. "2mbit"; 100 ms of
+  /// it wait in the cable.
+  void shape_link(const std::string& rate) const;
+
  private:
   using Steps = std::vector<std::vector<std::string>>;
 

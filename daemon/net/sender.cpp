@@ -16,6 +16,7 @@ using Clock = std::chrono::steady_clock;
 namespace {
 
 constexpr std::chrono::seconds kByeTimeout{2};
+constexpr std::chrono::milliseconds kAhead{2};  // a frame is written before the link is free
 
 }  // namespace
 
@@ -94,6 +95,7 @@ void Sender::wake() {
 void Sender::on_pushed() {
   if (backfill_) backfill_->on_captured(Clock::now());
   wake();
+  buffer_.look_ahead(moment(Clock::now(), measure_round_trip()));
 }
 
 void Sender::write(std::vector<std::uint8_t> message) {
@@ -141,8 +143,7 @@ bool Sender::is_live(Clock::time_point now, std::chrono::nanoseconds round_trip)
 FramePtr Sender::take_frame(std::chrono::nanoseconds round_trip) {
   if (!rate_.has_room(round_trip)) return nullptr;
   const auto now = Clock::now();
-  SendMoment moment{now.time_since_epoch(), rate_.bytes_per_s()};
-  if (done_) moment.end = drain_timer_.expiry().time_since_epoch();
+  const SendMoment moment = this->moment(now, round_trip);
   FramePtr frame = buffer_.take(moment);
   while (frame && is_too_large(*frame)) {
     buffer_.refuse_newest();
@@ -154,6 +155,13 @@ FramePtr Sender::take_frame(std::chrono::nanoseconds round_trip) {
   spdlog::debug("link: frame {} is the kernel's from here on", frame->sequence);
   collect_drops();  // those that were passed over for it
   return frame;
+}
+
+SendMoment Sender::moment(Clock::time_point now, std::chrono::nanoseconds round_trip) const {
+  SendMoment moment{now.time_since_epoch(), rate_.bytes_per_s()};
+  if (done_) moment.end = drain_timer_.expiry().time_since_epoch();
+  moment.is_busy = rate_.served_at(round_trip) > now + kAhead;
+  return moment;
 }
 
 bool Sender::is_too_large(const EncodedFrame& frame) {

@@ -75,6 +75,8 @@ class Sender final : private ServerLink::Owner {
   bool is_live(std::chrono::steady_clock::time_point now,
                std::chrono::nanoseconds round_trip) const;
   FramePtr take_frame(std::chrono::nanoseconds round_trip);
+  SendMoment moment(std::chrono::steady_clock::time_point now,
+                    std::chrono::nanoseconds round_trip) const;
   bool is_too_large(const EncodedFrame& frame);
   void collect_drops();
   void note_state();

@@ -57,6 +57,7 @@ TEST(Settings, SampleFileHoldsEveryKeyWithItsDefault) {
   EXPECT_EQ(sample.buffer.drop_log, fallback.buffer.drop_log);
   EXPECT_EQ(sample.link.servers, fallback.link.servers);
   EXPECT_EQ(sample.link.interfaces, fallback.link.interfaces);
+  EXPECT_EQ(sample.buffer.plan.least_quality, fallback.buffer.plan.least_quality);
   EXPECT_EQ(sample.link.return_after, fallback.link.return_after);
   EXPECT_EQ(sample.link.attempt_interval, fallback.link.attempt_interval);
   EXPECT_EQ(sample.link.connect_timeout, fallback.link.connect_timeout);
@@ -88,6 +89,17 @@ TEST(Settings, SpoolIsOffUntilItHasAFolder) {
   EXPECT_EQ(s.spool.size_bytes, SpoolSettings::kMinBytes);
   EXPECT_EQ(s.spool.rate_bytes_per_s, 0U);
   EXPECT_NE(why({"spool.size=4095 KiB"}).find("spool.size"), std::string::npos);
+}
+
+TEST(Settings, TheLeastQualityIsNoMoreThanTheQuality) {
+  EXPECT_EQ(with({}).buffer.plan.quality, 80);
+  EXPECT_EQ(with({}).buffer.plan.least_quality, 25);
+  EXPECT_EQ(with({"jpeg.quality=20"}).buffer.plan.least_quality, 20);
+  const Settings same = with({"jpeg.quality=60", "jpeg.least_quality=60"});
+  EXPECT_EQ(same.buffer.plan.quality, 60);
+  EXPECT_EQ(same.buffer.plan.least_quality, 60);
+  EXPECT_NE(why({"jpeg.quality=60", "jpeg.least_quality=61"}).find("jpeg.least_quality"),
+            std::string::npos);
 }
 
 TEST(Settings, EveryValueReachesItsPlace) {
