@@ -9,9 +9,6 @@ LIVE_RATES=(20 12) # Mbit/s, 2.5 and 1.5 times the need
 LIVE_IMAGES=250
 LIVE_SLOW_SECONDS=60
 
-# shellcheck source=evaluation/real/summary.sh
-. "$rig/../../evaluation/real/summary.sh"
-
 # lay_modem: robot - delay - modem - server. The queue is the modem's, as on a robot: what TCP has sent into it TCP
 # cannot see there. `live_address` is the server's behind it.
 lay_modem() {
@@ -64,6 +61,14 @@ live_outages() {
 # live_arrivals NAME: lines FRAME TIME for summary.sh.
 live_arrivals() { awk '{ print $3 + 0, $1 }' "$work/$1.out" | sort -n; }
 
+# again_of NAME: median and worst of the seconds from a return until the stream is live. In a subshell, since summary.sh
+# has a `returns`, as return.sh has.
+again_of() (
+  # shellcheck source=evaluation/real/summary.sh
+  . "$rig/../../evaluation/real/summary.sh"
+  live_again "$work/$1.outages" <(live_arrivals "$1") $LIVE_FPS
+)
+
 # live_matrix REPEATS: over rates and queues of the link, the bursts that it passes, and the congestion control.
 live_matrix() {
   local mbit queue burst control name first median worst
@@ -77,7 +82,7 @@ live_matrix() {
           live_stream "$name" "$control"
           live_outages "$name" 2 "$1"
           lift_modem "$first"
-          read -r median worst < <(live_again "$work/$name.outages" <(live_arrivals "$name") $LIVE_FPS)
+          read -r median worst < <(again_of "$name")
           printf '  %s Mbit/s, queue %4s ms, burst %2s kB, %-5s  live again %s s, worst %s s\n' \
             "$mbit" "$queue" "$burst" "$control" "$median" "$worst"
           name=$queue.$burst.$control
@@ -123,7 +128,7 @@ live_lengths() {
     live_stream "$name" cubic
     live_outages "$name" "$seconds" "${plan#*:}"
     lift_modem "$first"
-    read -r median worst < <(live_again "$work/$name.outages" <(live_arrivals "$name") $LIVE_FPS)
+    read -r median worst < <(again_of "$name")
     share=$(live_shares "$name" | sort -n | awk '{ v[NR] = $1 } END { print v[int((NR + 1) / 2)] }')
     gap=$(live_shares "$name" | awk '$2 > gap { gap = $2 } END { print gap + 0 }')
     results+=("RESULT link.live.$seconds.live_share $share" "RESULT link.live.$seconds.longest_gap $gap"
