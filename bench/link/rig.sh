@@ -10,6 +10,7 @@ ADDRESS_far=10.78.0.2 # over lay_path
 rig=$(dirname "${BASH_SOURCE[0]}")
 robot_ns=orbbuf-robot-$$
 server_ns=orbbuf-server-$$
+modem_ns=orbbuf-modem-$$ # of lay_modem
 on_robot=(ip netns exec "$robot_ns")
 on_server=(ip netns exec "$server_ns")
 pids=()
@@ -26,6 +27,7 @@ rig_down() {
   [ ${#pids[@]} -eq 0 ] || wait "${pids[@]}" 2>/dev/null || true
   ip netns del "$robot_ns" 2>/dev/null || true
   ip netns del "$server_ns" 2>/dev/null || true
+  ip netns del "$modem_ns" 2>/dev/null || true
   [ -z "$work" ] || rm -rf "$work"
 }
 

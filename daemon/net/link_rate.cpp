@@ -14,8 +14,13 @@ constexpr double kMemoryS = 1;
 constexpr double kMemoryFrames = 16;
 constexpr double kShortestService = 1e-6;  // seconds
 constexpr double kLongest = 4;             // of what is expected
+constexpr double kAtOnce = 32e3;           // bytes: the burst that many shapers pass
+constexpr double kLeastWeight = 1.0 / 8;   // of what was passed at once
+constexpr double kMostOfStream = 3;        // the rate, of what the stream carries
+constexpr double kFirstWindow = 14'600;    // bytes that a TCP connection sends at first
+constexpr double kPartOfSlowStart = 0.5;   // the rate was perhaps taken too high
 constexpr std::size_t kLeastFrames = 2;    // one is sent while the next one waits
-constexpr double kBeyondS = 0.1;
+constexpr double kBeyondS = 0.03;
 
 }  // namespace
 
@@ -23,38 +28,88 @@ void LinkRate::on_written(Time now, Sequence sequence, std::size_t bytes) {
   on_their_way_.push_back({sequence, bytes, now});
 }
 
+void LinkRate::on_lost() {
+  on_their_way_.clear();
+  if (std::exchange(is_new_, true)) return;
+  service_s_ = std::max(service_s_, passed_s_ / kMostOfStream) / kMemoryFrames;
+  bytes_ /= kMemoryFrames;
+  passed_s_ /= kMemoryFrames;
+}
+
+/// Slow start doubles what is sent in each round trip until it fills the link.
+void LinkRate::begin_connection(double round_trip_s) {
+  tokens_ = kAtOnce;
+  const double windows = bytes_per_s() * round_trip_s / kFirstWindow;
+  slow_start_s_ = windows > 1 ? kPartOfSlowStart * round_trip_s * std::log2(windows) : 0;
+}
+
 /// Frames that are received together are one observation.
 void LinkRate::on_received(Time now, Sequence next, std::chrono::nanoseconds round_trip) {
   if (on_their_way_.empty() || on_their_way_.front().sequence >= next) return;
-  const Time begin = std::max(received_time_, on_their_way_.front().time + round_trip);
-  double bytes = 0;
+  const Time ready = on_their_way_.front().time + round_trip;
+  Observation seen;
   while (!on_their_way_.empty() && on_their_way_.front().sequence < next) {
-    bytes += static_cast<double>(on_their_way_.front().bytes);
+    seen.bytes += static_cast<double>(on_their_way_.front().bytes);
     on_their_way_.pop_front();
   }
+  seen.service_s = std::max(kShortestService, to_seconds(now - std::max(received_time_, ready)));
+  if (std::exchange(is_new_, false)) {
+    begin_connection(to_seconds(round_trip));
+  } else {
+    seen.idle_s = std::max(0.0, to_seconds(ready - received_time_));
+  }
   received_time_ = now;
-  observe(bytes, std::max(kShortestService, to_seconds(now - begin)));
+  observe(seen);
 }
 
-/// A single long one is an outage. If they go on, the link has become slow: each counts for more.
-void LinkRate::observe(double bytes, double service_s) {
-  if (service_s_ > 0) {
-    const double limit_s = longest_ * bytes / bytes_per_s();
-    longest_ = service_s > limit_s ? 2 * longest_ : kLongest;
-    service_s = std::min(service_s, limit_s);
+void LinkRate::observe(Observation seen) {
+  if (service_s_ <= 0) return add(seen, 1);
+  const double rate = bytes_per_s();
+  const double tokens = std::max(tokens_, std::min(kAtOnce, tokens_ + rate * seen.idle_s));
+  const double at_once = std::min(tokens, seen.bytes);
+  tokens_ = std::clamp(tokens + rate * seen.service_s - seen.bytes, 0.0, std::max(tokens, kAtOnce));
+  const double expected_s = seen.bytes / rate;
+  const double slow_start_s = std::clamp(seen.service_s - expected_s, 0.0, slow_start_s_);
+  slow_start_s_ -= slow_start_s;
+  seen.service_s -= slow_start_s;
+  // A single long one is an outage, and what was on its way meanwhile may come at once. If they go
+  // on, the link has become slow: each counts for more.
+  const double limit_s = longest_ * expected_s;
+  longest_ = seen.service_s > limit_s ? 2 * longest_ : kLongest;
+  if (seen.service_s > limit_s) tokens_ = std::max(tokens_, bytes_on_their_way());
+  seen.service_s = std::min(seen.service_s, limit_s);
+
+  double weight = 1;
+  if (seen.bytes - at_once > rate * seen.service_s) {
+    seen.bytes -= at_once;  // it is faster even without them
+  } else if (seen.idle_s > 0) {
+    weight = std::max(kLeastWeight, 1 - at_once / seen.bytes);
+  } else {  // only a slower one would say something
+    seen.service_s = std::max(seen.service_s, expected_s);
   }
-  const double kept = std::min(std::exp(-service_s / kMemoryS), 1 - 1 / kMemoryFrames);
-  bytes_ = kept * bytes_ + bytes;
+  add(seen, weight);
+}
+
+void LinkRate::add(const Observation& seen, double weight) {
+  const double service_s = weight * seen.service_s;
+  const double kept = std::min(std::exp(-service_s / kMemoryS), 1 - weight / kMemoryFrames);
+  bytes_ = kept * bytes_ + weight * seen.bytes;
   service_s_ = kept * service_s_ + service_s;
+  passed_s_ = kept * passed_s_ + service_s + weight * seen.idle_s;
 }
 
 double LinkRate::bytes_per_s() const { return service_s_ > 0 ? bytes_ / service_s_ : 0; }
 
 bool LinkRate::has_room(std::chrono::nanoseconds round_trip) const {
   if (on_their_way_.size() < kLeastFrames) return true;
+  const double bytes = bytes_on_their_way() + static_cast<double>(on_their_way_.back().bytes);
+  return bytes < bytes_per_s() * (2 * to_seconds(round_trip) + kBeyondS);
+}
+
+double LinkRate::bytes_on_their_way() const {
   double bytes = 0;
   for (const Written& written : on_their_way_) bytes += static_cast<double>(written.bytes);
-  return bytes < bytes_per_s() * (2 * to_seconds(round_trip) + kBeyondS);
+  return bytes;
 }
 
 LinkRate::Time LinkRate::served_at(std::chrono::nanoseconds round_trip) const {

@@ -16,7 +16,14 @@ namespace orbbuf {
 /// received, or when it was written, whichever is later; the path's own round trip is no
 /// service. The rate is what was served over how long that took, of about the last 16 frames and
 /// the last second of service. A server slower than the link counts like a slow link: its
-/// answers come later. Knows no clock and no socket. Reentrant.
+/// answers come later.
+///
+/// A link that was idle may pass up to 32 kB at once. A frame that comes then shows only two bounds
+/// of the rate, with and without those bytes. While frames follow each other, a rate between the
+/// bounds stays. After a return the rate is so rather too low than too high, which is what the
+/// planner needs (docs/design.md, "The window and the rate").
+///
+/// Knows no clock and no socket. Reentrant.
 class LinkRate {
  public:
   using Time = std::chrono::steady_clock::time_point;
@@ -24,15 +31,17 @@ class LinkRate {
   void on_written(Time now, Sequence sequence, std::size_t bytes);
   /// The server has every frame below `next`. round_trip: the path's shortest.
   void on_received(Time now, Sequence next, std::chrono::nanoseconds round_trip);
-  /// The connection broke: what is on its way will not be answered, and tells nothing.
-  void on_lost() { on_their_way_.clear(); }
+  /// The connection broke: what is on its way will not be answered, and tells nothing. The rate
+  /// is now at most three times what the stream carried, and counts as one frame.
+  void on_lost();
 
   /// 0 until a frame has been received. An outage does not change it: one observation counts
   /// for at most four times as long as expected, as long as it is the only one of its kind.
   double bytes_per_s() const;
 
-  /// Whether one more frame may be written. What is written is beyond the planner, so that is
-  /// little: two frames, or what link and server take in two round trips and 100 ms.
+  /// Whether one more frame like the last one may be written. What is written is beyond the
+  /// planner, and may be more than the link's queue holds, so that is little: two frames, or what
+  /// link and server take in two round trips and 30 ms.
   bool has_room(std::chrono::nanoseconds round_trip) const;
 
   /// When the link has served what is on its way, as far as the acknowledgements tell; in the past
@@ -47,15 +56,28 @@ class LinkRate {
     std::size_t bytes = 0;
     Time time;
   };
+  /// What was received together.
+  struct Observation {
+    double bytes = 0;
+    double service_s = 0;
+    double idle_s = 0;  // of the link before that
+  };
 
-  void observe(double bytes, double service_s);
+  void begin_connection(double round_trip_s);
+  void observe(Observation seen);
+  void add(const Observation& seen, double weight);
+  double bytes_on_their_way() const;
   Time served_at(std::size_t frames, std::chrono::nanoseconds round_trip) const;
 
   std::deque<Written> on_their_way_;
   Time received_time_;  // of the last frame that was
   double bytes_ = 0;    // sums, of which the old part fades
   double service_s_ = 0;
-  double longest_ = 4;  // one observation, as a multiple of what is expected of it
+  double passed_s_ = 0;      // service, and what the link was idle before it
+  double longest_ = 4;       // one observation, as a multiple of what is expected of it
+  double tokens_ = 0;        // bytes that the link may pass now without any service
+  double slow_start_s_ = 0;  // that the connection may still need
+  bool is_new_ = true;       // no frame of this connection was received
 };
 
 }  // namespace orbbuf

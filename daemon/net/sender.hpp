@@ -26,7 +26,7 @@ namespace orbbuf {
 ///
 /// The next frame is chosen when the kernel has nearly nothing left to send (paper, Sec. III-E:
 /// transmission of a message begins when the last is complete) and the server has received all but
-/// about 100 ms of what was written (LinkRate): what is written can no longer be chosen from.
+/// little of what was written (LinkRate): what is written can no longer be chosen from.
 /// Every frame stays in the buffer's stats until the server has acknowledged it; every drop
 /// record is sent until acknowledged. Thread-bound to `main`, the thread that runs the io_context.
 class Sender final : private ServerLink::Owner {

@@ -8,8 +8,11 @@
 #include <cmath>
 #include <cstddef>
 #include <deque>
+#include <optional>
+#include <vector>
 
 #include "common/seconds.hpp"
+#include "tests/daemon/net/modelled_link.hpp"
 
 namespace orbbuf {
 namespace {
@@ -23,12 +26,13 @@ constexpr std::size_t kBytes = 40'000;
 /// round trip after it came.
 class LinkRateTest : public testing::Test {
  protected:
-  void write() {
+  void write() { write(kBytes, true_rate_); }
+  void write(std::size_t bytes, double rate) {
     const LinkRate::Time there = now_ + round_trip_ / 2;
-    const auto service = nanoseconds(std::llround(1e9 * kBytes / true_rate_));
+    const auto service = nanoseconds(std::llround(1e9 * static_cast<double>(bytes) / rate));
     served_ = std::max(served_, there) + service;
     acks_.push_back({next_ + 1, served_ + round_trip_ / 2});
-    rate_.on_written(now_, next_++, kBytes);
+    rate_.on_written(now_, next_++, bytes);
   }
   void acknowledge_until(LinkRate::Time time) {
     while (!acks_.empty() && acks_.front().time <= time) {
@@ -78,6 +82,26 @@ TEST_F(LinkRateTest, IsTheLinksWhetherTheCameraOrTheLinkIsSlower) {
       expect_rate(rate);
     }
   }
+}
+
+TEST_F(LinkRateTest, BehindABrokenConnectionItIsAtMostThreeTimesWhatTheStreamCarried) {
+  true_rate_ = 1e9;
+  run(100, milliseconds(40));
+  rate_.on_lost();
+  expect_rate(3e6);
+  rate_.on_lost();
+  expect_rate(3e6);
+}
+
+TEST_F(LinkRateTest, WhatAnIdleLinkPassesAtOnceIsNoRate) {
+  run(3, milliseconds(40));
+  rate_.on_lost();
+  acks_.clear();
+  now_ += std::chrono::seconds(2);
+  for (int i = 0; i < 8; ++i) write(10'000, i < 3 ? 1e9 : true_rate_);
+  acknowledge_until(now_ + std::chrono::seconds(1));
+  EXPECT_LT(rate_.bytes_per_s(), 1.25e6);
+  EXPECT_GT(rate_.bytes_per_s(), 0.75e6);
 }
 
 TEST_F(LinkRateTest, ARoundTripIsNoService) {
@@ -136,13 +160,14 @@ TEST_F(LinkRateTest, WithoutAcknowledgementsTwoFramesAreAllThatIsWritten) {
   EXPECT_EQ(acks_.size(), 2U);
 }
 
-TEST_F(LinkRateTest, BeyondTheTwoFramesIsWhatTakes100MsAndTwoRoundTrips) {
-  true_rate_ = 4e6;  // 10 ms a frame
-  run(1000, milliseconds(1));
-  EXPECT_NEAR(static_cast<double>(largest_window_), 10, 1);
+TEST_F(LinkRateTest, BeyondTheTwoFramesIsWhatTakes30MsAndTwoRoundTrips) {
+  true_rate_ = 16e6;  // 2.5 ms a frame
+  run(1000, std::chrono::microseconds(200));
+  EXPECT_NEAR(static_cast<double>(largest_window_), 12, 1);
+  acknowledge_until(now_ + milliseconds(100));
   round_trip_ = milliseconds(50);
-  run(1000, milliseconds(1));
-  EXPECT_NEAR(static_cast<double>(largest_window_), 20, 1);
+  run(3000, std::chrono::microseconds(200));
+  EXPECT_NEAR(static_cast<double>(largest_window_), 52, 3);
 }
 
 TEST_F(LinkRateTest, TheLinkIsBusyWithWhatTheServerHasNotReceived) {
@@ -175,6 +200,97 @@ TEST_F(LinkRateTest, OverALongRoundTripTheWindowGrowsToTheLinksRate) {
   true_rate_ = 4e6;
   run(4000, milliseconds(1));
   expect_rate(4e6);
+}
+
+/// A camera of 25 frames a second that has frames waiting behind an outage, so that the link is
+/// never idle but for the window, and ModelledLink.
+class Return {
+ public:
+  Return(const ModelledLink::Path& path, std::size_t frame_bytes)
+      : path_(path), frame_bytes_(frame_bytes) {}
+
+  /// Each frame is captured and sent at once.
+  void live(double seconds) { run(seconds, 0.04); }
+  void outage() {
+    rate_.on_lost();
+    ends_.clear();
+    acks_.clear();
+    received_ = written_;
+    now_s_ += 2;
+    link_.emplace(path_);
+  }
+  /// Each frame is sent when there is room for it.
+  void catch_up(double seconds) {
+    estimates_.clear();
+    run(seconds, 0);
+  }
+  /// Of the true rate, once slow start has passed and the link has been busy for 100 ms.
+  double highest() const { return *std::ranges::max_element(estimates_) / path_.bytes_per_s; }
+  double lowest() const { return *std::ranges::min_element(estimates_) / path_.bytes_per_s; }
+
+ private:
+  static constexpr double kShownS = 0.1;
+  static constexpr double kSlowStart = 8;     // round trips
+  static constexpr std::size_t kUnsent = 11;  // segments: 16 KiB
+
+  LinkRate::Time now() const {
+    return LinkRate::Time(nanoseconds(std::llround(1e9 * (1 + now_s_))));
+  }
+  void run(double seconds, double interval_s) {
+    const double begin_s = now_s_;
+    const double shown_s = begin_s + kShownS + kSlowStart * path_.round_trip_s;
+    double due_s = begin_s;
+    const nanoseconds round_trip(std::llround(1e9 * path_.round_trip_s));
+    for (; now_s_ < begin_s + seconds; now_s_ += ModelledLink::kStepS) {
+      link_->step();
+      for (; !ends_.empty() && ends_.front() <= link_->received(); ends_.pop_front()) {
+        acks_.push_back(now_s_ + path_.round_trip_s / 2);
+      }
+      for (; !acks_.empty() && acks_.front() <= now_s_; acks_.pop_front()) {
+        rate_.on_received(now(), ++received_, round_trip);
+        if (now_s_ > shown_s) estimates_.push_back(rate_.bytes_per_s());
+      }
+      if (now_s_ < due_s || link_->unsent() > kUnsent || !rate_.has_room(round_trip)) continue;
+      due_s = interval_s > 0 ? due_s + interval_s : now_s_;
+      link_->write(frame_bytes_);
+      ends_.push_back(link_->written());
+      rate_.on_written(now(), written_++, frame_bytes_);
+    }
+  }
+
+  const ModelledLink::Path path_;
+  const std::size_t frame_bytes_;
+  std::optional<ModelledLink> link_{path_};
+  LinkRate rate_;
+  double now_s_ = 0;
+  std::deque<std::size_t> ends_;
+  std::deque<double> acks_;
+  Sequence written_ = 0;
+  Sequence received_ = 0;
+  std::vector<double> estimates_;
+};
+
+TEST(LinkRateAfterAReturn, IsNotTooHighWhateverTheQueueAndTheBurst) {
+  for (const double need : {1.5, 2.5, 10.0}) {
+    for (const double queue_s : {0.03, 0.1, 0.3, 1.0}) {
+      for (const double burst : {5e3, 32e3}) {
+        for (const double round_trip_s : {0.001, 0.01, 0.05}) {
+          for (const std::size_t bytes : {12'000, 40'000}) {
+            SCOPED_TRACE(testing::Message()
+                         << need << " times the need, queue " << queue_s << " s, burst " << burst
+                         << ", round trip " << round_trip_s << " s, frames of " << bytes);
+            Return link({need * 25 * static_cast<double>(bytes), queue_s, burst, round_trip_s},
+                        bytes);
+            link.live(2);
+            link.outage();
+            link.catch_up(1);
+            EXPECT_LT(link.highest(), 1.35);
+            EXPECT_GT(link.lowest(), 0.4);
+          }
+        }
+      }
+    }
+  }
 }
 
 }  // namespace
