@@ -19,6 +19,7 @@ namespace orbbuf {
 namespace {
 
 using test::plain_frame;
+using test::reduced_frame;
 using test::RobotClient;
 using testing::HasSubstr;
 using testing::StartsWith;
@@ -198,6 +199,14 @@ TEST_F(ConnectionTest, AFrameWithAWrongChecksumIsNotTaken) {
   robot.send_frame(frame);
   expect_end(robot, ErrorCode::kMalformed, "checksum");
   EXPECT_FALSE(std::filesystem::exists(image(0)));
+}
+
+TEST_F(ConnectionTest, WhatAFrameSaysOfItsQualityIsKept) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  robot.send_frame(reduced_frame(0));
+  ASSERT_TRUE(robot.acked(1));
+  EXPECT_THAT(test::read_file(folder_ / "r1/s1/quality.csv"), HasSubstr("\n0,30,40123,0A1B2C3D\n"));
 }
 
 TEST_F(ConnectionTest, AProtocolWeDoNotSpeakIsRefused) {
