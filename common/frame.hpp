@@ -11,6 +11,8 @@ namespace orbbuf {
 /// Number of a frame within its session: 0, 1, 2, ... in capture order, without gaps.
 using Sequence = std::uint64_t;
 
+inline constexpr std::uint8_t kMaxQuality = 100;
+
 /// One captured image, or the pair of a stereo camera, as it travels: immutable once made, so any
 /// thread may read it.
 struct EncodedFrame {
@@ -23,7 +25,7 @@ struct EncodedFrame {
   std::uint32_t jpeg_crc = 0;  ///< crc32() of `jpeg`, computed once, where the frame was encoded
   std::vector<std::uint8_t> jpeg;  ///< stereo: the left image's, then the right one's
   std::uint32_t left_bytes = 0;    ///< of `jpeg`; 0 or all of them: there is no right image
-  std::uint8_t quality = 0;        ///< JPEG's, 1..100; 0: unknown, as of a camera's own JPEG
+  std::uint8_t quality = 0;  ///< JPEG's, 1..kMaxQuality; 0: unknown, as of a camera's own JPEG
   /// The size and the crc32() of the JPEG that `jpeg` was made from, with fewer bytes and at
   /// `quality`; 0: `jpeg` is the one that was encoded.
   std::uint32_t whole_bytes = 0;

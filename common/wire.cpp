@@ -60,8 +60,11 @@ void store_meta(std::span<std::uint8_t, kFrameMetaBytes> meta, const EncodedFram
   at = store(at, frame.width_px);
   at = store(at, frame.height_px);
   at = store(at, kJpegEncoding);
-  at += 3;  // reserved
-  store(at, static_cast<std::uint32_t>(frame.left().size()));
+  at = store(at, frame.quality);
+  at += 2;  // reserved
+  at = store(at, static_cast<std::uint32_t>(frame.left().size()));
+  at = store(at, frame.whole_bytes);
+  store(at, frame.whole_crc);
 }
 
 /// Without reading the JPEG.
@@ -144,7 +147,7 @@ std::vector<std::uint8_t> encode(const Welcome& welcome) {
 std::vector<std::uint8_t> encode(const Ack& ack) {
   Message message(Type::kAck);
   message.put_position(ack.position);
-  if (ack.received) message.put(*ack.received);
+  message.put(ack.received);
   return std::move(message).take();
 }
 
@@ -162,7 +165,7 @@ std::vector<std::uint8_t> encode(const Dropped& dropped) {
   return std::move(message).take();
 }
 
-std::vector<std::uint8_t> encode(const Report& report, std::uint8_t version) {
+std::vector<std::uint8_t> encode(const Report& report) {
   Message message(Type::kStats);
   const Stats& stats = report.stats;
   for (const std::uint64_t count : {stats.captured, stats.skipped, stats.failed, stats.dropped,
@@ -173,7 +176,8 @@ std::vector<std::uint8_t> encode(const Report& report, std::uint8_t version) {
   message.put(report.waiting_bytes);
   message.put(report.link_rate);
   message.put(report.round_trip_us);
-  if (version >= 3) message.put(report.clock_offset_ns);
+  message.put(report.clock_offset_ns);
+  message.put(report.irreducible);
   return std::move(message).take();
 }
 

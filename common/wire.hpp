@@ -5,7 +5,6 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
-#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -21,13 +20,12 @@
 namespace orbbuf::wire {
 
 inline constexpr std::uint32_t kMagic = 0x4F524242;  ///< "ORBB"
-inline constexpr std::uint8_t kProtocolVersion =
-    4;  ///< the newest; docs/protocol.md says what is new
-inline constexpr std::uint8_t kOldestProtocolVersion = 1;
+inline constexpr std::uint8_t kProtocolVersion = 5;  ///< the newest
+inline constexpr std::uint8_t kOldestProtocolVersion = 5;
 inline constexpr std::uint8_t kHeaderFormat = 1;
 inline constexpr std::uint8_t kJpegEncoding = 1;
 inline constexpr std::size_t kHeaderBytes = 20;
-inline constexpr std::size_t kFrameMetaBytes = 32;
+inline constexpr std::size_t kFrameMetaBytes = 40;
 inline constexpr std::uint32_t kMaxControlBytes = 64 * 1024;  ///< body of anything but a frame
 inline constexpr std::size_t kMaxIdBytes = 64;
 inline constexpr std::size_t kMaxTextBytes = 1024;  ///< software name, error text
@@ -37,15 +35,14 @@ inline constexpr std::size_t kLateHeadBytes = 16;  ///< of a late message, befor
 inline constexpr std::size_t kMaxSpooledSessions = 500;
 
 enum class Type : std::uint8_t {
-  kHello = 1,    ///< robot -> server, first
-  kWelcome = 2,  ///< server -> robot, answer to hello
-  kFrame = 3,    ///< robot -> server
-  kAck = 4,      ///< server -> robot
-  kDropped = 5,  ///< robot -> server
-  kStats = 6,    ///< robot -> server
-  kBye = 7,      ///< robot -> server: nothing more will come; server -> robot: see Bye
-  kError = 8,    ///< either way; the sender closes the connection after it
-  // Since version 4:
+  kHello = 1,     ///< robot -> server, first
+  kWelcome = 2,   ///< server -> robot, answer to hello
+  kFrame = 3,     ///< robot -> server
+  kAck = 4,       ///< server -> robot
+  kDropped = 5,   ///< robot -> server
+  kStats = 6,     ///< robot -> server
+  kBye = 7,       ///< robot -> server: nothing more will come; server -> robot: see Bye
+  kError = 8,     ///< either way; the sender closes the connection after it
   kLate = 9,      ///< robot -> server: a part of a frame that was dropped before
   kLateAck = 10,  ///< server -> robot
   kSpool = 11,    ///< robot -> server: what its spool holds
@@ -90,13 +87,11 @@ inline constexpr std::uint8_t kHasHeartbeat = 2;
 struct Welcome {
   std::uint8_t version = kProtocolVersion;
   Position position;
-  /// The largest frame (EncodedFrame::jpeg) that the server takes; 0: it does not say. 0 in
-  /// version 1.
+  /// The largest frame (EncodedFrame::jpeg) that the server takes; 0: it does not say.
   std::uint32_t max_frame_bytes = 0;
-  /// The server takes late frames. False before version 4.
-  bool takes_late = false;
+  bool takes_late = false;  ///< the server takes late frames
   /// The server repeats its last ack at least every kHeartbeat, whatever its sinks do: one that
-  /// does not stands still. False before version 4.
+  /// does not stands still.
   bool has_heartbeat = false;
 
   friend bool operator==(const Welcome&, const Welcome&) = default;
@@ -106,8 +101,8 @@ struct Welcome {
 /// What the server has received it may only keep in memory; the link has done its work.
 struct Ack {
   Position position;
-  /// Every frame below it is with the server's sinks; not below the position. Version 2 only.
-  std::optional<Sequence> received{};
+  /// Every frame below it is with the server's sinks; not below the position.
+  Sequence received = 0;
 
   friend bool operator==(const Ack&, const Ack&) = default;
 };
@@ -143,7 +138,7 @@ struct Report {
   std::uint64_t link_rate = 0;      ///< bytes a second that the peer's kernel took, lately
   std::uint32_t round_trip_us = 0;  ///< TCP's smoothed one; 0: unknown
   /// By how much the robot's clock was set since the session began: to be added to the capture
-  /// times of the session, which keep the clock that it began with. 0 before version 3.
+  /// times of the session, which keep the clock that it began with.
   std::int64_t clock_offset_ns = 0;
   /// Frames that were to be sent reduced and were sent as they are: their JPEG could not be read.
   std::uint64_t irreducible = 0;
@@ -169,7 +164,7 @@ struct LatePart {
   std::span<const std::uint8_t> bytes;  ///< at least one; within the record
 };
 
-/// A frame that the live stream of its session did not deliver.
+/// A frame that the live stream of its session did not deliver. It is whole.
 struct LateFrame {
   std::string session_id;  ///< of the present session or an earlier one of the robot
   EncodedFrame frame;
@@ -229,8 +224,7 @@ std::vector<std::uint8_t> encode(const Hello& hello);
 std::vector<std::uint8_t> encode(const Welcome& welcome);
 std::vector<std::uint8_t> encode(const Ack& ack);
 std::vector<std::uint8_t> encode(const Dropped& dropped);
-/// version: the connection's.
-std::vector<std::uint8_t> encode(const Report& report, std::uint8_t version = kProtocolVersion);
+std::vector<std::uint8_t> encode(const Report& report);
 std::vector<std::uint8_t> encode(const Bye& bye);
 std::vector<std::uint8_t> encode(const ErrorMessage& error);
 std::vector<std::uint8_t> encode(const LatePart& part);

@@ -225,11 +225,8 @@ Parsed<Welcome> parse_welcome(const Header& header, std::span<const std::uint8_t
 Parsed<Ack> parse_ack(const Header& header, std::span<const std::uint8_t> body) {
   assert(header.type == Type::kAck);
   Body in(header, body);
-  Ack ack{in.take_position()};
-  if (in.left() > 0) {
-    ack.received = in.take<std::uint64_t>();
-    in.require(*ack.received >= ack.position.next_sequence, "received is below next_sequence");
-  }
+  Ack ack{in.take_position(), in.take<std::uint64_t>()};
+  in.require(ack.received >= ack.position.next_sequence, "received is below next_sequence");
   return in.finish(ack);
 }
 
@@ -264,7 +261,8 @@ Parsed<Report> parse_stats(const Header& header, std::span<const std::uint8_t> b
   report.waiting_bytes = in.take<std::uint64_t>();
   report.link_rate = in.take<std::uint64_t>();
   report.round_trip_us = in.take<std::uint32_t>();
-  if (in.left() > 0) report.clock_offset_ns = in.take<std::int64_t>();  // since version 3
+  report.clock_offset_ns = in.take<std::int64_t>();
+  report.irreducible = in.take<std::uint64_t>();
   return in.finish(report);
 }
 
@@ -342,6 +340,7 @@ Parsed<LateFrame> parse_late_record(std::span<const std::uint8_t> record) {
                            {body.begin() + kFrameMetaBytes, body.end()});
   if (!frame) return std::move(frame).error();
   late.frame = std::move(frame).value();
+  if (late.frame.is_reduced()) return malformed("late frame: it is not whole");
   return late;
 }
 
@@ -360,12 +359,18 @@ Parsed<EncodedFrame> parse_frame(const Header& header,
   frame.width_px = in.take<std::uint16_t>();
   frame.height_px = in.take<std::uint16_t>();
   const auto encoding = in.take<std::uint8_t>();
-  in.take_zeros(3);
+  frame.quality = in.take<std::uint8_t>();
+  in.take_zeros(2);
   frame.left_bytes = in.take<std::uint32_t>();
+  frame.whole_bytes = in.take<std::uint32_t>();
+  frame.whole_crc = in.take<std::uint32_t>();
   in.require(!jpeg.empty(), "no JPEG");
   in.require(frame.left_bytes >= 1 && frame.left_bytes <= jpeg.size(),
              fmt::format("left image of {} bytes, of {}", frame.left_bytes, jpeg.size()));
   in.require(encoding == kJpegEncoding, fmt::format("unknown image encoding {}", encoding));
+  in.require(frame.quality <= kMaxQuality, fmt::format("quality {}", frame.quality));
+  in.require(frame.whole_bytes > jpeg.size() || (frame.whole_bytes == 0 && frame.whole_crc == 0),
+             fmt::format("reduced from {} bytes to {}", frame.whole_bytes, jpeg.size()));
   in.require(frame.sequence < kEndOfNumbers, "sequence number out of range");
   frame.jpeg = std::move(jpeg);
   return in.finish(std::move(frame));

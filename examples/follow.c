@@ -19,8 +19,11 @@ int main(int argc, char** argv) {
     return 1;
   }
   while ((got = orbbuf_read(&reader, &image)) == 1) {
-    printf("%s %" PRIu64 " %.6f camera %d: %zu bytes\n", image.session, image.seq, image.t,
+    printf("%s %" PRIu64 " %.6f camera %d: %zu bytes", image.session, image.seq, image.t,
            (int)image.camera, image.size);
+    if (image.quality) printf(", quality %d", image.quality);
+    if (image.whole_bytes) printf(", reduced from %" PRIu32, image.whole_bytes);
+    putchar('\n');
     fflush(stdout);
   }
   if (got < 0) fprintf(stderr, "%s\n", reader.error);

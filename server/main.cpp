@@ -74,6 +74,9 @@ int check(const std::vector<std::string>& sessions) {
     for (const std::string& problem : report.value().problems) {
       std::cout << session << ": " << problem << '\n';
     }
+    for (const std::string& note : report.value().notes) {
+      std::cout << session << ": " << note << '\n';
+    }
     std::cout << session << ": " << summary(report.value()) << std::endl;
     is_good = is_good && report.value().problems.empty();
   }

@@ -212,7 +212,7 @@ void Robot::take_ack(const std::shared_ptr<Link>& link, const wire::Ack& ack) {
   }
   if (link != link_) return;
   heard_ = Clock::now();
-  received_ = std::max(received_, ack.received.value_or(next));
+  received_ = std::max(received_, ack.received);
   confirm(next);
   write_next();
 }

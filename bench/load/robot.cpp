@@ -148,8 +148,7 @@ void Robot::take(const wire::Header& header) {
 
 void Robot::take_ack(const wire::Ack& ack) {
   const auto now = Clock::now();
-  const Sequence received = ack.received.value_or(ack.position.next_sequence);
-  for (; received_latencies_.size() < received; ++received_) {
+  for (; received_latencies_.size() < ack.received; ++received_) {
     received_latencies_.push_back(now - kept_[received_].captured);
   }
   while (!kept_.empty() && kept_.front().frame->sequence < ack.position.next_sequence) {

@@ -70,8 +70,7 @@ void Sender::on_disconnected() {
 
 void Sender::on_ack(const wire::Ack& ack) {
   const auto& position = ack.position;
-  rate_.on_received(Clock::now(), ack.received.value_or(position.next_sequence),
-                    measure_round_trip());
+  rate_.on_received(Clock::now(), ack.received, measure_round_trip());
   buffer_.acknowledge(position.next_sequence);
   confirmed_ = std::max(confirmed_, position.next_sequence);
   drops_.acknowledge(position.next_drop);
@@ -203,7 +202,7 @@ std::chrono::nanoseconds Sender::measure_round_trip() const {
 std::vector<std::uint8_t> Sender::next_report() {
   auto report = reporter_.take(Clock::now(), buffer_.report());
   report.clock_offset_ns = clock_offset_.count();
-  return wire::encode(report, link_.protocol_version());
+  return wire::encode(report);
 }
 
 /// After a last report, so that the server's stats are those of the end.

@@ -168,7 +168,6 @@ void ServerConnection::dispatch(const wire::Header& header) {
     max_frame_bytes_ = welcome.value().max_frame_bytes;
     takes_late_ = welcome.value().takes_late;
     has_heartbeat_ = welcome.value().has_heartbeat;
-    version_ = version;
     owner_->on_welcome(welcome.value().position);
     if (owner_) wait_writable();
   } else if (header.type == wire::Type::kAck && is_welcome_) {

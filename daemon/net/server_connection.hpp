@@ -77,8 +77,6 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   std::uint32_t max_frame_bytes() const { return max_frame_bytes_; }
   bool takes_late() const { return takes_late_; }
   bool has_heartbeat() const { return has_heartbeat_; }
-  /// Of the protocol; the newest before the welcome.
-  std::uint8_t version() const { return version_; }
   /// The server's side answered and wants no connection with this robot: its error says so, or the
   /// certificates do not fit. There is no use in asking again at once.
   bool was_refused() const { return was_refused_; }
@@ -128,7 +126,6 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   std::uint32_t max_frame_bytes_ = 0;
   bool takes_late_ = false;
   bool has_heartbeat_ = false;
-  std::uint8_t version_ = wire::kProtocolVersion;
   std::vector<std::uint8_t> message_;  // being written
   FramePtr frame_;                     // being written
   FrameHead frame_head_{};

@@ -154,8 +154,6 @@ class ServerLink final : private ServerConnection::Owner {
   /// The largest frame that the server accepts; 0: not known. A larger one costs the connection.
   std::uint32_t max_frame_bytes() const { return connection_ ? connection_->max_frame_bytes() : 0; }
   bool takes_late() const { return connection_ && connection_->takes_late(); }
-  /// Of the connection. Requires is_writable().
-  std::uint8_t protocol_version() const { return connection_->version(); }
   /// Requires is_writable().
   void write(std::vector<std::uint8_t> message) { connection_->write(std::move(message)); }
   void write(FramePtr frame) {

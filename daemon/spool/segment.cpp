@@ -23,7 +23,7 @@ namespace {
 constexpr std::uint32_t kHeaderMagic = 0x4F425350;  // "OBSP"
 constexpr std::uint32_t kRecordMagic = 0x4F425352;  // "OBSR"
 constexpr std::uint32_t kFooterMagic = 0x4F425345;  // "OBSE"
-constexpr std::uint16_t kVersion = 1;
+constexpr std::uint16_t kVersion = 2;
 constexpr std::size_t kCrcBytes = 4;
 constexpr std::size_t kMaxHeaderBytes = 4 + 2 + 2 * (2 + wire::kMaxIdBytes) + 8 + kCrcBytes;
 
@@ -52,6 +52,7 @@ std::vector<std::uint8_t> record_head(const EncodedFrame& frame, std::uint32_t h
   writer.put(frame.height_px);
   writer.put(frame.left_bytes);
   writer.put(frame.jpeg_crc);
+  writer.put(frame.quality);
   writer.put(wire::crc32(writer.bytes(), header_crc));
   return std::move(writer.bytes());
 }
@@ -195,7 +196,7 @@ Result<SegmentReader> SegmentReader::open(const std::filesystem::path& file) {
   const auto count = read_some(reader.file_.get(), bytes, 0);
   if (!count) return system_error(attempt, errno);
   auto parsed = parse_header(Bytes(bytes).first(*count));
-  if (!parsed) return Error{attempt + ": it is not a segment of version 1"};
+  if (!parsed) return Error{attempt + ": it is not a segment of version 2"};
   std::tie(reader.header_, reader.header_bytes_) = std::move(*parsed);
   reader.header_crc_ = wire::load<std::uint32_t>(bytes.data() + reader.header_bytes_ - kCrcBytes);
   return reader;
@@ -287,6 +288,7 @@ Result<FramePtr> SegmentReader::read(const SegmentRecord& record) const {
   frame->height_px = reader.take<std::uint16_t>();
   frame->left_bytes = reader.take<std::uint32_t>();
   frame->jpeg_crc = reader.take<std::uint32_t>();
+  frame->quality = reader.take<std::uint8_t>();
   if (!is_record || jpeg_bytes != record.jpeg_bytes || frame->sequence != record.sequence ||
       wire::crc32(frame->jpeg) != frame->jpeg_crc) {
     return fail("its checksum is wrong");

@@ -20,7 +20,7 @@ namespace orbbuf {
 /// bytes, a checksum is wire::crc32().
 ///
 ///   header     0  u32   magic, "OBSP"
-///              4  u16   version of this format, 1
+///              4  u16   version of this format, 2
 ///              6  text  robot id
 ///                 text  session id
 ///                 u64   number of the segment, as in the file's name
@@ -34,8 +34,9 @@ namespace orbbuf {
 ///             30  u16   height
 ///             32  u32   of n, the bytes of the left image (EncodedFrame::left_bytes)
 ///             36  u32   checksum of the JPEG
-///             40  u32   checksum of the record before it, continued from the header's
-///             44  u8[n] JPEG
+///             40  u8    quality of the JPEG, 0: unknown
+///             41  u32   checksum of the record before it, continued from the header's
+///             45  u8[n] JPEG, a whole one (EncodedFrame::is_reduced())
 ///   footer     0  u32   magic, "OBSE"
 ///              4  u64   number of records
 ///             12  u64   the lowest sequence number of them
@@ -46,7 +47,7 @@ namespace orbbuf {
 /// was completed; a segment without one was left by a kill or a power cut, and may end in the
 /// middle of a record. Checksums continue from the header's, so that a block of another segment is
 /// not taken for one of this.
-inline constexpr std::size_t kRecordHeadBytes = 44;
+inline constexpr std::size_t kRecordHeadBytes = 45;
 inline constexpr std::size_t kFooterBytes = 32;
 
 /// Where a frame is in its segment.

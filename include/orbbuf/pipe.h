@@ -51,6 +51,9 @@ struct orbbuf_image {
   uint64_t missed;        /* frames of the session that the stream has not, since the one before */
   double age; /* seconds from capture to the server's write, by the clocks of both machines; of a
                  replay, whose times are the recording's, 0 */
+  uint8_t quality;      /* of the JPEG that the robot sent, 1 to 100; 0: not known */
+  uint32_t whole_bytes; /* of the JPEG that the robot reduced it from, of a stereo frame of both
+                           images together; 0: not reduced, or not known */
 };
 
 struct orbbuf_reader {
@@ -148,6 +151,10 @@ static inline int orbbuf_parse_line_(struct orbbuf_reader* reader, struct orbbuf
     image->missed = strtoull(line + 7, NULL, 10);
   } else if (strncmp(line, "age=", 4) == 0) {
     image->age = strtod(line + 4, NULL);
+  } else if (strncmp(line, "quality=", 8) == 0) {
+    image->quality = (uint8_t)strtoul(line + 8, NULL, 10);
+  } else if (strncmp(line, "whole=", 6) == 0) {
+    image->whole_bytes = (uint32_t)strtoul(line + 6, NULL, 10);
   } else if (strcmp(line, "camera=left") == 0) {
     image->camera = ORBBUF_LEFT;
   } else if (strcmp(line, "camera=right") == 0) {

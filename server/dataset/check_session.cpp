@@ -35,6 +35,7 @@ class Check {
 
   SessionReport run() && {
     for (auto& text : problems_of_order(session_)) report_.problems.push_back(std::move(text));
+    note_reduced();
     check_drops();
     check_gaps();
     count_missing();
@@ -54,6 +55,16 @@ class Check {
   template <class... Values>
   void problem(fmt::format_string<Values...> form, Values&&... values) {
     report_.problems.push_back(fmt::format(form, std::forward<Values>(values)...));
+  }
+
+  void note_reduced() {
+    const auto reduced = std::ranges::count_if(session_.frames, [&](const RecordedFrame& frame) {
+      const auto quality = session_.qualities.find(frame.sequence);
+      return quality != session_.qualities.end() && quality->second.whole_bytes > 0;
+    });
+    if (reduced == 0) return;
+    report_.notes.push_back(fmt::format("{} of {} frames were sent with a reduced JPEG", reduced,
+                                        session_.frames.size()));
   }
 
   void check_drops() {

@@ -20,6 +20,7 @@ struct SessionReport {
   std::uint64_t lost = 0;  ///< what is neither here nor there: captured = frames + on_robot + lost
   std::uint64_t image_bytes = 0;
   std::vector<std::string> problems;  ///< one line each
+  std::vector<std::string> notes;     ///< the same, of what is no problem
 };
 
 /// In one line: `OK: 500 frames, 3 dropped, 12.3 MiB of images`, `2 problems: ...`. Where something

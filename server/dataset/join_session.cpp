@@ -113,6 +113,7 @@ class Join {
   std::optional<Error> write_lists() const {
     std::string times;
     std::string checksums;
+    std::string qualities = std::string(session_lines::kQualityHeader) + '\n';
     for (const auto& [sequence, source] : frames_) {
       times += session_lines::to_text(
                    {sequence, source.frame->capture_time_ns, source.frame->exposure_ms}) +
@@ -124,11 +125,13 @@ class Join {
       };
       add(left_image(*source.frame), session_names::left_image(sequence));
       add(right_image(*source.frame), session_names::right_image(sequence));
+      qualities += quality_line(*source.part, sequence);
     }
     std::string drops = std::string(kDropCsvHeader) + '\n';
     for (const DropRecord& drop : drops_) drops += to_csv(drop) + '\n';
     if (auto error = write(session_names::kTimes, times)) return error;
     if (auto error = write(session_names::kChecksums, checksums)) return error;
+    if (auto error = write(session_names::kQualities, qualities)) return error;
     if (auto error = write(session_names::kDrops, drops)) return error;
     const RecordedSession& last = parts_.back();
     if (!last.calibration.empty()) {

@@ -33,6 +33,7 @@ struct Work {
 void lay_out_tum_mono(Work& work) {
   std::string times;
   std::string checksums;
+  std::string qualities;
   const auto add = [&](const std::string& from, const char* folder, Sequence sequence) {
     work.image(from, folder, fmt::format("{:0{}}", sequence, work.digits));
     const auto checksum = work.session.checksums.find(from);
@@ -46,11 +47,16 @@ void lay_out_tum_mono(Work& work) {
     }
     times +=
         session_lines::to_text({frame.sequence, frame.capture_time_ns, frame.exposure_ms}) + '\n';
+    qualities += quality_line(work.session, frame.sequence);
   }
   std::string drops = std::string(kDropCsvHeader) + '\n';
   for (const DropRecord& drop : work.session.drops) drops += to_csv(drop) + '\n';
   if (!work.session.drops.empty()) work.text(session_names::kDrops, std::move(drops));
   if (!checksums.empty()) work.text(session_names::kChecksums, std::move(checksums));
+  if (!qualities.empty()) {
+    work.text(session_names::kQualities,
+              fmt::format("{}\n{}", session_lines::kQualityHeader, qualities));
+  }
   if (!work.session.calibration.empty()) {
     work.text(session_names::kCamera, work.session.calibration);
   }

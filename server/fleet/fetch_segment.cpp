@@ -129,7 +129,7 @@ std::optional<Error> fetch_segment(const Address& address, const std::string& ro
   std::string checksums;
   for (const char* const name :
        {session_names::kTimes, session_names::kDrops, session_names::kCamera, session_names::kEnd,
-        session_names::kSegment, session_names::kChecksums}) {
+        session_names::kSegment, session_names::kQualities, session_names::kChecksums}) {
     auto content = fetch(page, from, name, to);
     if (!content) return std::move(content).error();
     checksums = std::move(content).value();

@@ -61,9 +61,10 @@ bool is_image_name(std::string_view name) {
 /// is shown. Only what SessionFiles writes, so no word can lead elsewhere.
 fs::path file_in_session(const std::vector<std::string>& words) {
   if (words.size() == 4) {
-    for (const char* name : {session_names::kTimes, session_names::kDrops, session_names::kCamera,
-                             session_names::kChecksums, session_names::kEnd,
-                             session_names::kSegment, session_names::kLateList}) {
+    for (const char* name :
+         {session_names::kTimes, session_names::kDrops, session_names::kCamera,
+          session_names::kChecksums, session_names::kQualities, session_names::kEnd,
+          session_names::kSegment, session_names::kLateList}) {
       if (words[3] == name) return name;
     }
   }

@@ -51,10 +51,10 @@ void add_report(Json& json, const wire::Report& report, double age_s) {
   const wire::Stats& stats = report.stats;
   json.add(R"("report":{{"age_s":{:.3f},"captured":{},"skipped":{},"failed":{},"dropped":{},)"
            R"("acknowledged":{},"waiting":{},"in_flight":{},"capacity":{},"waiting_bytes":{},)"
-           R"("link_rate":{},"round_trip_us":{}}},)",
+           R"("link_rate":{},"round_trip_us":{},"irreducible":{}}},)",
            age_s, stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged,
            stats.waiting, stats.in_flight, report.capacity, report.waiting_bytes, report.link_rate,
-           report.round_trip_us);
+           report.round_trip_us, report.irreducible);
 }
 
 /// Nothing has come for longer than the robot is ever silent.
@@ -93,7 +93,9 @@ void begin_robot(Json& json, const RobotMetrics& robot, RobotMetrics::Time now) 
            R"("frames":{},"bytes":{},"drops":{},"frame_rate":{:.2f},)",
            robot.info().robot_id, robot.info().session_id, robot.state(), robot.connections(),
            robot.frames(), robot.bytes(), robot.drops(), robot.frame_rate(now));
-  json.add(R"("late":{},"late_total":{},)", robot.late(), robot.late_total());
+  json.add(R"("late":{},"late_total":{},"reduced":{},)", robot.late(), robot.late_total(),
+           robot.reduced());
+  if (robot.quality() > 0) json.add(R"("quality":{},)", robot.quality());
   if (const auto& held = robot.on_robot()) {
     json.add(R"("on_robot":{},"on_robot_total":{},)", held->present, held->all);
   }
@@ -162,6 +164,11 @@ std::optional<double> report_age(const RobotMetrics& robot, RobotMetrics::Time n
   return to_seconds(now - robot.report_time());
 }
 
+std::optional<double> quality(const RobotMetrics& robot, RobotMetrics::Time /*now*/) {
+  if (robot.quality() == 0) return std::nullopt;
+  return as_value(robot.quality());
+}
+
 std::optional<double> on_robot(const RobotMetrics& robot, RobotMetrics::Time /*now*/) {
   if (!robot.on_robot()) return std::nullopt;
   return as_value(robot.on_robot()->all);
@@ -178,6 +185,9 @@ const auto kMetrics = std::to_array<Metric>({
      [](const auto& robot, auto) { return as_value(robot.frames()); }},
     {"orbbuf_frame_bytes_total", "Bytes of their images", MetricType::Counter,
      [](const auto& robot, auto) { return as_value(robot.bytes()); }},
+    {"orbbuf_frames_reduced_total", "Of the frames taken, with a reduced JPEG", MetricType::Counter,
+     [](const auto& robot, auto) { return as_value(robot.reduced()); }},
+    {"orbbuf_frame_quality", "JPEG quality of the newest frame", MetricType::Gauge, quality},
     {"orbbuf_drop_records_total", "Frames that the robot named as not coming", MetricType::Counter,
      [](const auto& robot, auto) { return as_value(robot.drops()); }},
     {"orbbuf_unpublished_frames_total", "Of the frames taken, given up by [ros] and [dds]",
@@ -212,6 +222,8 @@ const auto kMetrics = std::to_array<Metric>({
      reported<&wire::Report::link_rate>},
     {"orbbuf_robot_round_trip_seconds", "TCP's round trip, smoothed", MetricType::Gauge,
      round_trip},
+    {"orbbuf_robot_irreducible_total", "Frames to be reduced whose JPEG could not be read",
+     MetricType::Counter, reported<&wire::Report::irreducible>},
     {"orbbuf_robot_report_age_seconds", "Age of the robot's last report", MetricType::Gauge,
      report_age},
 });
@@ -313,10 +325,11 @@ std::string robot_schema() {
       R"("report":{{"type":"object","properties":{{{}}}}}}}}})",
       kRobotSchemaName,
       numbers({"connections", "frames", "bytes", "drops", "frame_rate", "late", "late_total",
-               "on_robot", "on_robot_total", "age_s", "lost"}),
+               "reduced", "quality", "on_robot", "on_robot_total", "age_s", "lost"}),
       numbers({"sequence", "width", "height"}),
       numbers({"age_s", "captured", "skipped", "failed", "dropped", "acknowledged", "waiting",
-               "in_flight", "capacity", "waiting_bytes", "link_rate", "round_trip_us"}));
+               "in_flight", "capacity", "waiting_bytes", "link_rate", "round_trip_us",
+               "irreducible"}));
 }
 
 std::optional<std::string> folders_json(const fs::path& folder) {

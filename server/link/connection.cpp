@@ -88,9 +88,8 @@ void Connection::on_attached(wire::Position position) {
   state_ = State::kServing;
   spdlog::info("{}: session {} at frame {}, {}", name(), session_->info().session_id,
                position.next_sequence, software_);
-  send(encode(wire::Welcome{version_, position, version_ >= 2 ? settings_.max_frame_bytes : 0,
-                            version_ >= 4 && owner_.late_arrivals() != nullptr,
-                            version_ >= 4 && owner_.has_heartbeat()}));
+  send(encode(wire::Welcome{wire::kProtocolVersion, position, settings_.max_frame_bytes,
+                            owner_.late_arrivals() != nullptr, owner_.has_heartbeat()}));
   read();
 }
 
@@ -203,7 +202,6 @@ void Connection::handle_hello(const Message& message) {
                  fmt::format("the robot speaks protocol {} to {}, we speak {} to {}", min, max,
                              wire::kOldestProtocolVersion, wire::kProtocolVersion)});
   }
-  version_ = std::min(max, wire::kProtocolVersion);
   const std::string certified = stream_.is_tls() ? stream_.peer_name() : robot_id_;
   if (certified != robot_id_) {
     return refuse(fmt::format("the certificate is for \"{}\", not for this robot",
@@ -243,7 +241,7 @@ void Connection::handle_dropped(const Message& message) {
 
 /// The stream is read on while it is written, so that it does not hold the live frames.
 void Connection::handle_late(const Message& message) {
-  if (version_ < 4 || owner_.late_arrivals() == nullptr) {
+  if (owner_.late_arrivals() == nullptr) {
     return fail({ErrorCode::kUnexpected, "a late frame, which this server does not take"});
   }
   const auto part = wire::parse_late(message.header, message.body);
@@ -283,7 +281,7 @@ void Connection::on_late_kept(std::uint64_t number, bool is_new, bool is_present
 }
 
 void Connection::handle_spool(const Message& message) {
-  if (version_ < 4 || owner_.late_arrivals() == nullptr) {
+  if (owner_.late_arrivals() == nullptr) {
     return fail({ErrorCode::kUnexpected, "unexpected spool"});
   }
   const auto spool = wire::parse_spool(message.header, message.body);
@@ -295,7 +293,7 @@ void Connection::handle_spool(const Message& message) {
 
 void Connection::on_taken() {
   if (state_ != State::kServing) return;
-  if (version_ >= 2 && session_->received() > received_) {
+  if (session_->received() > received_) {
     is_ack_due_ = true;
     send_next();
   }
@@ -336,8 +334,7 @@ void Connection::send_next() {
     out_ = std::exchange(waiting_, {});
   } else if (is_ack_due_) {
     received_ = session_->received();
-    out_ = encode(
-        wire::Ack{session_->kept(), version_ >= 2 ? std::optional(received_) : std::nullopt});
+    out_ = encode(wire::Ack{session_->kept(), received_});
     is_ack_due_ = false;
   } else if (is_late_ack_due_) {
     out_ = encode(wire::LateAck{late_kept_});

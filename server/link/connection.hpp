@@ -129,7 +129,6 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   ConnectionOwner& owner_;
   std::string robot_id_ = "-";
   std::string software_;
-  std::uint8_t version_ = wire::kProtocolVersion;  // since hello
   std::shared_ptr<Session> session_;
   State state_ = State::kHello;
   // Hello, idle or parting, one at a time. The timer wakes at the deadline or before it.

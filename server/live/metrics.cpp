@@ -33,6 +33,8 @@ void RobotMetrics::on_report(const wire::Report& report, Time now) {
 void RobotMetrics::on_delivered(FramePtr frame, Time now) {
   ++frames_;
   bytes_ += frame->jpeg.size();
+  if (frame->is_reduced()) ++reduced_;
+  quality_ = frame->quality;
   if (now - counting_since_ >= kCounting) {
     last_rate_ = frame_rate(now);
     counting_since_ = now;

@@ -79,6 +79,10 @@ class RobotMetrics {
   /// Since this session began on this server.
   std::uint64_t frames() const { return frames_; }
   std::uint64_t bytes() const { return bytes_; }
+  /// Of the frames, those with a reduced JPEG.
+  std::uint64_t reduced() const { return reduced_; }
+  /// Of the newest frame's JPEG; 0: not known.
+  std::uint8_t quality() const { return quality_; }
   std::uint64_t drops() const { return drops_; }
   std::uint64_t lost() const { return lost_; }
   /// Frames of this session that arrived late; of all sessions, since this server was started.
@@ -114,6 +118,8 @@ class RobotMetrics {
   std::uint64_t connections_ = 0;
   std::uint64_t frames_ = 0;
   std::uint64_t bytes_ = 0;
+  std::uint64_t reduced_ = 0;
+  std::uint8_t quality_ = 0;
   std::uint64_t drops_ = 0;
   std::uint64_t lost_ = 0;
   std::uint64_t late_ = 0;

@@ -55,7 +55,7 @@ Result<std::string> ask(const fs::path& path) {
   return table;
 }
 
-constexpr std::size_t kColumns = 15;
+constexpr std::size_t kColumns = 17;
 constexpr std::size_t kWords = 3;  // at the left of their columns; numbers are at the right
 using Row = std::array<std::string, kColumns>;
 
@@ -72,6 +72,8 @@ Row row_of(const RobotMetrics& robot, RobotMetrics::Time now) {
           robot.is_ended() ? "-" : to_text(robot.timeline().age(now))};
   std::fill(row.begin() + 5, row.end(), std::string(1, '-'));
   row[13] = std::to_string(robot.late());
+  if (robot.quality() > 0) row[15] = std::to_string(robot.quality());
+  row[16] = std::to_string(robot.reduced());
   if (const auto& held = robot.on_robot()) {
     row[14] = held->present == held->all ? std::to_string(held->all)
                                          : fmt::format("{}/{}", held->present, held->all);
@@ -98,7 +100,7 @@ Row row_of(const RobotMetrics& robot, RobotMetrics::Time now) {
 std::string to_table(const Metrics& metrics, RobotMetrics::Time now) {
   std::vector<Row> rows{{"ROBOT", "SESSION", "STATE", "FRAMES/S", "AGE", "BUFFER", "LINK",
                          "ROUND TRIP", "CAPTURED", "DELIVERED", "DROPPED", "SKIPPED", "FAILED",
-                         "LATE", "ON ROBOT"}};
+                         "LATE", "ON ROBOT", "QUALITY", "REDUCED"}};
   for (const auto& [id, robot] : metrics.robots()) rows.push_back(row_of(*robot, now));
   std::array<std::size_t, kColumns> widths{};
   for (const Row& row : rows) {

@@ -5,49 +5,82 @@
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
-#include <array>
 #include <cerrno>
-#include <string>
-#include <string_view>
 #include <system_error>
 #include <utility>
 
 #include "common/unique_fd.hpp"
 #include "server/recording/file_io.hpp"
-#include "server/recording/session_lines.hpp"
 #include "server/recording/session_names.hpp"
 
 namespace orbbuf {
 
-Result<FramePtr> Backlog::next(Sequence first) {
-  const auto path = folder_ / session_names::kTimes;
-  const UniqueFd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  if (!fd) {
-    if (errno == ENOENT) return FramePtr();
-    return system_error("open " + path.string(), errno);
+Result<std::optional<std::string_view>> Backlog::Lines::next() {
+  constexpr std::size_t kBlockBytes = 4096;
+  auto end = block_.find('\n', begin_);
+  if (end == block_.npos) {
+    begin_ = 0;
+    block_.clear();
+    const UniqueFd fd(::open(path_.c_str(), O_RDONLY | O_CLOEXEC));
+    if (!fd && errno == ENOENT) return std::nullopt;
+    if (!fd) return system_error("open " + path_.string(), errno);
+    block_.resize(kBlockBytes);
+    const ssize_t got = ::pread(fd.get(), block_.data(), block_.size(), offset_);
+    if (got < 0) return system_error("read " + path_.string(), errno);
+    block_.resize(static_cast<std::size_t>(got));
+    end = block_.find('\n');
+    if (end == block_.npos) return std::nullopt;
   }
-  if (first < first_) offset_ = 0;
+  const auto line = std::string_view(block_).substr(begin_, end - begin_);
+  offset_ += static_cast<off_t>(line.size() + 1);
+  begin_ = end + 1;
+  return line;
+}
+
+void Backlog::Lines::rewind() {
+  offset_ = 0;
+  block_.clear();
+  begin_ = 0;
+}
+
+Backlog::Backlog(std::filesystem::path folder)
+    : folder_(std::move(folder)),
+      times_(folder_ / session_names::kTimes),
+      qualities_(folder_ / session_names::kQualities) {}
+
+Result<FramePtr> Backlog::next(Sequence first) {
+  if (first < first_) {
+    times_.rewind();
+    qualities_.rewind();
+    quality_.reset();
+  }
   first_ = first;
-  std::array<char, 4096> block;
   for (;;) {
-    const ssize_t got = ::pread(fd.get(), block.data(), block.size(), offset_);
-    if (got < 0) return system_error("read " + path.string(), errno);
-    std::string_view lines(block.data(), static_cast<std::size_t>(got));
-    if (lines.find('\n') == lines.npos) return FramePtr();
-    for (std::size_t end = 0; (end = lines.find('\n')) != lines.npos;) {
-      const auto listed = session_lines::parse_times(lines.substr(0, end));
-      lines.remove_prefix(end + 1);
-      offset_ += static_cast<off_t>(end + 1);
-      if (!listed || listed->sequence < first) continue;
-      auto frame = load(listed->sequence, listed->capture_time_ns);
-      if (frame) return frame;
-      spdlog::warn("{}: passed over frame {}: {}", folder_.string(), listed->sequence,
-                   frame.error().text);
-    }
+    const auto line = times_.next();
+    if (!line) return line.error();
+    if (!line.value()) return FramePtr();
+    const auto listed = session_lines::parse_times(*line.value());
+    if (!listed || listed->sequence < first) continue;
+    auto frame = load(listed->sequence, listed->capture_time_ns);
+    if (frame) return frame;
+    spdlog::warn("{}: passed over frame {}: {}", folder_.string(), listed->sequence,
+                 frame.error().text);
   }
 }
 
-Result<FramePtr> Backlog::load(Sequence sequence, std::int64_t capture_time_ns) const {
+/// The lines are in the order of the frames. Only those of late frames stand behind them.
+session_lines::Quality Backlog::quality_of(Sequence sequence) {
+  session_lines::Quality found{sequence};
+  while (!quality_ || quality_->sequence <= sequence) {
+    if (quality_ && quality_->sequence == sequence) found = *quality_;
+    const auto line = qualities_.next();
+    if (!line || !line.value()) break;
+    quality_ = session_lines::parse_quality(*line.value());
+  }
+  return found;
+}
+
+Result<FramePtr> Backlog::load(Sequence sequence, std::int64_t capture_time_ns) {
   const std::string name = session_names::image(sequence);
   auto left = read_file(folder_ / session_names::kImages / name);
   if (!left) return std::move(left).error();
@@ -63,6 +96,10 @@ Result<FramePtr> Backlog::load(Sequence sequence, std::int64_t capture_time_ns) 
     if (!right) return right.error();
     frame.jpeg.insert(frame.jpeg.end(), right.value().begin(), right.value().end());
   }
+  const auto quality = quality_of(sequence);
+  frame.quality = quality.quality;
+  frame.whole_bytes = quality.whole_bytes;
+  frame.whole_crc = quality.whole_crc;
   return FramePtr(std::make_shared<const EncodedFrame>(std::move(frame)));
 }
 

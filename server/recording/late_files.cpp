@@ -29,6 +29,7 @@ session_lines::Late line_of(const EncodedFrame& frame, std::int64_t arrived_ns) 
   late.crc = frame.is_stereo() ? wire::crc32(frame.left()) : frame.jpeg_crc;
   if (frame.is_stereo()) late.crc_right = wire::crc32(frame.right());
   late.arrived_ns = arrived_ns;
+  late.quality = frame.quality;
   return late;
 }
 

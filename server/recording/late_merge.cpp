@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <system_error>
@@ -71,9 +72,9 @@ class Merge {
 
   Result<MergedLate> run() && {
     using Step = std::optional<Error> (Merge::*)();
-    constexpr std::array<Step, 6> kSteps = {&Merge::begin,          &Merge::record,
-                                            &Merge::list_checksums, &Merge::move_images,
-                                            &Merge::replace_lists,  &Merge::remove_late};
+    constexpr std::array<Step, 7> kSteps = {
+        &Merge::begin,       &Merge::record,        &Merge::list_checksums, &Merge::list_qualities,
+        &Merge::move_images, &Merge::replace_lists, &Merge::remove_late};
     for (const Step step : kSteps) {
       if (auto error = (this->*step)()) return std::move(*error);
       if (!merged_.is_complete) break;
@@ -90,6 +91,7 @@ class Merge {
   std::optional<Error> begin();
   std::optional<Error> record();
   std::optional<Error> list_checksums();
+  std::optional<Error> list_qualities();
   std::optional<Error> move_images();
   std::optional<Error> replace_lists();
   std::optional<Error> remove_late();
@@ -149,6 +151,7 @@ Result<EncodedFrame> Merge::load(const Late& late) const {
   EncodedFrame frame;
   frame.sequence = late.sequence;
   frame.capture_time_ns = late.capture_time_ns;
+  frame.quality = late.quality;
   for (const auto& [image, crc] : images_of(late)) {
     const auto content = read_file(folder_ / place_of_late_image(folder_, image));
     if (!content) return content.error();
@@ -201,6 +204,22 @@ std::optional<Error> Merge::list_checksums() {
   }
   if (lines.empty() || !may_change()) return std::nullopt;
   return LineFile(folder_ / session_names::kChecksums).append(lines);
+}
+
+std::optional<Error> Merge::list_qualities() {
+  const auto text = read_text(folder_ / session_names::kQualities);
+  if (!text) return text.error();
+  std::set<std::string_view> known;
+  take_lines(text.value(), [&](std::string_view line) { return known.insert(line), true; });
+  std::string lines;
+  for (const Late& frame : to_merge_) {
+    const session_lines::Quality quality{frame.sequence, frame.quality};
+    const std::string line = to_csv(quality);
+    if (quality.is_known() && !known.contains(line)) lines += line + '\n';
+  }
+  if (lines.empty() || !may_change()) return std::nullopt;
+  return LineFile(folder_ / session_names::kQualities, std::string(session_lines::kQualityHeader))
+      .append(lines);
 }
 
 std::optional<Error> Merge::move_images() {

@@ -81,6 +81,18 @@ void parse_checksums(std::string_view text, RecordedSession& session) {
   for_each_line(session_names::kChecksums, text, take, session.problems);
 }
 
+/// Of two lines for one frame the last counts.
+void parse_qualities(std::string_view text, RecordedSession& session) {
+  bool is_first = true;
+  const auto take = [&](std::string_view line) {
+    if (std::exchange(is_first, false)) return line == session_lines::kQualityHeader;
+    const auto quality = session_lines::parse_quality(line);
+    if (quality) session.qualities.insert_or_assign(quality->sequence, *quality);
+    return quality.has_value();
+  };
+  for_each_line(session_names::kQualities, text, take, session.problems);
+}
+
 LateList parse_late(std::string_view text, RecordedSession& session) {
   LateList late;
   bool is_first = true;
@@ -110,6 +122,8 @@ void add_late(LateList late, RecordedSession& session) {
   std::ranges::stable_sort(late, {}, &session_lines::Late::sequence);
   for (session_lines::Late& frame : late) {
     session.late.insert(frame.sequence);
+    const session_lines::Quality quality{frame.sequence, frame.quality};
+    if (quality.is_known()) session.qualities.insert_or_assign(frame.sequence, quality);
     if (merged.contains(frame.sequence)) continue;
     const bool is_left_in_late = find(session_names::left_image(frame.sequence), frame.crc);
     const bool is_right_in_late =
@@ -173,12 +187,15 @@ Result<RecordedSession> read_recorded_session(const fs::path& folder) {
   if (!end) return end.error();
   auto checksums = read_text(folder / session_names::kChecksums);
   if (!checksums) return std::move(checksums).error();
+  const auto qualities = read_text(folder / session_names::kQualities);
+  if (!qualities) return qualities.error();
   const auto late = read_text(folder / session_names::kLateList);
   if (!late) return late.error();
   const auto spool = read_text(folder / session_names::kSpool);
   if (!spool) return spool.error();
   parse_times(times.value(), session);
   parse_checksums(checksums.value(), session);
+  parse_qualities(qualities.value(), session);
   add_late(parse_late(late.value(), session), session);
   parse_drops(drops.value(), session);
   session.calibration = std::move(calibration).value();
@@ -196,6 +213,11 @@ Result<RecordedSession> read_recorded_session(const fs::path& folder) {
     session.problems.push_back(fmt::format("{}: cannot be read", session_names::kSpool));
   }
   return session;
+}
+
+std::string quality_line(const RecordedSession& session, Sequence sequence) {
+  const auto quality = session.qualities.find(sequence);
+  return quality == session.qualities.end() ? "" : to_csv(quality->second) + '\n';
 }
 
 std::vector<std::string> problems_of_order(const RecordedSession& session) {

@@ -15,6 +15,7 @@
 #include "server/recording/segment_info.hpp"
 #include "server/recording/sequence_set.hpp"
 #include "server/recording/session_closing.hpp"
+#include "server/recording/session_lines.hpp"
 
 namespace orbbuf {
 
@@ -47,6 +48,8 @@ struct RecordedSession {
   std::string calibration;                ///< of camera.txt; empty: there is none
   /// By the image's path in the folder; empty if the session was recorded without.
   std::map<std::string, std::uint32_t> checksums;
+  /// Of the frames of which they are known.
+  std::map<Sequence, session_lines::Quality> qualities;
   /// Lines that cannot be read, a torn last one among them; such are in none of the above.
   std::vector<std::string> problems;
 };
@@ -54,6 +57,9 @@ struct RecordedSession {
 /// An error if `folder` is not a session's: it has neither times.txt nor drops.csv nor late.csv, or
 /// one of the files cannot be read. Reads all of them. Blocking; reentrant.
 Result<RecordedSession> read_recorded_session(const std::filesystem::path& folder);
+
+/// The line of quality.csv of a frame, with its end; empty if it has none.
+std::string quality_line(const RecordedSession& session, Sequence sequence);
 
 /// Frames whose number or time is not above that of the frame before them, one line each.
 std::vector<std::string> problems_of_order(const RecordedSession& session);

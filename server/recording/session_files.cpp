@@ -98,7 +98,8 @@ SessionFiles::SessionFiles(fs::path folder, std::string calibration, SegmentInfo
       segment_(segment),
       times_(folder_ / session_names::kTimes),
       drops_(folder_ / session_names::kDrops, std::string(kDropCsvHeader)),
-      checksums_(folder_ / session_names::kChecksums) {}
+      checksums_(folder_ / session_names::kChecksums),
+      qualities_(folder_ / session_names::kQualities, std::string(session_lines::kQualityHeader)) {}
 
 /// What a power cut has left behind: lines without their images. False: there are none.
 Result<bool> SessionFiles::cut_false_tail() {
@@ -124,6 +125,7 @@ Result<wire::Position> SessionFiles::recover() {
   auto times = times_.recover();
   if (!times) return std::move(times).error();
   if (auto recovered = checksums_.recover(); !recovered) return std::move(recovered).error();
+  if (auto recovered = qualities_.recover(); !recovered) return std::move(recovered).error();
   auto was_cut = cut_false_tail();
   if (!was_cut) return std::move(was_cut).error();
   if (was_cut.value()) times = times_.recover();
@@ -191,6 +193,11 @@ std::optional<Error> SessionFiles::write(const EncodedFrame& frame) {
 }
 
 std::optional<Error> SessionFiles::append_lines(const EncodedFrame& frame) {
+  const session_lines::Quality quality{frame.sequence, frame.quality, frame.whole_bytes,
+                                       frame.whole_crc};
+  if (quality.is_known()) {
+    if (auto error = qualities_.append(to_csv(quality) + '\n')) return error;
+  }
   if (auto error = checksums_.append(checksum_lines(frame))) return error;
   return times_.append(times_line(frame));
 }

@@ -30,13 +30,14 @@ namespace orbbuf {
 ///   orphans/            what recover() found and could not explain; no program reads it
 ///   checksums.sfv       `images/000123.jpg 8C4F21D3`: each image's CRC-32, as cksfv and rhash
 ///                       read it
+///   quality.csv         `123,30,40123,0A1B2C3D`: a frame's quality, and what it was reduced from
 ///
 /// The line in times.txt is what makes a frame accepted: whatever is found without one was in the
-/// middle of being written. Its checksums are written before, so that each accepted frame has them;
-/// those of a frame that was not accepted after all are ignored, and of two for one image the
-/// last counts. Each file appears by rename and each line by one append, without fsync:
-/// an accepted frame survives the death of this process; GroupCommit is for that of the machine.
-/// Blocking; reentrant. Called by one thread at a time; recover() is the first call.
+/// middle of being written. Its quality and checksums are written before, so that each accepted
+/// frame has them; those of a frame that was not accepted after all are ignored, and of two for one
+/// frame or image the last counts. Each file appears by rename and each line by one append, without
+/// fsync: an accepted frame survives the death of this process; GroupCommit is for that of the
+/// machine. Blocking; reentrant. Called by one thread at a time; recover() is the first call.
 class SessionFiles final : public SessionRecord {
  public:
   /// Touches nothing: the folder is made by the first write.
@@ -46,7 +47,7 @@ class SessionFiles final : public SessionRecord {
   /// line is cut off. What a kill or a power cut left behind goes to the folder `orphans`: frames
   /// at the end that are not whole (FalseTail), images of either side at or past the position but
   /// those of late frames, a temporary file. No folder is an empty record, which stands
-  /// where the segment begins. Reads all three lists.
+  /// where the segment begins. Reads the lists.
   Result<wire::Position> recover();
 
   std::optional<Error> write(const EncodedFrame& frame) override;
@@ -73,6 +74,7 @@ class SessionFiles final : public SessionRecord {
   LineFile times_;
   LineFile drops_;
   LineFile checksums_;
+  LineFile qualities_;
   SessionClosing reported_;  // as noted, also before recover()
   bool is_prepared_ = false;
 };

@@ -7,6 +7,7 @@
 #include <array>
 #include <charconv>
 #include <cstddef>
+#include <limits>
 #include <system_error>
 
 #include "common/decimal.hpp"
@@ -22,6 +23,26 @@ std::optional<std::uint32_t> parse_crc(std::string_view text) {
   const auto [stop, failed] = std::from_chars(text.data(), end, crc, 16);
   if (failed != std::errc{} || stop != end) return std::nullopt;
   return crc;
+}
+
+/// The fields of a line of CSV; nothing if there are more or fewer.
+template <std::size_t Count>
+std::optional<std::array<std::string_view, Count>> split(std::string_view line) {
+  std::array<std::string_view, Count> fields;
+  for (std::size_t i = 0; i < Count; ++i) {
+    const auto end = line.find(',');
+    if ((end == line.npos) != (i + 1 == Count)) return std::nullopt;
+    fields[i] = line.substr(0, end);
+    line.remove_prefix(std::min(end, line.size() - 1) + 1);
+  }
+  return fields;
+}
+
+template <class Number>
+std::optional<Number> parse_up_to(std::string_view text, Number most) {
+  const auto number = parse_digits(text);
+  if (!number || *number > most) return std::nullopt;
+  return static_cast<Number>(*number);
 }
 
 }  // namespace
@@ -47,29 +68,26 @@ std::string exposure_ms(std::uint32_t exposure_ns) {
 }
 
 std::string to_csv(const Late& late) {
-  return fmt::format("{},{},{},{:08X},{},{}", late.sequence, format_seconds(late.capture_time_ns),
-                     late.exposure_ms, late.crc,
+  return fmt::format("{},{},{},{:08X},{},{},{}", late.sequence,
+                     format_seconds(late.capture_time_ns), late.exposure_ms, late.crc,
                      late.crc_right ? fmt::format("{:08X}", *late.crc_right) : "",
-                     format_seconds(late.arrived_ns));
+                     format_seconds(late.arrived_ns), late.quality);
 }
 
 std::optional<Late> parse_late(std::string_view line) {
-  std::array<std::string_view, 6> fields;
-  for (std::size_t i = 0; i < fields.size(); ++i) {
-    const auto end = line.find(',');
-    if ((end == line.npos) != (i + 1 == fields.size())) return std::nullopt;
-    fields[i] = line.substr(0, end);
-    line.remove_prefix(std::min(end, line.size() - 1) + 1);
-  }
-  const auto& [number, captured, exposure, left, right, arrived] = fields;
+  const auto fields = split<7>(line);
+  if (!fields) return std::nullopt;
+  const auto& [number, captured, exposure, left, right, arrived, jpeg_quality] = *fields;
   const auto sequence = parse_digits(number);
   const auto capture_time_ns = parse_seconds(captured);
   const auto crc = parse_crc(left);
   const auto crc_right = parse_crc(right);
   const auto arrived_ns = parse_seconds(arrived);
-  if (!sequence || !capture_time_ns || !crc || !arrived_ns) return std::nullopt;
+  const auto quality = parse_up_to(jpeg_quality, kMaxQuality);
+  if (!sequence || !capture_time_ns || !crc || !arrived_ns || !quality) return std::nullopt;
   if (!crc_right && !right.empty()) return std::nullopt;
-  return Late{*sequence, *capture_time_ns, std::string(exposure), *crc, crc_right, *arrived_ns};
+  return Late{*sequence,   *capture_time_ns, std::string(exposure), *crc, crc_right,
+              *arrived_ns, *quality};
 }
 
 std::string checksum(std::string_view image, std::uint32_t crc) {
@@ -82,6 +100,23 @@ std::optional<Checksum> parse_checksum(std::string_view line) {
   const auto crc = parse_crc(line.substr(blank + 1));
   if (!crc) return std::nullopt;
   return Checksum{line.substr(0, blank), *crc};
+}
+
+std::string to_csv(const Quality& quality) {
+  return fmt::format("{},{},{},{:08X}", quality.sequence, quality.quality, quality.whole_bytes,
+                     quality.whole_crc);
+}
+
+std::optional<Quality> parse_quality(std::string_view line) {
+  const auto fields = split<4>(line);
+  if (!fields) return std::nullopt;
+  const auto& [number, jpeg_quality, bytes, checksum] = *fields;
+  const auto sequence = parse_digits(number);
+  const auto quality = parse_up_to(jpeg_quality, kMaxQuality);
+  const auto whole_bytes = parse_up_to(bytes, std::numeric_limits<std::uint32_t>::max());
+  const auto whole_crc = parse_crc(checksum);
+  if (!sequence || !quality || !whole_bytes || !whole_crc) return std::nullopt;
+  return Quality{*sequence, *quality, *whole_bytes, *whole_crc};
 }
 
 }  // namespace orbbuf::session_lines

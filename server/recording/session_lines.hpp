@@ -28,7 +28,7 @@ std::optional<Times> parse_times(std::string_view line);
 /// As times.txt has it; 0: unknown.
 std::string exposure_ms(std::uint32_t exposure_ns);
 
-/// Of late.csv: `123,1.633012000,8.500000,0A1B2C3D,,1763779406.123456789`.
+/// Of late.csv: `123,1.633012000,8.500000,0A1B2C3D,,1763779406.123456789,80`.
 struct Late {
   Sequence sequence = 0;
   std::int64_t capture_time_ns = 0;
@@ -36,11 +36,12 @@ struct Late {
   std::uint32_t crc = 0;                     ///< of the image, of stereo frames the left one
   std::optional<std::uint32_t> crc_right{};  ///< nothing: the frame is not stereo
   std::int64_t arrived_ns = 0;               ///< since the Unix epoch
+  std::uint8_t quality = 0;                  ///< 0: unknown
 
   friend bool operator==(const Late&, const Late&) = default;
 };
 inline constexpr std::string_view kLateHeader =
-    "sequence,capture_time_s,exposure_ms,crc,crc_right,arrived_s";
+    "sequence,capture_time_s,exposure_ms,crc,crc_right,arrived_s,quality";
 std::string to_csv(const Late& late);
 std::optional<Late> parse_late(std::string_view line);
 
@@ -54,5 +55,20 @@ struct Checksum {
 };
 /// Eight hexadecimal digits behind the last blank. The image points into `line`.
 std::optional<Checksum> parse_checksum(std::string_view line);
+
+/// Of quality.csv: `123,30,40123,0A1B2C3D`; of a whole frame `123,80,0,00000000`.
+struct Quality {
+  Sequence sequence = 0;
+  std::uint8_t quality = 0;  ///< this and the others as EncodedFrame has them
+  std::uint32_t whole_bytes = 0;
+  std::uint32_t whole_crc = 0;
+
+  /// A frame of which nothing of this is known has no line.
+  bool is_known() const { return quality > 0 || whole_bytes > 0; }
+  friend bool operator==(const Quality&, const Quality&) = default;
+};
+inline constexpr std::string_view kQualityHeader = "sequence,quality,whole_bytes,whole_crc";
+std::string to_csv(const Quality& quality);
+std::optional<Quality> parse_quality(std::string_view line);
 
 }  // namespace orbbuf::session_lines

@@ -19,6 +19,7 @@ inline constexpr const char* kDrops = "drops.csv";
 inline constexpr const char* kEnd = "end.csv";
 inline constexpr const char* kSegment = "segment.csv";
 inline constexpr const char* kChecksums = "checksums.sfv";
+inline constexpr const char* kQualities = "quality.csv";
 inline constexpr const char* kOrphans = "orphans";
 inline constexpr const char* kIncoming = "incoming.tmp";
 inline constexpr const char* kLate = "late";

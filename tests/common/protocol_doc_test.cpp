@@ -34,20 +34,23 @@ std::vector<Example> examples() {
 
 /// The conversation that the document tells.
 std::vector<Example> conversation() {
-  EncodedFrame frame{1, 1'600'000'000'033'333'333, 8'000'000, 640, 480,
-                     0, {0xFF, 0xD8, 0xFF, 0xD9}};
-  frame.jpeg_crc = crc32(frame.jpeg);
-  EncodedFrame late = frame;
-  late.sequence = 7;
+  EncodedFrame late{7, 1'600'000'000'033'333'333, 8'000'000, 640, 480, 0, {0xFF, 0xD8, 0xFF, 0xD9}};
+  late.jpeg_crc = crc32(late.jpeg);
+  late.quality = 80;
+  EncodedFrame frame = late;
+  frame.sequence = 1;
+  frame.quality = 30;
+  frame.whole_bytes = 30'000;
+  frame.whole_crc = 0x0A1B2C3D;
   const DropRecord record{0, 1'600'000'000'000'000'000, DropReason::kBusy};
-  return {{"hello", hex(encode(Hello{1, 4, "tb3", "s1", "orbbufd 0.1.0", ""}))},
-          {"welcome", hex(encode(Welcome{4, {0, 0}, 16U << 20, true}))},
+  return {{"hello", hex(encode(Hello{5, 5, "tb3", "s1", "orbbufd 0.1.0", ""}))},
+          {"welcome", hex(encode(Welcome{5, {0, 0}, 16U << 20, true}))},
           {"dropped", hex(encode(Dropped{0, {record}}))},
           {"frame", hex(encode_whole(frame))},
           {"ack", hex(encode(Ack{{2, 1}, 2}))},
           {"stats", hex(encode(Report{{2, 1, 0, 0, 1, 0, 0}, 25, 0, 1'000'000, 40'000}))},
           {"spool", hex(encode(Spool{{{"s0", 1, 7}}}))},
-          {"late", hex(encode(LatePart{0, 0, 44, encode_late_record("s0", late)}))},
+          {"late", hex(encode(LatePart{0, 0, 52, encode_late_record("s0", late)}))},
           {"ack of late frames", hex(encode(LateAck{1}))},
           {"bye", hex(encode(Bye{{2, 1}}))},
           {"error", hex(encode(ErrorMessage{ErrorCode::kReplaced, "replaced"}))}};

@@ -39,6 +39,14 @@ inline EncodedFrame sample_frame() {
   frame.jpeg = {0xFF, 0xD8, 1, 0xFF, 0xD9, 0xFF, 0xD8, 2, 2, 0xFF, 0xD9};
   frame.jpeg_crc = crc32(frame.jpeg);
   frame.left_bytes = 5;
+  frame.quality = 30;
+  return frame;
+}
+
+inline EncodedFrame reduced_frame() {
+  EncodedFrame frame = sample_frame();
+  frame.whole_bytes = 0x01020304;
+  frame.whole_crc = 0x11121314;
   return frame;
 }
 
@@ -51,23 +59,24 @@ inline Bytes encode_whole(const EncodedFrame& frame) {
 }
 
 inline std::map<Type, Bytes> sample_messages() {
-  const Hello hello{1, 1, "tb3-07", "20201024T101500Z", "orbbufd 0.1.0", "0.5\t0.5\n"};
+  const Hello hello{5, 5, "tb3-07", "20201024T101500Z", "orbbufd 0.1.0", "0.5\t0.5\n"};
   const Dropped dropped{5,
                         {{10, -1, DropReason::kPolicy, 257},
                          {11, 0, DropReason::kBusy},
                          {12, 1, DropReason::kFailed},
                          {13, 2, DropReason::kShutdown}}};
-  return {{Type::kHello, encode(hello)},
-          {Type::kWelcome, encode(Welcome{1, {0x0102030405060708, 0x1112131415161718}})},
-          {Type::kFrame, encode_whole(sample_frame())},
-          {Type::kAck, encode(Ack{{7, 3}, 9})},
-          {Type::kDropped, encode(dropped)},
-          {Type::kStats, encode(Report{{21, 1, 2, 3, 4, 5, 6}, 25, 80'000, 1'000'000, 40'000, -2})},
-          {Type::kBye, encode(Bye{{8, 4}})},
-          {Type::kError, encode(ErrorMessage{ErrorCode::kVersion, "no version in common"})},
-          {Type::kLate, encode(LatePart{7, 3, 7, as_bytes("late")})},
-          {Type::kLateAck, encode(LateAck{8})},
-          {Type::kSpool, encode(Spool{{{"s1", 25, 3}, {"s2", 1, 0}}})}};
+  return {
+      {Type::kHello, encode(hello)},
+      {Type::kWelcome, encode(Welcome{5, {0x0102030405060708, 0x1112131415161718}})},
+      {Type::kFrame, encode_whole(reduced_frame())},
+      {Type::kAck, encode(Ack{{7, 3}, 9})},
+      {Type::kDropped, encode(dropped)},
+      {Type::kStats, encode(Report{{21, 1, 2, 3, 4, 5, 6}, 25, 80'000, 1'000'000, 40'000, -2, 7})},
+      {Type::kBye, encode(Bye{{8, 4}})},
+      {Type::kError, encode(ErrorMessage{ErrorCode::kVersion, "no version in common"})},
+      {Type::kLate, encode(LatePart{7, 3, 7, as_bytes("late")})},
+      {Type::kLateAck, encode(LateAck{8})},
+      {Type::kSpool, encode(Spool{{{"s1", 25, 3}, {"s2", 1, 0}}})}};
 }
 
 inline Parsed<Header> header_of(std::span<const std::uint8_t> message) {

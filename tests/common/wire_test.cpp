@@ -17,23 +17,23 @@ Parsed<Hello> parse_back(const Hello& hello) {
 }
 
 Hello hello_with(std::string software, std::string calibration) {
-  return {1, 1, "robot", "session", std::move(software), std::move(calibration)};
+  return {5, 5, "robot", "session", std::move(software), std::move(calibration)};
 }
 
 TEST(Wire, EachMessageHasItsGoldenBytes) {
   // Made by Python's struct and zlib from docs/protocol.md, not by the code under test.
   const std::map<Type, std::string> golden = {
       {Type::kHello,
-       "4f524242010100000000003733e8bdade27fb644"
-       "0101000000067462332d303700103230323031303234543130313530305a000d"
+       "4f5242420101000000000037bd70d7357d3f065f"
+       "0505000000067462332d303700103230323031303234543130313530305a000d"
        "6f72626275666420302e312e300008302e3509302e350a"},
       {Type::kWelcome,
-       "4f524242010200000000001888315df2d58d103d"
-       "010000000000000001020304050607081112131415161718"},
+       "4f5242420102000000000018e137c3ad83383ff7"
+       "050000000000000001020304050607081112131415161718"},
       {Type::kFrame,
-       "4f524242010300000000002bf6f7e271fbac501b"
-       "0102030405060708fffffffffffffffe1112131404ca01720100000000000005"
-       "ffd801ffd9ffd80202ffd9"},
+       "4f5242420103000000000033e7ebca9345fccb48"
+       "0102030405060708fffffffffffffffe1112131404ca0172011e000000000005"
+       "0102030411121314ffd801ffd9ffd80202ffd9"},
       {Type::kAck,
        "4f5242420104000000000018c302320a060353cd"
        "000000000000000700000000000000030000000000000009"},
@@ -43,10 +43,10 @@ TEST(Wire, EachMessageHasItsGoldenBytes) {
        "000000000b000000000000000002ffff000000000000000c0000000000000001"
        "03ffff000000000000000d000000000000000204ffff"},
       {Type::kStats,
-       "4f524242010600000000005889f3197487feb2a9"
+       "4f52424201060000000000600eeab5e9f9da4b8f"
        "0000000000000015000000000000000100000000000000020000000000000003"
        "0000000000000004000000000000000500000000000000060000001900000000"
-       "0001388000000000000f424000009c40fffffffffffffffe"},
+       "0001388000000000000f424000009c40fffffffffffffffe0000000000000007"},
       {Type::kBye,
        "4f5242420107000000000010500e2d5448f7bb4e"
        "00000000000000080000000000000004"},
@@ -69,25 +69,17 @@ TEST(Wire, EachMessageHasItsGoldenBytes) {
   }
 }
 
-TEST(Wire, AnAckOfVersion1SaysNothingOfWhatIsReceived) {
-  const Bytes message = encode(Ack{{7, 3}, std::nullopt});
+TEST(Wire, AWelcomeSaysWhetherLateFramesAreTaken) {
+  const Bytes message = encode(Welcome{5, {7, 3}, 16U << 20, true});
   EXPECT_EQ(hex(message),
-            "4f524242010400000000001011d3772689b3e1ba"
-            "00000000000000070000000000000003");
-  EXPECT_EQ(there_and_back(message).value(), message);
-}
-
-TEST(Wire, AWelcomeOfVersion4SaysWhetherLateFramesAreTaken) {
-  const Bytes message = encode(Welcome{4, {7, 3}, 16U << 20, true});
-  EXPECT_EQ(hex(message),
-            "4f5242420102000000000018c9bbb99e6491aaa8"
-            "040100000100000000000000000000070000000000000003");
+            "4f5242420102000000000018489edcb9b272d574"
+            "050100000100000000000000000000070000000000000003");
   EXPECT_EQ(there_and_back(message).value(), message);
 }
 
 TEST(Wire, AWelcomeSaysWhetherThereIsAHeartbeat) {
   for (const bool takes_late : {false, true}) {
-    const Bytes message = encode(Welcome{4, {7, 3}, 16U << 20, takes_late, true});
+    const Bytes message = encode(Welcome{5, {7, 3}, 16U << 20, takes_late, true});
     EXPECT_EQ(message.at(kHeaderBytes + 1), takes_late ? 3 : 2);
     EXPECT_EQ(there_and_back(message).value(), message);
   }
@@ -109,9 +101,9 @@ TEST(Wire, ALateRecordIsTheSessionAndTheFramesBody) {
 TEST(Wire, AMonoFrameIsALeftImageAlone) {
   const Bytes message = encode_whole(mono_frame());
   EXPECT_EQ(hex(message),
-            "4f5242420103000000000025e9718bcb36d544fd"
+            "4f524242010300000000002d56576ff0f46db46e"
             "0102030405060708fffffffffffffffe1112131404ca01720100000000000005"
-            "ffd800ffd9");
+            "0000000000000000ffd800ffd9");
   EXPECT_EQ(there_and_back(message).value(), message);
 }
 
@@ -124,10 +116,10 @@ TEST(Wire, EachMessageSurvivesThereAndBack) {
 }
 
 TEST(Wire, FieldsComeBackAsTheyWere) {
-  const Hello hello{1, 3, "tb3", "s-1", "orbbufd 0.1.0", "fx fy\r\n\tcx"};
+  const Hello hello{5, 7, "tb3", "s-1", "orbbufd 0.1.0", "fx fy\r\n\tcx"};
   EXPECT_EQ(parse_back(hello).value(), hello);
 
-  const EncodedFrame sent = sample_frame();
+  const EncodedFrame sent = reduced_frame();
   const auto message = encode_whole(sent);
   const auto body = std::span(message).subspan(kHeaderBytes);
   const auto got =
@@ -139,6 +131,9 @@ TEST(Wire, FieldsComeBackAsTheyWere) {
   EXPECT_EQ(got.value().height_px, sent.height_px);
   EXPECT_EQ(got.value().jpeg_crc, sent.jpeg_crc);
   EXPECT_EQ(got.value().jpeg, sent.jpeg);
+  EXPECT_EQ(got.value().quality, sent.quality);
+  EXPECT_EQ(got.value().whole_bytes, sent.whole_bytes);
+  EXPECT_EQ(got.value().whole_crc, sent.whole_crc);
   EXPECT_EQ(hex(got.value().left()), "ffd801ffd9");
   EXPECT_EQ(hex(got.value().right()), "ffd80202ffd9");
 }

@@ -30,6 +30,11 @@ async function recorded() {
       ({ sequence: Number(sequence), time: nanoseconds(time) })),
     drops: drops.map(([sequence, reason, time]) =>
       ({ sequence: Number(sequence), reason, time: nanoseconds(time) })),
+    // Of two lines for one frame the last counts; those of late frames stand behind the others.
+    qualities: [...new Map((await lines("quality.csv")).slice(1).map((line) => line.split(","))
+      .map(([sequence, quality, bytes, crc]) => [Number(sequence),
+        [Number(sequence), Number(quality), Number(bytes), parseInt(crc, 16)]])).values()]
+      .sort(([a], [b]) => a - b),
     isStereo: (await readdir(session)).includes("images_right"),
   };
 }
@@ -139,18 +144,22 @@ function without_last(list, expected) {
 
 async function check(contents, expected) {
   const topics = decoded(contents);
-  const { frames, drops, isStereo } = expected;
+  const { frames, drops, qualities, isStereo } = expected;
   const sides = isStereo ? [["left/", "images", 0], ["right/", "images_right", -10]]
                          : [["", "images", 0]];
   const kinds = calibrated === "yes" ? ["image", "calibration"] : ["image"];
   const names = sides.flatMap(([side]) => kinds.map((kind) => side + kind));
   if (topics.drops) names.push("drops");
+  if (qualities.length > 0) names.push("quality");
   assert.deepEqual(Object.keys(topics).sort(), names.sort());
   for (const [side, folder, tx] of sides) {
     await check_images(without_last(topics[`${side}image`], frames), frames, folder);
     if (calibrated !== "yes") continue;
     check_calibrations(without_last(topics[`${side}calibration`], frames), frames, tx);
   }
+  const told = (topics.quality ?? []).map(({ number, value }) =>
+    [number, value.quality ?? 0, value.whole_bytes ?? 0, value.whole_crc ?? 0]);
+  assert.deepEqual(without_last(told, qualities), qualities);
   const late = new Set(drops.filter(({ reason }) => reason === "late").map(({ sequence }) => sequence));
   const dropped = (topics.drops ?? []).map(({ time, value }) => {
     assert.equal(BigInt(value.timestamp.sec) * 1000000000n + BigInt(value.timestamp.nsec), time);

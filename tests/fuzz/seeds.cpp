@@ -20,16 +20,19 @@ Bytes joined(const std::vector<Bytes>& messages) {
   return all;
 }
 
-EncodedFrame stereo_frame(Sequence sequence) {
+/// And stereo.
+EncodedFrame reduced_frame(Sequence sequence) {
   EncodedFrame frame = test::plain_frame(sequence);
   frame.left_bytes = 60;
+  frame.quality = 30;
+  frame.whole_bytes = 30'000;
   return frame;
 }
 
 /// A short life: hello, frames with a repeat, drop records, stats, bye.
 Bytes life(const std::string& session) {
-  return joined({wire::encode(wire::Hello{1, 1, "r", session, "orbbufd", ""}),
-                 wire::encode_whole(test::plain_frame(0)), wire::encode_whole(stereo_frame(2)),
+  return joined({wire::encode(wire::Hello{5, 5, "r", session, "orbbufd", ""}),
+                 wire::encode_whole(test::plain_frame(0)), wire::encode_whole(reduced_frame(2)),
                  wire::encode_whole(test::plain_frame(0)),
                  wire::encode(wire::Dropped{0, {{1, 0, DropReason::kPolicy}}}),
                  wire::encode(wire::Report{{3, 0, 0, 1, 2, 0, 0}}),

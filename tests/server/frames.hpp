@@ -47,6 +47,16 @@ inline FramePtr jpeg_like_frame_ptr(Sequence sequence, std::size_t bytes = 100) 
   return std::make_shared<const EncodedFrame>(std::move(frame));
 }
 
+/// A plain frame that was made from `whole_bytes` bytes.
+inline EncodedFrame reduced_frame(Sequence sequence, std::uint8_t quality = 30,
+                                  std::uint32_t whole_bytes = 40'123) {
+  EncodedFrame frame = plain_frame(sequence);
+  frame.quality = quality;
+  frame.whole_bytes = whole_bytes;
+  frame.whole_crc = 0x0A1B2C3D;
+  return frame;
+}
+
 /// A stereo frame of two plain images.
 inline EncodedFrame plain_pair(Sequence sequence, std::size_t left_bytes, std::size_t right_bytes) {
   EncodedFrame frame = plain_frame(sequence, left_bytes + right_bytes);

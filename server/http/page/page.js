@@ -149,7 +149,7 @@ class Card {
     for (const name of ["captured", "acknowledged", "dropped", "skipped", "failed", "in_flight"]) {
       put(this.root, name, report ? report[name].toLocaleString("en") : "–", report ? report[name] : "");
     }
-    for (const name of ["late", "on_robot"]) {
+    for (const name of ["late", "on_robot", "quality", "reduced"]) {
       put(this.root, name, now[name]?.toLocaleString("en") ?? "–", now[name] ?? "");
     }
     const bar = this.root.querySelector(".bar");

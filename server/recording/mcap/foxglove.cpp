@@ -182,6 +182,17 @@ std::vector<std::uint8_t> camera_calibration(std::int64_t time_ns, std::string_v
   return message.take();
 }
 
+std::string quality_json(const EncodedFrame& frame) {
+  const auto [sec, nsec] = split_seconds(frame.capture_time_ns);
+  std::string json = fmt::format(R"({{"timestamp":{{"sec":{},"nsec":{}}},"sequence":{})", sec, nsec,
+                                 frame.sequence);
+  if (frame.quality > 0) json += fmt::format(R"(,"quality":{})", frame.quality);
+  if (frame.is_reduced()) {
+    json += fmt::format(R"(,"whole_bytes":{},"whole_crc":{})", frame.whole_bytes, frame.whole_crc);
+  }
+  return json + '}';
+}
+
 std::string drop_json(const DropRecord& record) {
   const auto [sec, nsec] = split_seconds(record.capture_time_ns);
   const std::string similarity = record.similarity == kUnknownSimilarity

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "common/drop_record.hpp"
+#include "common/frame.hpp"
 #include "server/calibration/camera_info.hpp"
 
 /// The messages of Foxglove's schemas that recordings and live viewers get, as protobuf writes
@@ -29,6 +30,17 @@ std::vector<std::uint8_t> compressed_image(std::int64_t time_ns, std::string_vie
 /// foxglove.CameraCalibration.
 std::vector<std::uint8_t> camera_calibration(std::int64_t time_ns, std::string_view frame_id,
                                              const CameraInfo& camera);
+
+/// orbbuf.Quality, and its JSON schema: absent is what is not known, and of a whole frame the last
+/// two.
+std::string quality_json(const EncodedFrame& frame);
+inline constexpr std::string_view kQualitySchemaName = "orbbuf.Quality";
+inline constexpr std::string_view kQualitySchema =
+    R"({"title":"orbbuf.Quality","type":"object","properties":{)"
+    R"("timestamp":{"type":"object","title":"time","properties":{)"
+    R"("sec":{"type":"integer"},"nsec":{"type":"integer"}}},)"
+    R"("sequence":{"type":"integer"},"quality":{"type":"integer"},)"
+    R"("whole_bytes":{"type":"integer"},"whole_crc":{"type":"integer"}}})";
 
 /// orbbuf.Drop, and its JSON schema.
 std::string drop_json(const DropRecord& record);

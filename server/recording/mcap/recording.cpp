@@ -19,7 +19,12 @@ namespace {
 
 constexpr std::string_view kLibrary = "orbbuf-server";
 
-enum SchemaId : std::uint16_t { kImageSchema = 1, kCalibrationSchema, kDropSchema };
+enum SchemaId : std::uint16_t {
+  kImageSchema = 1,
+  kCalibrationSchema,
+  kDropSchema,
+  kQualitySchema,
+};
 enum ChannelId : std::uint16_t {
   kImage = 1,
   kCalibration,
@@ -28,6 +33,7 @@ enum ChannelId : std::uint16_t {
   kRightImage,
   kRightCalibration,
   kDrops,
+  kQuality,
 };
 
 struct ChannelKind {
@@ -37,16 +43,17 @@ struct ChannelKind {
   std::string_view topic;  ///< behind that
 };
 
-constexpr std::array<ChannelKind, 7> kChannels = {
+constexpr std::array<ChannelKind, 8> kChannels = {
     {{kImage, kImageSchema, "", "/image"},
      {kCalibration, kCalibrationSchema, "", "/calibration"},
      {kLeftImage, kImageSchema, "/left", "/image"},
      {kLeftCalibration, kCalibrationSchema, "/left", "/calibration"},
      {kRightImage, kImageSchema, "/right", "/image"},
      {kRightCalibration, kCalibrationSchema, "/right", "/calibration"},
-     {kDrops, kDropSchema, "", "/drops"}}};
+     {kDrops, kDropSchema, "", "/drops"},
+     {kQuality, kQualitySchema, "", "/quality"}}};
 
-bool is_ours(std::uint16_t channel) { return channel >= kImage && channel <= kDrops; }
+bool is_ours(std::uint16_t channel) { return channel >= kImage && channel <= kQuality; }
 const ChannelKind& kind_of(std::uint16_t channel) { return kChannels.at(channel - 1U); }
 
 bool is_image(std::uint16_t channel) {
@@ -64,6 +71,10 @@ void with_schema(std::uint16_t id, Put put) {
     return put(
         Schema{id, foxglove::kDropSchemaName, "jsonschema", as_bytes(foxglove::kDropSchema)});
   }
+  if (id == kQualitySchema) {
+    return put(
+        Schema{id, foxglove::kQualitySchemaName, "jsonschema", as_bytes(foxglove::kQualitySchema)});
+  }
   const auto schema = id == kImageSchema ? foxglove::compressed_image_schema()
                                          : foxglove::camera_calibration_schema();
   put(Schema{id, schema.name, "protobuf", schema.descriptors});
@@ -73,7 +84,7 @@ template <class Put>
 void with_channel(std::uint16_t id, const std::string& robot_id, Put put) {
   const ChannelKind& kind = kind_of(id);
   const std::string topic = fmt::format("/{}{}{}", robot_id, kind.frame, kind.topic);
-  put(Channel{id, kind.schema, topic, kind.schema == kDropSchema ? "json" : "protobuf"});
+  put(Channel{id, kind.schema, topic, kind.schema >= kDropSchema ? "json" : "protobuf"});
 }
 
 }  // namespace
@@ -164,6 +175,11 @@ std::optional<Error> Recording::append(const EncodedFrame& frame) {
   if (cameras_.left) add_calibration(frame, calibration, *cameras_.left, batch);
   if (is_stereo && cameras_.right) {
     add_calibration(frame, kRightCalibration, *cameras_.right, batch);
+  }
+  if (frame.quality > 0 || frame.is_reduced()) {
+    describe(kQuality, batch);
+    batch.add(head_of(kQuality, frame.sequence, frame.capture_time_ns),
+              as_bytes(foxglove::quality_json(frame)));
   }
   return file_.append(batch);
 }

@@ -26,6 +26,7 @@ namespace orbbuf::mcap {
 ///                             camera.txt that it can express
 ///   /ROBOT/{left,right}/...   the same of stereo frames; the right calibration needs the baseline
 ///   /ROBOT/drops              orbbuf.Drop, JSON: the frames that will not come
+///   /ROBOT/quality            orbbuf.Quality, JSON: one with each frame of which it is known
 ///
 /// The log time of each is the time of capture, so that a player shows what the camera saw when; a
 /// time before 1970 becomes 0 there. If the robot's clock was set meanwhile, a metadata record

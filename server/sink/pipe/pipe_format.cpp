@@ -34,6 +34,8 @@ std::string head_lines(const EncodedFrame& frame, Camera camera, const PipeNote&
   if (camera != Camera::kOnly) {
     lines += fmt::format("{}camera={}\n", prefix, camera == Camera::kLeft ? "left" : "right");
   }
+  if (frame.quality > 0) lines += fmt::format("{}quality={}\n", prefix, frame.quality);
+  if (frame.is_reduced()) lines += fmt::format("{}whole={}\n", prefix, frame.whole_bytes);
   if (note.missed > 0) lines += fmt::format("{}missed={}\n", prefix, note.missed);
   if (note.age) lines += fmt::format("{}age={:.3f}\n", prefix, to_seconds(*note.age));
   return lines + fmt::format("{}session={}\n", prefix, note.session);

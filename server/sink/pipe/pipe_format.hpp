@@ -18,6 +18,9 @@ namespace orbbuf {
 ///   seq=41
 ///   t=1.640000000      seconds, nine decimals
 ///   camera=left        or right; of stereo frames only, left image first
+///   quality=30         of the JPEG, 1 to 100; absent if it is not known
+///   whole=40123        bytes of the JPEG that the robot reduced this one from, of stereo frames of
+///                      both together; absent: none, or not known
 ///   missed=12          frames of the session, since the last one in this pipe; absent: none
 ///   age=0.061          seconds from capture to here, by the clocks of robot and server; absent
 ///                      if that is a day or more, as of a replay with the times of its recording

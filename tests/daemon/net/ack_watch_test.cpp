@@ -16,7 +16,7 @@ class AckWatchTest : public testing::Test {
     watch_.look(TcpProgress{0, unacked, 0, 0, 10ms}, now_);
     return watch_.is_silent();
   }
-  void ack(Sequence next) { watch_.on_ack({{next, 0}, std::nullopt}); }
+  void ack(Sequence next) { watch_.on_ack({{next, 0}, next}); }
 
   AckWatch watch_{60s};
   AckWatch::Time now_{};

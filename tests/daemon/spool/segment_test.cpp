@@ -66,11 +66,11 @@ TEST_F(SegmentTest, ItsBytesAreThoseOfTheSpecification) {
   ASSERT_TRUE(writer.append(*frame));
   ASSERT_FALSE(writer.complete());
   EXPECT_EQ(hex(content()),
-            "4f4253500001"
+            "4f4253500002"
             "0005726f626f74"
             "000773657373696f6e"
             "000000000000000c"
-            "56dfaefc"
+            "633218af"
             "4f425352"
             "00000002"
             "0000000000000003"
@@ -80,13 +80,14 @@ TEST_F(SegmentTest, ItsBytesAreThoseOfTheSpecification) {
             "01e0"
             "00000001"
             "e9ffc9d0"
-            "970d1e6f"
+            "50"
+            "bec9388f"
             "abcd"
             "4f425345"
             "0000000000000001"
             "0000000000000003"
             "0000000000000003"
-            "31afd841");
+            "b2c60882");
 }
 
 TEST_F(SegmentTest, AnEmptyOneHasAHeaderAndNoRecords) {

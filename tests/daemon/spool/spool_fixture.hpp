@@ -31,6 +31,7 @@ inline FramePtr spool_frame(Sequence sequence, std::size_t bytes = 1000, std::ui
   frame->width_px = 640;
   frame->height_px = 480;
   frame->left_bytes = static_cast<std::uint32_t>(bytes / 2);
+  frame->quality = 80;
   frame->jpeg.resize(bytes);
   std::uint64_t state = (sequence + 1) * 0x9E3779B97F4A7C15 + salt;
   for (auto& byte : frame->jpeg) {
@@ -45,7 +46,7 @@ inline bool is_same(const EncodedFrame& one, const EncodedFrame& other) {
   return one.sequence == other.sequence && one.capture_time_ns == other.capture_time_ns &&
          one.exposure_ns == other.exposure_ns && one.width_px == other.width_px &&
          one.height_px == other.height_px && one.left_bytes == other.left_bytes &&
-         one.jpeg_crc == other.jpeg_crc && one.jpeg == other.jpeg;
+         one.jpeg_crc == other.jpeg_crc && one.quality == other.quality && one.jpeg == other.jpeg;
 }
 
 /// A spool whose thread's news the test waits for.

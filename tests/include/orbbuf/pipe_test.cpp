@@ -89,6 +89,23 @@ TEST_F(OrbbufPipeTest, ReadsThePgmsThatTheSinkWrites) {
   EXPECT_EQ(next(), 0);
 }
 
+TEST_F(OrbbufPipeTest, TellsTheQualityAndWhatAnImageWasReducedFrom) {
+  EncodedFrame reduced = *jpeg_frame_ptr(8, 31, 17);
+  reduced.quality = 30;
+  reduced.whole_bytes = 4'000'000'000;
+  EncodedFrame whole = *jpeg_frame_ptr(9, 31, 17);
+  whole.quality = 100;
+  for (const auto& of : {pgm_of, jpeg_of}) {
+    open(of(*jpeg_frame_ptr(7, 31, 17), "s") + of(reduced, "s") + of(whole, "s"));
+    for (const auto& [quality, whole_bytes] :
+         {std::pair(0, 0U), std::pair(30, 4'000'000'000U), std::pair(100, 0U)}) {
+      ASSERT_EQ(next(), 1);
+      EXPECT_EQ(image_.quality, quality);
+      EXPECT_EQ(image_.whole_bytes, whole_bytes);
+    }
+  }
+}
+
 TEST_F(OrbbufPipeTest, ReadsTheJpegsThatTheSinkWrites) {
   EncodedFrame mono = *jpeg_frame_ptr(7, 333, 222);
   // A thumbnail, with an end of its own, within a segment that programs may ignore.

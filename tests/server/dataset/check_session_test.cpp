@@ -64,6 +64,26 @@ TEST_F(CheckSession, FindsNothingInASoundOne) {
   EXPECT_THAT(summary(report.value()), StartsWith("OK: 7 frames, 3 dropped, 0.0 MiB"));
 }
 
+TEST_F(CheckSession, SaysHowManyFramesAreReduced) {
+  record();
+  EXPECT_THAT(check_session(session_).value().notes, IsEmpty());
+  append("quality.csv",
+         "sequence,quality,whole_bytes,whole_crc\n"
+         "0,80,0,00000000\n1,30,4000,0A1B2C3D\n2,30,4000,0A1B2C3D\n2,80,0,00000000\n"
+         "99,30,4000,0A1B2C3D\n");  // frame 2 was sent again, whole; frame 99 was not accepted
+  const auto report = check_session(session_);
+  ASSERT_TRUE(report);
+  EXPECT_THAT(report.value().problems, IsEmpty());
+  EXPECT_THAT(report.value().notes, ElementsAre("1 of 7 frames were sent with a reduced JPEG"));
+}
+
+TEST_F(CheckSession, FindsAQualityThatCannotBeRead) {
+  record();
+  append("quality.csv", "sequence,quality,whole_bytes,whole_crc\n0,101,0,00000000\n1,30");
+  EXPECT_THAT(problems(), ElementsAre("quality.csv:2: cannot be read, \"0,101,0,00000000\"",
+                                      "quality.csv:3: torn, \"1,30\""));
+}
+
 TEST_F(CheckSession, FindsNothingInASoundPair) {
   record(true);
   EXPECT_THAT(problems(), IsEmpty());

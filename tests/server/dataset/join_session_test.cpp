@@ -65,6 +65,17 @@ TEST_F(JoinSession, MakesOneSoundSessionOfSegmentsInAnyOrder) {
   EXPECT_THAT(problems_of_out(), IsEmpty());
 }
 
+TEST_F(JoinSession, KeepsTheQualityOfEachFrameThatItTakes) {
+  record("a", {}, {0, 1}, {});
+  record("b", {2, {1, 0}}, {1, 2}, {}, 3);
+  const std::string header = "sequence,quality,whole_bytes,whole_crc\n";
+  test::write_file(folder_ / "a/quality.csv", header + "0,80,0,00000000\n1,80,0,00000000\n");
+  test::write_file(folder_ / "b/quality.csv", header + "1,30,4000,0A1B2C3D\n");
+  join();
+  EXPECT_EQ(test::read_file(folder_ / "out/quality.csv"),
+            header + "0,80,0,00000000\n1,30,4000,0A1B2C3D\n");
+}
+
 TEST_F(JoinSession, WhatTheOwnerBeforeHadNotYetAcknowledgedIsThereOnce) {
   record("a", {}, {0, 1, 2, 3}, {});
   record("b", {2, {2, 0}}, {2, 3, 4}, {}, 5);

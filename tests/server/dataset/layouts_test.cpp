@@ -126,9 +126,12 @@ class LayoutTest : public test::Recording {
 TEST_F(LayoutTest, TumMonoIsTheSessionAgain) {
   record(true, "Pinhole 50 51 32 24 0\n64 48\nnone\n64 48\n0.1\n");
   test::write_file(session_ / "images/stray.jpg", "no frame");
+  test::write_file(session_ / "quality.csv",
+                   "sequence,quality,whole_bytes,whole_crc\n0,80,0,00000000\n1,30,4000,0A1B2C3D\n");
   EXPECT_THAT(exported(Layout::kTumMono).notes, IsEmpty());
   expect_as_recorded(load_tum_mono(out_), true);
-  for (const char* file : {"times.txt", "drops.csv", "camera.txt", "checksums.sfv"}) {
+  for (const char* file :
+       {"times.txt", "drops.csv", "camera.txt", "checksums.sfv", "quality.csv"}) {
     EXPECT_EQ(read_file(out_ / file), read_file(session_ / file)) << file;
     EXPECT_FALSE(read_file(out_ / file).empty()) << file;
   }

@@ -151,7 +151,7 @@ class FoxgloveServerTest : public ListenerTest {
   }
   RobotClient robot(const std::string& calibration = "", const std::string& session = "s") {
     RobotClient robot = connect();
-    robot.send(wire::encode(wire::Hello{1, 3, "r", session, "test", calibration}));
+    robot.send(wire::encode(wire::Hello{5, 5, "r", session, "test", calibration}));
     EXPECT_TRUE(robot.welcome());
     return robot;
   }

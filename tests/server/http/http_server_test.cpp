@@ -37,7 +37,8 @@ class HttpServerTest : public ListenerTest {
     robot.hello("r", "s");
     robot.send_frame(plain_frame(0));
     robot.send(wire::encode(wire::Dropped{0, {{1, 40'000'000, DropReason::kPolicy, 77}}}));
-    robot.send(wire::encode(wire::Report{{3, 0, 0, 1, 1, 0, 1}, 25, 1000, 2'000'000, 40'000}));
+    robot.send(
+        wire::encode(wire::Report{{3, 0, 0, 1, 1, 0, 1}, 25, 1000, 2'000'000, 40'000, 0, 5}));
     robot.send_frame(plain_frame(2));
     EXPECT_TRUE(robot.acked(3));
     return robot;
@@ -111,7 +112,8 @@ TEST_F(HttpServerTest, RobotsAreListedWithTheirStats) {
        {R"("robot":"r","session":"s","state":"connected","connections":1,"frames":2,)",
         R"("drops":1,)", R"("captured":3,"skipped":0,"failed":0,"dropped":1,"acknowledged":1,)",
         R"("waiting":0,"in_flight":1,"capacity":25,"waiting_bytes":1000,)",
-        R"("link_rate":2000000,"round_trip_us":40000})", R"("image":{"sequence":2,)", ",77,"}) {
+        R"("link_rate":2000000,"round_trip_us":40000,"irreducible":5})",
+        R"("image":{"sequence":2,)", ",77,"}) {
     EXPECT_THAT(json, HasSubstr(part));
   }
 }
@@ -135,6 +137,7 @@ TEST_F(HttpServerTest, MetricsAreTheSameStats) {
         "orbbuf_unpublished_frames_total{robot=\"r\"} 0",
         "orbbuf_robot_captured_total{robot=\"r\"} 3", "orbbuf_robot_dropped_total{robot=\"r\"} 1",
         "orbbuf_robot_buffer_capacity_frames{robot=\"r\"} 25",
+        "orbbuf_robot_irreducible_total{robot=\"r\"} 5",
         "orbbuf_robot_round_trip_seconds{robot=\"r\"} 0.04"}) {
     EXPECT_THAT(answer.body, HasSubstr(std::string(line) + "\n"));
   }
@@ -145,15 +148,34 @@ TEST_F(HttpServerTest, WhatArrivesLateIsShownAndCounted) {
   const auto robot = metrics.begin({"r", "s", ""});
   const auto json = [&] { return to_json(metrics, 0, RobotMetrics::Time()); };
   const auto prometheus = [&] { return to_prometheus(metrics, RobotMetrics::Time()); };
-  EXPECT_THAT(json(), HasSubstr(R"("late":0,"late_total":0,"now":)"));
+  EXPECT_THAT(json(), HasSubstr(R"("late":0,"late_total":0,"reduced":0,"now":)"));
   EXPECT_THAT(prometheus(), Not(HasSubstr("orbbuf_on_robot")));
   robot->on_late(true);
   robot->on_late(false);
   robot->on_spool(3, 10);
-  EXPECT_THAT(json(), HasSubstr(R"("late":1,"late_total":2,"on_robot":3,"on_robot_total":10,)"));
+  EXPECT_THAT(
+      json(),
+      HasSubstr(R"("late":1,"late_total":2,"reduced":0,"on_robot":3,"on_robot_total":10,)"));
   EXPECT_THAT(prometheus(), HasSubstr("orbbuf_late_total{robot=\"r\"} 2\n"));
   EXPECT_THAT(prometheus(), HasSubstr("orbbuf_on_robot{robot=\"r\"} 10\n"));
   EXPECT_THAT(robot_schema(), HasSubstr(R"("on_robot_total":{"type":"number"})"));
+}
+
+TEST_F(HttpServerTest, QualityAndReducedFramesAreShownAndCounted) {
+  Metrics metrics(1);
+  const auto robot = metrics.begin({"r", "s", ""});
+  const auto json = [&] { return to_json(metrics, 0, RobotMetrics::Time()); };
+  const auto prometheus = [&] { return to_prometheus(metrics, RobotMetrics::Time()); };
+  EXPECT_THAT(json(), Not(HasSubstr("\"quality\":")));
+  EXPECT_THAT(prometheus(), Not(HasSubstr("orbbuf_frame_quality")));
+  EXPECT_THAT(prometheus(), HasSubstr("orbbuf_frames_reduced_total{robot=\"r\"} 0\n"));
+  robot->on_delivered(std::make_shared<EncodedFrame>(reduced_frame(0)));
+  EXPECT_THAT(json(), HasSubstr(R"("reduced":1,"quality":30,)"));
+  EXPECT_THAT(prometheus(), HasSubstr("orbbuf_frames_reduced_total{robot=\"r\"} 1\n"));
+  EXPECT_THAT(prometheus(), HasSubstr("orbbuf_frame_quality{robot=\"r\"} 30\n"));
+  for (const char* name : {"reduced", "quality", "irreducible"}) {
+    EXPECT_THAT(robot_schema(), HasSubstr(fmt::format(R"("{}":{{"type":"number"}})", name)));
+  }
 }
 
 TEST_F(HttpServerTest, WithoutRobotsThereAreNoMetrics) { EXPECT_EQ(get("/metrics").status, 200); }

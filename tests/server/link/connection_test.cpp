@@ -19,6 +19,7 @@ namespace orbbuf {
 namespace {
 
 using test::plain_frame;
+using test::reduced_frame;
 using test::RobotClient;
 using testing::HasSubstr;
 using testing::StartsWith;
@@ -163,7 +164,7 @@ TEST_F(ConnectionTest, WhoeverSaysNothingAtAllIsDisconnected) {
 TEST_F(ConnectionTest, AHelloByteByByteDoesNotStretchItsTime) {
   settings_.listen.hello_timeout = std::chrono::milliseconds(100);
   const auto robot = connect();
-  const auto hello = wire::encode(wire::Hello{1, 1, "r1", "s1", "", ""});
+  const auto hello = wire::encode(wire::Hello{5, 5, "r1", "s1", "", ""});
   const auto has_answer = [&] {
     pollfd events{robot.fd(), POLLIN, 0};
     return ::poll(&events, 1, 50) > 0;
@@ -200,15 +201,29 @@ TEST_F(ConnectionTest, AFrameWithAWrongChecksumIsNotTaken) {
   EXPECT_FALSE(std::filesystem::exists(image(0)));
 }
 
+TEST_F(ConnectionTest, WhatAFrameSaysOfItsQualityIsKept) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  robot.send_frame(reduced_frame(0));
+  ASSERT_TRUE(robot.acked(1));
+  EXPECT_THAT(test::read_file(folder_ / "r1/s1/quality.csv"), HasSubstr("\n0,30,40123,0A1B2C3D\n"));
+}
+
 TEST_F(ConnectionTest, AProtocolWeDoNotSpeakIsRefused) {
   const auto robot = connect();
-  robot.send(wire::encode(wire::Hello{5, 6, "r1", "s1", "from the future", ""}));
-  expect_end(robot, ErrorCode::kVersion, "the robot speaks protocol 5 to 6, we speak 1 to 4");
+  robot.send(wire::encode(wire::Hello{6, 7, "r1", "s1", "from the future", ""}));
+  expect_end(robot, ErrorCode::kVersion, "the robot speaks protocol 6 to 7, we speak 5 to 5");
+}
+
+TEST_F(ConnectionTest, AProtocolOfBeforeTheFirstReleaseIsRefused) {
+  const auto robot = connect();
+  robot.send(wire::encode(wire::Hello{1, 4, "r1", "s1", "orbbufd 0.1.0", ""}));
+  expect_end(robot, ErrorCode::kVersion, "the robot speaks protocol 1 to 4, we speak 5 to 5");
 }
 
 TEST_F(ConnectionTest, TheNewestVersionThatBothKnowIsTaken) {
   const auto robot = connect();
-  robot.send(wire::encode(wire::Hello{2, 9, "r1", "s1", "from the future", ""}));
+  robot.send(wire::encode(wire::Hello{4, 9, "r1", "s1", "from the future", ""}));
   EXPECT_TRUE(robot.welcome());
   robot.send_frame(plain_frame(0));
   EXPECT_EQ(robot.whole_ack(), (wire::Ack{{1, 0}, 1}));
@@ -221,15 +236,6 @@ TEST_F(ConnectionTest, AFrameIsReceivedBeforeItIsOnTheDevice) {
   robot.send_frame(plain_frame(0));
   EXPECT_EQ(robot.whole_ack(), (wire::Ack{{0, 0}, 1}));
   EXPECT_EQ(robot.whole_ack(), (wire::Ack{{1, 0}, 1}));
-}
-
-TEST_F(ConnectionTest, ARobotOfVersion1GetsNoAckBeforeTheFrameIsOnTheDevice) {
-  settings_.sinks.files_sync = FilesSync::kAck;
-  const auto robot = connect();
-  robot.send(wire::encode(wire::Hello{1, 1, "r1", "s1", "orbbufd 0.1.0", ""}));
-  EXPECT_TRUE(robot.welcome());
-  robot.send_frame(plain_frame(0));
-  EXPECT_EQ(robot.whole_ack(), (wire::Ack{{1, 0}, std::nullopt}));
 }
 
 TEST_F(ConnectionTest, AFrameBeforeHelloIsUnexpected) {

@@ -28,7 +28,7 @@ class HostilePeers : public testing::Test {
 
   /// A short but complete life of a robot, as bytes.
   static Bytes valid_stream() {
-    Bytes stream = wire::encode(wire::Hello{1, 1, "bad", "s", "test", "calibration"});
+    Bytes stream = wire::encode(wire::Hello{5, 5, "bad", "s", "test", "calibration"});
     const auto add = [&](const auto& bytes) {
       stream.insert(stream.end(), bytes.begin(), bytes.end());
     };

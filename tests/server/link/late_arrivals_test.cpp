@@ -167,16 +167,6 @@ TEST_F(LateArrivalsTest, WithoutFilesLateFramesAreRefused) {
   EXPECT_EQ(robot.error()->code, ErrorCode::kUnexpected);
 }
 
-TEST_F(LateArrivalsTest, ARobotOfVersion3IsServedAsBeforeAndMaySendNone) {
-  const auto robot = connect();
-  robot.send(wire::encode(wire::Hello{1, 3, "r", "s", "orbbufd 0.1.0", ""}));
-  ASSERT_TRUE(robot.welcome());
-  robot.send_frame(plain_frame(0, 100));
-  EXPECT_TRUE(robot.acked(1));
-  send_late(robot, 0, "s", 1);
-  EXPECT_EQ(robot.error()->code, ErrorCode::kUnexpected);
-}
-
 TEST_F(LateArrivalsTest, APartThatIsNotTheNextOneEndsTheConnectionAndNothingElse) {
   const auto robot = connect();
   const auto other = connect();

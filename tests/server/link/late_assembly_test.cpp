@@ -65,7 +65,7 @@ TEST_F(LateAssemblyTest, APartThatIsNotTheNextOneIsRefused) {
 
 TEST_F(LateAssemblyTest, ARecordOverTheLimitIsRefusedBeforeItComes) {
   const auto most = static_cast<std::uint32_t>(kMostBytes + wire::kMaxLateHeadBytes);
-  EXPECT_EQ(fault_of(0, 0, most + 1), "late frame of 1103 bytes is over the limit of 1102");
+  EXPECT_EQ(fault_of(0, 0, most + 1), "late frame of 1111 bytes is over the limit of 1110");
   EXPECT_EQ(fault_of(0, 0, most), "taken");
 }
 

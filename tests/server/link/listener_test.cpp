@@ -198,7 +198,7 @@ TEST_F(ListenerTest, RunningOutOfDescriptorsIsSurvived) {
   {
     const test::ResourceLimit no_more(RLIMIT_NOFILE, 1);  // those that are open stay so
     late = std::make_unique<RobotClient>(server_->port(), std::move(socket));
-    late->send(wire::encode(wire::Hello{1, 1, "late", "s", "", ""}));
+    late->send(wire::encode(wire::Hello{5, 5, "late", "s", "", ""}));
     log_.wait_for("error accept on ");
     EXPECT_FALSE(has_answer(*late, 500));  // longer than two tries
   }

@@ -29,6 +29,19 @@ TEST(RobotMetrics, CountWhatIsTakenAndKeepTheNewestFrame) {
   EXPECT_EQ(robot.newest()->sequence, 1U);
 }
 
+TEST(RobotMetrics, CountReducedFramesAndTellTheNewestQuality) {
+  RobotMetrics robot({"r", "s", ""});
+  EXPECT_EQ(robot.quality(), 0);
+  for (const std::uint8_t quality : std::initializer_list<std::uint8_t>{30, 50}) {
+    robot.on_delivered(std::make_shared<EncodedFrame>(test::reduced_frame(0, quality)), at(1s));
+  }
+  EXPECT_EQ(robot.reduced(), 2U);
+  EXPECT_EQ(robot.quality(), 50);
+  robot.on_delivered(frame(1), at(2s));
+  EXPECT_EQ(robot.reduced(), 2U);
+  EXPECT_EQ(robot.quality(), 0);
+}
+
 TEST(RobotMetrics, KeepNoFrameThatNobodyCanSee) {
   Metrics metrics(1, false);
   const auto robot = metrics.begin({"r", "s", ""});

@@ -54,12 +54,11 @@ TEST_F(StatusSocketTest, GivesTheTableToWhoeverAsks) {
   for (int i = 0; i < 2; ++i) {
     const std::string table = ask_status(path_).value();
     EXPECT_THAT(table, HasSubstr("ROBOT   SESSION  STATE      FRAMES/S  AGE  BUFFER"));
-    EXPECT_THAT(table, HasSubstr("FAILED  LATE  ON ROBOT\n"));
+    EXPECT_THAT(table, HasSubstr("FAILED  LATE  ON ROBOT  QUALITY  REDUCED\n"));
     EXPECT_THAT(table, HasSubstr("silent  s2       ended           0.0    -       -"));
     EXPECT_THAT(table, HasSubstr("tb3     s1       connected       0.0    -    7/25  1.50 MB/s"));
-    EXPECT_THAT(
-        table,
-        HasSubstr(" 40.0 ms       120        100       10        1       2     1       4/9\n"));
+    EXPECT_THAT(table, HasSubstr(" 40.0 ms       120        100       10        1       2     1    "
+                                 "   4/9        -        0\n"));
   }
 }
 
@@ -110,9 +109,18 @@ TEST_F(StatusSocketTest, ATableThatWasCutShortIsNone) {
   EXPECT_THAT(failure(), HasSubstr(path_ + ": the answer was cut short"));
 }
 
+TEST(StatusTable, TellsTheNewestQualityAndHowManyFramesAreReduced) {
+  Metrics metrics(1);
+  const auto robot = metrics.begin({"tb3", "s1", ""});
+  for (Sequence i = 0; i < 2; ++i) {
+    robot->on_delivered(std::make_shared<EncodedFrame>(reduced_frame(i)), RobotMetrics::Time());
+  }
+  EXPECT_THAT(to_table(metrics, RobotMetrics::Time()), HasSubstr("       30        2\n"));
+}
+
 TEST(StatusTable, HasItsHeadingWithoutRobots) {
   EXPECT_THAT(to_table(Metrics(1), RobotMetrics::Time()),
-              MatchesRegex("ROBOT .*FAILED  LATE  ON ROBOT\n"));
+              MatchesRegex("ROBOT .*FAILED  LATE  ON ROBOT  QUALITY  REDUCED\n"));
 }
 
 }  // namespace

@@ -13,6 +13,7 @@ namespace {
 
 using test::plain_frame;
 using test::plain_pair;
+using test::reduced_frame;
 
 class BacklogTest : public testing::Test {
  protected:
@@ -54,6 +55,44 @@ TEST_F(BacklogTest, GivesBothImagesOfAStereoFrame) {
   ASSERT_TRUE(got && got->is_stereo());
   EXPECT_EQ(test::as_text(got->left()), test::as_text(frame.left()));
   EXPECT_EQ(test::as_text(got->right()), test::as_text(frame.right()));
+}
+
+TEST_F(BacklogTest, GivesBackWhatIsKnownOfAFramesQuality) {
+  constexpr Sequence kFrames = 1000;  // some blocks of quality.csv
+  for (Sequence i = 0; i < kFrames; ++i) {
+    keep(i % 3 == 0 ? plain_frame(i) : reduced_frame(i, static_cast<std::uint8_t>(i % 100 + 1)));
+  }
+  const auto expect_known = [&](Sequence sequence) {
+    const auto got = next(sequence);
+    ASSERT_TRUE(got && got->sequence == sequence);
+    const bool is_known = sequence % 3 != 0;
+    EXPECT_EQ(got->quality, is_known ? sequence % 100 + 1 : 0);
+    EXPECT_EQ(got->whole_bytes, is_known ? 40'123U : 0U);
+    EXPECT_EQ(got->whole_crc, is_known ? 0x0A1B2C3DU : 0U);
+  };
+  for (Sequence i = 500; i < kFrames; ++i) expect_known(i);
+  for (const Sequence i : {10U, 11U, 12U}) expect_known(i);  // it begins again
+}
+
+TEST_F(BacklogTest, OfTwoQualitiesTheLastCounts) {
+  keep(reduced_frame(0));
+  const std::string listed = test::read_file(folder_ / "quality.csv");
+  test::write_file(folder_ / "quality.csv", listed + "1,20,40123,00000000\n");  // not accepted
+  keep(reduced_frame(1, 50));
+  keep(reduced_frame(2, 60));
+  EXPECT_EQ(next(0)->quality, 30);
+  EXPECT_EQ(next(1)->quality, 50);
+  EXPECT_EQ(next(2)->quality, 60);
+}
+
+TEST_F(BacklogTest, QualitiesOfLateFramesStandBehindTheOthers) {
+  for (const Sequence i : {0U, 1U, 2U}) keep(reduced_frame(i, 30));
+  const std::string listed = test::read_file(folder_ / "quality.csv");
+  test::write_file(folder_ / "quality.csv", listed + "1,80,0,00000000\n");
+  keep(reduced_frame(3, 40));
+  for (const auto& [sequence, quality] : {std::pair(0, 30), {1, 30}, {2, 30}, {3, 40}}) {
+    EXPECT_EQ(next(static_cast<Sequence>(sequence))->quality, quality) << sequence;
+  }
 }
 
 TEST_F(BacklogTest, GoesOnWithWhatCameMeanwhile) {

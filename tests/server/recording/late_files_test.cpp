@@ -58,7 +58,9 @@ TEST_F(LateFilesTest, StandBesideWhatCameLive) {
   deliver({0, 1, 5});
   const auto times = read_file(folder_ / "times.txt");
   LateFiles late(folder_);
-  EXPECT_TRUE(write(late, plain_frame(7)));
+  EncodedFrame known = plain_frame(7);
+  known.quality = 80;
+  EXPECT_TRUE(write(late, known));
   EXPECT_TRUE(write(late, plain_pair(3, 30, 40)));
   EXPECT_EQ(read_file(folder_ / "times.txt"), times);
   EXPECT_EQ(late_image(7), as_text(plain_frame(7).jpeg));
@@ -66,9 +68,9 @@ TEST_F(LateFilesTest, StandBesideWhatCameLive) {
   EXPECT_EQ(read_file(folder_ / "late/images_right/000003.jpg"),
             as_text(plain_pair(3, 30, 40).right()));
   EXPECT_EQ(read_file(folder_ / "late.csv"),
-            fmt::format("sequence,capture_time_s,exposure_ms,crc,crc_right,arrived_s\n"
-                        "7,0.280000000,8.500000,{:08X},,1763779406.123456789\n"
-                        "3,0.120000000,8.500000,{:08X},{:08X},1763779406.123456789\n",
+            fmt::format("sequence,capture_time_s,exposure_ms,crc,crc_right,arrived_s,quality\n"
+                        "7,0.280000000,8.500000,{:08X},,1763779406.123456789,80\n"
+                        "3,0.120000000,8.500000,{:08X},{:08X},1763779406.123456789,0\n",
                         plain_frame(7).jpeg_crc, wire::crc32(plain_pair(3, 30, 40).left()),
                         wire::crc32(plain_pair(3, 30, 40).right())));
   EXPECT_FALSE(fs::exists(folder_ / "late/incoming.tmp"));

@@ -59,7 +59,11 @@ class LateMergeTest : public testing::Test {
     EXPECT_FALSE(files.finish(closing));
     LateFiles late(folder_);
     for (Sequence i = 59; i >= 57; --i) write_late(late, plain_frame(i));
-    for (Sequence i = 7; i < 11; ++i) write_late(late, plain_frame(i));
+    for (Sequence i = 7; i < 11; ++i) {
+      EncodedFrame frame = plain_frame(i);
+      frame.quality = i < 9 ? 80 : 0;
+      write_late(late, frame);
+    }
     write_late(late, plain_pair(6, 50, 70));
   }
 
@@ -91,6 +95,7 @@ class LateMergeTest : public testing::Test {
     std::multiset<Sequence> frames;
     std::multiset<Sequence> calibrations;
     std::multiset<Sequence> drops;
+    std::multiset<Sequence> qualities;
     friend bool operator==(const Recorded&, const Recorded&) = default;
   };
   /// What our own scan finds: of every message the number, by the times of all frames.
@@ -108,6 +113,8 @@ class LateMergeTest : public testing::Test {
     for (const mcap::MessageHead& head : messages.value()) {
       if (head.channel_id == 7) {
         recorded.drops.insert(head.sequence);
+      } else if (head.channel_id == 8) {
+        recorded.qualities.insert(head.sequence);
       } else if (head.channel_id == 1 || head.channel_id == 3 || head.channel_id == 5) {
         recorded.frames.insert(head.sequence);
       } else {
@@ -125,6 +132,7 @@ class LateMergeTest : public testing::Test {
     }
     all.frames.insert(6);  // both images of the pair
     for (Sequence i = 0; i < 9; ++i) all.drops.insert(i);
+    all.qualities = {7, 8};
     return all;
   }
 
@@ -153,6 +161,8 @@ TEST_F(LateMergeTest, PutsEachFrameWhereItBelongs) {
   EXPECT_EQ(record[2], "6,late,0.240000000");
   EXPECT_EQ(record[9], "59,late,2.360000000");
   EXPECT_EQ(read_file(folder_ / "late.csv"), late);
+  EXPECT_EQ(read_file(folder_ / "quality.csv"),
+            "sequence,quality,whole_bytes,whole_crc\n7,80,0,00000000\n8,80,0,00000000\n");
   EXPECT_FALSE(fs::exists(folder_ / "late"));
   EXPECT_FALSE(fs::exists(folder_ / "orphans"));
 }

@@ -22,6 +22,7 @@ using test::as_text;
 using test::plain_frame;
 using test::plain_pair;
 using test::read_file;
+using test::reduced_frame;
 
 class SessionFilesTest : public testing::Test {
  protected:
@@ -125,6 +126,38 @@ TEST_F(SessionFilesTest, EachImageHasAChecksum) {
   EXPECT_EQ(read_file(folder_ / "checksums.sfv"),
             std::string("images/000000.jpg CBF43926\nimages_right/000000.jpg E60914AE\n") +
                 "images/000007.jpg " + crc + "\n");
+}
+
+TEST_F(SessionFilesTest, EachFrameHasItsQualityAndWhatItWasReducedFrom) {
+  auto out = files();
+  auto whole = plain_frame(1);
+  whole.quality = 80;
+  EXPECT_FALSE(out.write(plain_frame(0)));
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "quality.csv"));
+  EXPECT_FALSE(out.write(whole));
+  EXPECT_FALSE(out.write(reduced_frame(2)));
+  EXPECT_EQ(read_file(folder_ / "quality.csv"),
+            "sequence,quality,whole_bytes,whole_crc\n1,80,0,00000000\n2,30,40123,0A1B2C3D\n");
+}
+
+TEST_F(SessionFilesTest, ATornQualityIsCutOff) {
+  EXPECT_FALSE(files().write(reduced_frame(0)));
+  const std::string qualities = read_file(folder_ / "quality.csv");
+  test::write_file(folder_ / "quality.csv", qualities + "1,30,401");
+  EXPECT_EQ(recovered(), (wire::Position{1, 0}));
+  EXPECT_EQ(read_file(folder_ / "quality.csv"), qualities);
+}
+
+TEST_F(SessionFilesTest, AFrameWhoseQualityCannotBeWrittenIsNotAccepted) {
+  auto out = files();
+  EXPECT_FALSE(out.write(plain_frame(0)));
+  std::filesystem::create_directory(folder_ / "quality.csv");
+  EXPECT_TRUE(out.write(reduced_frame(1)));
+  EXPECT_EQ(test::read_lines(folder_ / "times.txt").size(), 1U);
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "images/000001.jpg"));
+  std::filesystem::remove(folder_ / "quality.csv");
+  EXPECT_FALSE(out.write(reduced_frame(1)));
+  EXPECT_EQ(test::read_lines(folder_ / "times.txt").size(), 2U);
 }
 
 TEST_F(SessionFilesTest, NothingIsMadeBeforeTheFirstWrite) {

@@ -2,6 +2,7 @@
 #include "server/recording/mcap/recording.hpp"
 
 #include <gtest/gtest.h>
+#include <spdlog/fmt/fmt.h>
 
 #include <cstdint>
 #include <limits>
@@ -101,6 +102,33 @@ TEST_F(McapRecordingTest, SaysByHowMuchTheRobotsClockWasSet) {
   EXPECT_EQ(recovered(), (wire::Position{2, 0}));
 }
 
+TEST_F(McapRecordingTest, QualitiesAreJson) {
+  auto out = recording();
+  EXPECT_FALSE(out.write(plain_frame(0)));
+  EXPECT_EQ(count("/r1/quality"), 0U);
+  auto whole = plain_frame(1);
+  whole.quality = 80;
+  EXPECT_FALSE(out.write(whole));
+  EXPECT_FALSE(out.write(test::reduced_frame(2)));
+  EXPECT_EQ(count("/r1/quality"), 1U);
+  EXPECT_EQ(count("{\"timestamp\":{\"sec\":0,\"nsec\":40000000},\"sequence\":1,\"quality\":80}"),
+            1U);
+  EXPECT_EQ(count("\"sequence\":2,\"quality\":30,\"whole_bytes\":40123,\"whole_crc\":169552957}"),
+            1U);
+  EXPECT_FALSE(finish(out));
+  EXPECT_EQ(count("/r1/quality"), 2U);  // and in the summary
+}
+
+TEST_F(McapRecordingTest, AQualityGoesWithItsFrame) {
+  auto out = recording();
+  for (Sequence i = 0; i < 3; ++i) EXPECT_FALSE(out.write(test::reduced_frame(i)));
+  auto again = recording();
+  ASSERT_EQ(again.recover(wire::Position{2, 0}).value(), (wire::Position{2, 0}));
+  EXPECT_FALSE(again.write(test::reduced_frame(2, 50)));
+  EXPECT_EQ(count("\"sequence\":2,\"quality\":30"), 0U);
+  EXPECT_EQ(count("\"sequence\":2,\"quality\":50"), 1U);
+}
+
 TEST_F(McapRecordingTest, DropsAreJson) {
   auto out = recording();
   EXPECT_FALSE(
@@ -185,9 +213,11 @@ TEST_F(McapRecordingTest, WhatOnlyTheFilesHaveIsTakenFromThem) {
   SessionFiles files(path_.parent_path(), "");
   auto out = recording();
   for (Sequence i = 0; i < 10; ++i) {
-    EXPECT_FALSE(files.write(plain_pair(i, 10, 20)));
+    auto frame = plain_pair(i, 10, 20);
+    frame.quality = 80;
+    EXPECT_FALSE(files.write(frame));
     if (i >= 6) continue;
-    EXPECT_FALSE(out.write(plain_pair(i, 10, 20)));
+    EXPECT_FALSE(out.write(frame));
   }
   EXPECT_FALSE(files.write_drops({0, {{100, 0}, {101, 0}, {102, 0}}}));
   EXPECT_FALSE(out.write_drops({0, {{100, 0}}}));
@@ -198,6 +228,9 @@ TEST_F(McapRecordingTest, WhatOnlyTheFilesHaveIsTakenFromThem) {
   auto third = plain_pair(7, 10, 20);
   EXPECT_EQ(count(test::as_text(third.left())), 1U);
   EXPECT_EQ(count(test::as_text(third.right())), 1U);
+  for (Sequence i = 0; i < 10; ++i) {
+    EXPECT_EQ(count(fmt::format("\"sequence\":{},\"quality\":80", i)), 1U) << i;
+  }
   for (const char* drop : {"100", "101", "102"}) {
     EXPECT_EQ(count("\"sequence\":" + std::string(drop) + ","), 1U) << drop;
   }

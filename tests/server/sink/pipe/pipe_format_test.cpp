@@ -42,6 +42,19 @@ TEST(PipeFormat, AnImageTellsHowManyFramesWereMissedBeforeIt) {
   EXPECT_EQ(as_text(to_mjpeg(*frame, note).value()), with_comment(frame->jpeg, lines));
 }
 
+TEST(PipeFormat, AnImageTellsItsQualityAndWhatItWasReducedFrom) {
+  EncodedFrame frame = *jpeg_frame_ptr(41, 24, 10);
+  frame.quality = 80;
+  const std::string begin = "seq=41\nt=1.640000000\n";
+  const std::string end = "age=0.061\nsession=s1\n";
+  EXPECT_EQ(as_text(to_mjpeg(frame, kNote).value()),
+            with_comment(frame.jpeg, begin + "quality=80\n" + end));
+  frame.quality = 30;
+  frame.whole_bytes = 40'123;
+  EXPECT_EQ(as_text(to_mjpeg(frame, kNote).value()),
+            with_comment(frame.jpeg, begin + "quality=30\nwhole=40123\n" + end));
+}
+
 TEST(PipeFormat, AJpegWithItsCommentDecodesToTheSamePixels) {
   const auto frame = jpeg_frame_ptr(3, 64, 48);
   JpegCodec codec;
