@@ -32,7 +32,7 @@ constexpr auto kSourceFormats = [] {
   return formats;
 }();
 constexpr std::array<std::string_view, 2> kStereo = {"none", "side-by-side"};
-constexpr int kLeastQuality = 25;  // docs/evaluation.md has what SLAM makes of less
+constexpr int kLeastQuality = 20;  // docs/evaluation.md has what SLAM makes of less
 constexpr std::int64_t kMaxInteger = std::numeric_limits<std::int64_t>::max();
 
 std::string host_name() {

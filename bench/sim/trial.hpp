@@ -22,7 +22,7 @@ inline constexpr int kLeastQuality = 20;
 struct Setup {
   std::size_t capacity = 25;  ///< frames; of all but the planner
   std::chrono::nanoseconds live_again = std::chrono::seconds(1);  ///< the planner's
-  std::chrono::nanoseconds largest_step = std::chrono::milliseconds(250);
+  std::chrono::nanoseconds largest_step = std::chrono::milliseconds(170);
   std::uint64_t seed = 1;                            ///< for those that draw lots
   int least_quality = kQuality;                      ///< the planner's
   BytesAt bytes_at;                                  ///< sizes of frames at lower qualities

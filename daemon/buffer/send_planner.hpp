@@ -18,7 +18,7 @@ struct PlanSettings {
   std::chrono::nanoseconds live_again = std::chrono::seconds(1);
   /// The longest step, from one frame sent to the next, to reach that. If it is too short for
   /// that, the stream becomes later instead. Less than two frames' time counts as two.
-  std::chrono::nanoseconds largest_step = std::chrono::milliseconds(250);
+  std::chrono::nanoseconds largest_step = std::chrono::milliseconds(170);
   /// JPEG's, 1..100: what frames are encoded at, and the lowest at which they may be sent. If both
   /// are equal the planner chooses frames only.
   int quality = 80;

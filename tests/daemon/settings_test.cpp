@@ -93,8 +93,8 @@ TEST(Settings, SpoolIsOffUntilItHasAFolder) {
 
 TEST(Settings, TheLeastQualityIsNoMoreThanTheQuality) {
   EXPECT_EQ(with({}).buffer.plan.quality, 80);
-  EXPECT_EQ(with({}).buffer.plan.least_quality, 25);
-  EXPECT_EQ(with({"jpeg.quality=20"}).buffer.plan.least_quality, 20);
+  EXPECT_EQ(with({}).buffer.plan.least_quality, 20);
+  EXPECT_EQ(with({"jpeg.quality=15"}).buffer.plan.least_quality, 15);
   const Settings same = with({"jpeg.quality=60", "jpeg.least_quality=60"});
   EXPECT_EQ(same.buffer.plan.quality, 60);
   EXPECT_EQ(same.buffer.plan.least_quality, 60);

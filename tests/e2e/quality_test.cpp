@@ -95,7 +95,9 @@ TEST_F(QualityTest, AfterAnOutageFramesAreSentSmallerBeforeAnyIsPassedOver) {
     EXPECT_EQ(one.whole_bytes > 0, one.quality < 80) << one.sequence;
     EXPECT_GE(one.quality, 20) << one.sequence;
     const auto image = record_.folder / "images" / fmt::format("{:06}.jpg", one.sequence);
-    if (one.whole_bytes > 0) EXPECT_LT(fs::file_size(image), one.whole_bytes) << image;
+    if (one.whole_bytes > 0) {
+      EXPECT_LT(fs::file_size(image), one.whole_bytes) << image;
+    }
   }
 }
 
