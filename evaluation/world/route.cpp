@@ -126,8 +126,10 @@ CameraPose Route::at(double t_s) const {
   CameraPose pose = axis_at(t_s);
   const double sway_m = 0.015 * style_.cell_m;
   pose.heading += 0.012 * std::sin(4.1 * t_s) + 0.006 * std::sin(9.7 * t_s + 1);
-  pose.x += style_.ahead_m * std::cos(pose.heading) + sway_m * std::sin(2.9 * t_s);
-  pose.y += style_.ahead_m * std::sin(pose.heading) + sway_m * std::sin(3.7 * t_s + 2);
+  const double c = std::cos(pose.heading);
+  const double s = std::sin(pose.heading);
+  pose.x += style_.ahead_m * c + style_.aside_m * s + sway_m * std::sin(2.9 * t_s);
+  pose.y += style_.ahead_m * s - style_.aside_m * c + sway_m * std::sin(3.7 * t_s + 2);
   pose.z = style_.camera_m + 0.5 * sway_m * std::sin(6.3 * t_s);
   return pose;
 }

@@ -22,6 +22,7 @@ struct Style {
   int leg_max = 9;
   double arc_share = 0.34;  ///< of the corners: taken in an arc; the others on the spot
   double arc_slower = 1.6;  ///< than speed_m_s
+  double aside_m = 0;       ///< of the camera, to the right of the axis: another pass, the same way
 };
 
 /// A robot in a building; a car in a street, where it takes 3 s for a corner.

@@ -34,6 +34,7 @@ struct Options {
   double fps = 25;
   std::size_t frames = 1500;
   int quality = 80;
+  double aside_m = 0;
   unsigned threads = 2;
 };
 
@@ -147,7 +148,8 @@ class Drive {
 };
 
 void run(const Options& options) {
-  const Style& style = options.place == "street" ? kStreet : kCorridor;
+  Style style = options.place == "street" ? kStreet : kCorridor;
+  style.aside_m = options.aside_m;
   Camera camera = kCameras.at(options.size);
   if (options.stereo) camera.baseline_m = style.baseline_m;
   Drive(options, style, camera).run();
@@ -173,6 +175,9 @@ int main(int argc, char** argv) {
   app.add_option("--frames", options.frames)->check(CLI::PositiveNumber)->capture_default_str();
   app.add_option("--quality", options.quality, "of JPEG")
       ->check(CLI::Range(1, 100))
+      ->capture_default_str();
+  app.add_option("--aside", options.aside_m,
+                 "metres to the right of where the camera of another pass was")
       ->capture_default_str();
   app.add_option("--threads", options.threads)->check(CLI::Range(1, 64))->capture_default_str();
   CLI11_PARSE(app, argc, argv);

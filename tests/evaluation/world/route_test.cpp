@@ -41,5 +41,21 @@ TEST(Route, StaysInTheOpen) {
   }
 }
 
+TEST(Route, AnotherPassIsBesideTheFirst) {
+  Style beside = kCorridor;
+  beside.aside_m = 0.3;
+  const Route route(kCorridor, 1, kDuration_s);
+  const Route second(beside, 1, kDuration_s);
+  for (double t = 0; t < kDuration_s; t += 0.5) {
+    const CameraPose a = route.at(t);
+    const CameraPose b = second.at(t);
+    EXPECT_EQ(b.heading, a.heading);
+    const double ahead = (b.x - a.x) * std::cos(a.heading) + (b.y - a.y) * std::sin(a.heading);
+    const double left = (b.y - a.y) * std::cos(a.heading) - (b.x - a.x) * std::sin(a.heading);
+    EXPECT_NEAR(ahead, 0, 1e-9) << t;
+    EXPECT_NEAR(left, -0.3, 1e-9) << t;
+  }
+}
+
 }  // namespace
 }  // namespace orbbuf::evaluation
