@@ -124,13 +124,24 @@ live_again() { # SIDE
   ' "$shared/$1/cuts" "$shared/$1/lateness"
 }
 
-# account: what became of each frame of the robot with a spool.
+# crcs_of FOLDER: a line CRC-32 BYTES NUMBER for each image, as gzip computes it.
+crcs_of() {
+  local image
+  for image in "$1"/*.jpg; do
+    echo "$(gzip -1c "$image" | tail -c 8 | od -An -tx4 | tr a-f A-F) $(basename "$image" .jpg)"
+  done | awk '{ print $1, $2, $3 + 0 }'
+}
+
+# account: what became of each frame of the robot with a spool. An image is what was captured, or quality.csv names its
+# size and CRC-32.
 account() {
   local session=$shared/with/session wrong
-  wrong=$( (cd "$shared/images" && md5sum ./*.jpg) | sort -k 2 |
-    awk -v n=$IMAGES 'FNR == NR { sum[FNR - 1] = $1; next }
-      { number = $2; sub(/.*\//, "", number); if ($1 != sum[(number + 0) % n]) ++wrong } END { print wrong + 0 }
-    ' - <(cd "$session/images" && md5sum ./*.jpg))
+  wrong=$(awk -v n=$IMAGES -F '[ ,]' '
+    FNR == 1 { ++file }
+    file == 1 { sum[FNR - 1] = $1; next }
+    file == 2 { if ($4 == sum[$1 % n]) reduced[$1] = 1; next }
+    $1 != sum[$3 % n] && !reduced[$3] { ++wrong } END { print wrong + 0 }
+    ' <(crcs_of "$shared/images") "$session/quality.csv" <(crcs_of "$session/images"))
   awk -F '[ ,]' -v wrong="$wrong" -v captured="$(sed -n 2p "$session/end.csv" | cut -d , -f 2)" '
     FILENAME ~ /times.txt/ { if ($1 in there) ++repeated; there[$1] = 1; ++delivered; next }
     FILENAME ~ /late.csv/ && /^[0-9]/ { if ($1 in late) ++repeated; late[$1] = 1; ++n_late; next }

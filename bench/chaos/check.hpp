@@ -24,6 +24,7 @@ struct CheckResult {
   std::uint64_t captured = 0;
   std::uint64_t delivered = 0;
   std::uint64_t late = 0;             ///< of those delivered
+  std::uint64_t reduced = 0;          ///< of those, sent with a smaller JPEG than was captured
   std::uint64_t dropped = 0;          ///< in the server's drop record
   std::uint64_t died_with_robot = 0;  ///< captured by a robot that was killed before it could tell
   std::uint64_t lost = 0;             ///< should be in one of these and is not
@@ -35,7 +36,8 @@ struct CheckResult {
 /// Whether each frame of each session is exactly once on disk or in the drop record, from the files
 /// alone: it shares no code with what it checks. `source`: the JPEGs, sorted by name, that all
 /// robots replay again and again, so that frame n of a session is the n-th of them, cyclically; if
-/// there are none, the images' bytes are not checked.
+/// there are none, the images' bytes are not checked. A reduced image is checked by what quality.csv
+/// says of the JPEG that it was made from.
 CheckResult check(const std::vector<Session>& sessions, const std::filesystem::path& source);
 
 }  // namespace orbbuf::chaos

@@ -95,6 +95,16 @@ TEST_F(ChaosCheck, AnImageOfOtherBytesIsUnexplained) {
   EXPECT_EQ(result().unexplained, 1U);
 }
 
+TEST_F(ChaosCheck, AReducedImageIsCheckedByWhatItWasMadeFrom) {
+  write_file(session_.files / "images/000001.jpg", "jpg");
+  const std::string head = "sequence,quality,whole_bytes,whole_crc\n";
+  write_file(session_.files / "quality.csv", head + "0,80,0,00000000\n1,30,5,4BE1CCFC\n");
+  EXPECT_EQ(result().unexplained, 0U);
+  EXPECT_EQ(result().reduced, 1U);
+  write_file(session_.files / "quality.csv", head + "1,30,5,00C0FFEE\n");
+  EXPECT_EQ(result().unexplained, 1U);
+}
+
 TEST_F(ChaosCheck, AMissingImageIsUnexplained) {
   fs::remove(session_.files / "images/000004.jpg");
   EXPECT_EQ(result().unexplained, 1U);

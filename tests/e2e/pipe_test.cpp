@@ -50,8 +50,8 @@ std::string jpeg_size(const Record& record, std::size_t frame, const std::string
   const auto folder = record.folder / (camera == "right" ? "images_right" : "images");
   const std::string lines = "seq=" + std::to_string(frame) + "\nt=" + record.times[frame] +
                             (camera.empty() ? "" : "\ncamera=" + camera) +
-                            "\nsession=" + record.folder.filename().string() + "\n";
-  return std::to_string(read_file(folder / name).size() + 4 + lines.size()) + " bytes";
+                            "\nsession=" + record.folder.filename().string() + "\nquality=80\n";
+  return std::to_string(read_file(folder / name).size() + 4 + lines.size()) + " bytes, quality 80";
 }
 
 TEST(Pipe, AServerStartedWithSigchldIgnoredKnowsHowItsCommandEnded) {
@@ -71,7 +71,7 @@ TEST(Pipe, ACProgramReadsEveryPgmWithItsNumberAndTime) {
   ASSERT_EQ(record.delivered.size(), kFrames);
   ASSERT_EQ(images.size(), kFrames);
   for (std::size_t i = 0; i < images.size(); ++i) {
-    EXPECT_EQ(images[i], printed(record, i, 0) + "19200 bytes");
+    EXPECT_EQ(images[i], printed(record, i, 0) + "19200 bytes, quality 80");
   }
 }
 
