@@ -36,8 +36,8 @@ struct CheckResult {
 /// Whether each frame of each session is exactly once on disk or in the drop record, from the files
 /// alone: it shares no code with what it checks. `source`: the JPEGs, sorted by name, that all
 /// robots replay again and again, so that frame n of a session is the n-th of them, cyclically; if
-/// there are none, the images' bytes are not checked. A reduced image is checked by what quality.csv
-/// says of the JPEG that it was made from.
+/// there are none, the images' bytes are not checked. A reduced image is checked by what
+/// quality.csv says of the JPEG that it was made from.
 CheckResult check(const std::vector<Session>& sessions, const std::filesystem::path& source);
 
 }  // namespace orbbuf::chaos
