@@ -275,7 +275,7 @@ TEST(LinkRateAfterAReturn, IsNotTooHighWhateverTheQueueAndTheBurst) {
     for (const double queue_s : {0.03, 0.1, 0.3, 1.0}) {
       for (const double burst : {5e3, 32e3}) {
         for (const double round_trip_s : {0.001, 0.01, 0.05}) {
-          for (const std::size_t bytes : {12'000, 40'000}) {
+          for (const std::size_t bytes : {12'000U, 40'000U}) {
             SCOPED_TRACE(testing::Message()
                          << need << " times the need, queue " << queue_s << " s, burst " << burst
                          << ", round trip " << round_trip_s << " s, frames of " << bytes);
