@@ -50,8 +50,8 @@ plot for [i=1:words(names)] name=word(names, i) (there(file("policies", name)) ?
 # The longest gap against the time until the stream is live again; a curve a policy.
 set output out . "/lateness.svg"
 set terminal svg size 900,760 font "sans-serif,13" background "#ffffff"
-policies = "drop-oldest orbbuf uniform afr catch-up oracle-time"
-policy_colors = "#999999 #d55e00 #0072b2 #e69f00 #009e73 #000000"
+policies = "drop-oldest orbbuf uniform afr catch-up-full catch-up oracle"
+policy_colors = "#999999 #d55e00 #0072b2 #e69f00 #56b4e9 #009e73 #000000"
 set xtics norotate
 set style data linespoints
 set logscale xy
