@@ -174,6 +174,12 @@ TEST_F(ChaosCheck, AFrameThatCameLateIsDeliveredAndNamedAsLate) {
   EXPECT_EQ(result().repeated, 1U);
 }
 
+TEST_F(ChaosCheck, TheWholeJpegOfAFrameThatCameReducedIsNoFrameMore) {
+  write_file(session_.files / "late.csv", "head\n1,0.1,1,0,,9.0\n");
+  EXPECT_EQ(result().problems, std::vector<std::string>());
+  EXPECT_EQ(result().delivered, 5U);
+}
+
 TEST_F(ChaosCheck, WithASpoolAFrameThatWasDroppedAndNeverCameIsLost) {
   session_.has_spool = true;
   EXPECT_EQ(result().lost, 1U);
