@@ -100,8 +100,8 @@ one_side() {
 # lateness SIDE: lines NUMBER SECONDS of the live frames: from capture to the file. The replay's clock begins with its
 # first frame; what the robot hands to the kernel at once says when that was.
 lateness() {
-  awk -v fps=$FPS -v late="$shared/$1/session/late.csv" '
-    BEGIN { FS = "[ ,]"; while ((getline line < late) > 0) { split(line, word, ","); is_late[word[1] + 0] = line ~ /^[0-9]/ } }
+  awk -v fps=$FPS -v drops="$shared/$1/session/drops.csv" '
+    BEGIN { FS = "[ ,]"; while ((getline line < drops) > 0) if (split(line, word, ",") > 1 && word[2] == "late") is_late[word[1] + 0] = 1 }
     FNR == NR { begin = $1 - $2 / fps; if (!anchor || begin < anchor) anchor = begin; next }
     { n = $3 + 0; if (!is_late[n] && !(n in seen)) { seen[n] = 1; printf "%d %.4f %.3f\n", n, $1 - anchor - n / fps, $1 } }
   ' "$shared/$1/chosen" "$shared/$1/watch.out"
@@ -133,7 +133,7 @@ crcs_of() {
 }
 
 # account: what became of each frame of the robot with a spool. An image is what was captured, or quality.csv names its
-# size and CRC-32.
+# size and CRC-32. A frame that was not dropped and comes late is the whole JPEG of one that came reduced.
 account() {
   local session=$shared/with/session wrong
   wrong=$(awk -v n=$IMAGES -F '[ ,]' '
@@ -144,10 +144,10 @@ account() {
     ' <(crcs_of "$shared/images") "$session/quality.csv" <(crcs_of "$session/images"))
   awk -F '[ ,]' -v wrong="$wrong" -v captured="$(sed -n 2p "$session/end.csv" | cut -d , -f 2)" '
     FILENAME ~ /times.txt/ { if ($1 in there) ++repeated; there[$1] = 1; ++delivered; next }
-    FILENAME ~ /late.csv/ && /^[0-9]/ { if ($1 in late) ++repeated; late[$1] = 1; ++n_late; next }
+    FILENAME ~ /late.csv/ && /^[0-9]/ { if ($1 in late) ++repeated; late[$1] = 1; next }
     FILENAME ~ /drops.csv/ && /^[0-9]/ {
       if ($2 == "busy" || $2 == "failed") { named[$1] = 1; ++not_encoded } else if (!($1 in there)) { named[$1] = 1; ++lost }
-      if ($2 != "late" && ($1 in there)) ++unexplained
+      if ($2 == "late") ++n_late; else if ($1 in there) ++unexplained
     }
     END {
       for (i = 0; i < captured; ++i) if (!(i in there) && !(i in named)) ++unexplained
