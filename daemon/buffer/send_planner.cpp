@@ -118,8 +118,10 @@ SendPlanner::Plan SendPlanner::next_plan(double last, std::span<const PlannedFra
   const double left_s = to_seconds(*deadline_ - moment.now) + kTolerance * interval_s_;
   const double least_s = kShortestHorizon * to_seconds(settings_.live_again);
   const double behind_s = waiting.back().position_s - last;
-  Plan plan = plan_within(std::min(left_s, behind_s), last, waiting, moment);
-  if (plan.step_s > 0 && behind_s < left_s) plan = plan_within(left_s, last, waiting, moment);
+  const Plan every_frame{0, settings_.least_quality};
+  const bool is_short =
+      behind_s < left_s && chain(every_frame, behind_s, last, waiting, moment).live_s <= behind_s;
+  const Plan plan = plan_within(is_short ? behind_s : left_s, last, waiting, moment);
   const bool is_worse = plan.step_s > largest_so_far_s_ || plan.quality < least_so_far_;
   if (is_worse && left_s < least_s) {
     const Plan later = plan_within(least_s, last, waiting, moment);

@@ -94,7 +94,9 @@ void Sender::wake() {
 void Sender::on_pushed() {
   if (backfill_) backfill_->on_captured(Clock::now());
   wake();
-  buffer_.look_ahead(moment(Clock::now(), measure_round_trip()));
+  if (buffer_.stats().waiting > 0) {
+    buffer_.look_ahead(moment(Clock::now(), measure_round_trip()));
+  }
 }
 
 void Sender::write(std::vector<std::uint8_t> message) {
