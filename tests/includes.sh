@@ -51,6 +51,7 @@ evaluation: server/calibration
 evaluation/world: common bench evaluation
 evaluation/odometry: common bench evaluation
 evaluation/trial: common bench daemon/buffer daemon/image bench/sim evaluation evaluation/odometry
+evaluation/outages: common bench daemon/buffer daemon/capture/make_source daemon/image bench/sim evaluation/odometry evaluation/trial
 evaluation/real: common bench bench/sim
 evaluation/quality: common bench daemon/buffer daemon/image bench/sim evaluation evaluation/odometry evaluation/trial
 server: common server/fleet server/runtime server/recording server/dataset server/retention server/live server/sink/make_sinks server/settings server/http server/link

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# What the pages (*.md, docs/*.md, evaluation/README.md) tell people to type and to open is there: each `./dev` verb and bench, each link to
+# What the pages (*.md, docs/*.md, evaluation's) tell people to type and to open is there: each `./dev` verb and bench, each link to
 # a file, and the commands of "Install" and "Build from source", run on copies of what a package installs.
 # Usage: tests/readme.sh BUILD_FOLDER
 set -euo pipefail
@@ -13,7 +13,7 @@ problem() { echo "readme: $1" >&2 && bad=1; }
 
 verbs=$(echo help && ./dev help | sed -nE 's/^  ([a-z-]+).*/\1/p')
 benches=$(./dev bench | sed -nE 's/^  ([a-z]+).*/\1/p')
-mapfile -t commands < <(cat ./*.md docs/*.md evaluation/README.md | grep -oE '\./dev( [a-z0-9-]+)*' | sort -u)
+mapfile -t commands < <(cat ./*.md docs/*.md evaluation/README.md evaluation/outages/README.md | grep -oE '\./dev( [a-z0-9-]+)*' | sort -u)
 [ ${#commands[@]} -gt 9 ] || problem 'finds no commands'
 for command in "${commands[@]}"; do
   read -ra words <<<"$command"
@@ -23,7 +23,7 @@ for command in "${commands[@]}"; do
     problem "no bench: $command"
 done
 
-for page in ./*.md docs/*.md evaluation/README.md; do
+for page in ./*.md docs/*.md evaluation/README.md evaluation/outages/README.md; do
   while read -r target; do
     [ -e "$(dirname "$page")/$target" ] || problem "$page: no file $target"
   done < <(grep -oE '\]\([^)#]+' "$page" | cut -c3- | grep -v '^https\?:')
