@@ -116,7 +116,8 @@ lay_path() {
   ip -n "$server_ns" link set far up
 }
 
-# make_images FOLDER COUNT WIDTH HEIGHT: COUNT generated JPEGs, to be replayed as a camera's.
+# make_images FOLDER COUNT WIDTH HEIGHT [OPTION...]: COUNT generated JPEGs, to be replayed as a camera's; with these
+# options of orbbufd.
 make_images() {
   local first=${#pids[@]} port
   start images-server "${on_server[@]}" "$build/server/orbbuf-server" \
@@ -126,7 +127,7 @@ make_images() {
   "${on_server[@]}" "$build/daemon/orbbufd" --set robot.id=images \
     --set "link.server=127.0.0.1:$port" --set source.realtime=false \
     --set "source.frames=$2" --set "source.width=$3" \
-    --set "source.height=$4" 2>"$work/images.err"
+    --set "source.height=$4" "${@:5}" 2>"$work/images.err"
   stop_from "$first"
   mv "$work"/made/images/*/images "$1"
   rm -r "$work/made"
