@@ -21,7 +21,7 @@ if(ORBBUF_SERVER)
   list(APPEND programs orbbuf-server)
 endif()
 
-foreach(component ${programs} orbbuf-dev)
+foreach(component ${programs} orbbuf-dev python3-orbbuf)
   set(changelog ${PROJECT_SOURCE_DIR}/CHANGELOG.md)
   orbbuf_compressed(${made}/${component}/changelog.Debian.gz ${changelog} ${debian}/changelog.sh ${changelog} ${component}
              ${CPACK_DEBIAN_PACKAGE_RELEASE} ${CPACK_PACKAGE_CONTACT})
@@ -42,6 +42,13 @@ foreach(component ${programs})
   set(CPACK_DEBIAN_${upper}_PACKAGE_SECTION net)
 endforeach()
 
+file(WRITE ${made}/python3-orbbuf/postinst
+     "#!/bin/sh\nset -e\n! command -v py3compile >/dev/null || py3compile -p python3-orbbuf\n")
+file(WRITE ${made}/python3-orbbuf/prerm
+     "#!/bin/sh\nset -e\n! command -v py3clean >/dev/null || py3clean -p python3-orbbuf\n")
+file(CHMOD ${made}/python3-orbbuf/postinst ${made}/python3-orbbuf/prerm
+     PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE WORLD_READ WORLD_EXECUTE)
+
 set(CPACK_DEBIAN_ORBBUFD_PACKAGE_SUGGESTS libnss-mdns)  # a server named slam.local
 
 get_property(compressed DIRECTORY PROPERTY orbbuf_compressed)
@@ -52,7 +59,7 @@ set(CPACK_SET_DESTDIR ON)
 set(CPACK_INSTALL_PREFIX /usr)
 set(CPACK_STRIP_FILES ON)
 set(CPACK_PACKAGE_VERSION ${PROJECT_VERSION})
-set(CPACK_COMPONENTS_ALL ${programs} orbbuf-dev)
+set(CPACK_COMPONENTS_ALL ${programs} orbbuf-dev python3-orbbuf)
 set(CPACK_COMPONENTS_GROUPING IGNORE)
 set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
@@ -84,4 +91,13 @@ set(CPACK_DEBIAN_ORBBUF-DEV_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_ORBBUF-DEV_DESCRIPTION "camera link for remote visual SLAM: reading the server's pipe
 A header for C and C++ that reads the frames that orbbuf-server writes to a
 SLAM program, and an example.")
+set(CPACK_DEBIAN_PYTHON3-ORBBUF_PACKAGE_NAME python3-orbbuf)
+set(CPACK_DEBIAN_PYTHON3-ORBBUF_PACKAGE_ARCHITECTURE all)
+set(CPACK_DEBIAN_PYTHON3-ORBBUF_PACKAGE_SECTION python)
+set(CPACK_DEBIAN_PYTHON3-ORBBUF_PACKAGE_DEPENDS python3:any)
+set(CPACK_DEBIAN_PYTHON3-ORBBUF_PACKAGE_SUGGESTS "python3-numpy, python3-opencv | python3-pil")
+set(CPACK_DEBIAN_PYTHON3-ORBBUF_PACKAGE_CONTROL_EXTRA ${made}/python3-orbbuf/postinst ${made}/python3-orbbuf/prerm)
+set(CPACK_DEBIAN_PYTHON3-ORBBUF_DESCRIPTION "camera link for remote visual SLAM: Python reader
+Reads the frames that orbbuf-server records in a folder or writes to a pipe,
+with a reader like cv2.VideoCapture, and makes data sets of recorded sessions.")
 include(CPack)

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+import os
+import re
+import subprocess
+import unittest
+from decimal import Decimal
+from pathlib import Path
+
+import orbbuf
+from orbbuf.export import parse_camera
+from support import SERVER, FolderTest, needs, write_session
+
+CAMERAS = {
+    "pinhole": "Pinhole 500.5 501 319.5 239.5 0\n640 480\ncrop\n640 480\n",
+    "relative": "FOV 0.535719308086809 0.669566858850269 0.493248545285398 0.500408664348414 0.897966326944875\n"
+                "1280 1024\nfull\n640 480\n",
+    "radtan": "458.654 457.296 367.215 248.375 -0.28340811 0.07395907 0.00019359 1.76187114e-05\n752 480\ncrop\n640 480\n",
+    "fisheye": "KannalaBrandt 190.97 190.97 254.93 256.89 0.0034 0.0007 -0.0020 0.0002\n512 512\nnone\n512 512\n",
+    "baseline": "Pinhole 707.0912 707.0912 601.8873 183.1104 0\n1226 370\nnone\n1226 370\n0.537150653\n",
+}
+
+
+def tree(folder: Path) -> dict:
+    """What each file has, numbers as numbers: their digits are the printer's choice."""
+
+    def content(path):
+        if path.suffix in (".jpg", ".png"):
+            return path.read_bytes()
+        text = path.read_text().replace("orbbuf-server export", "orbbuf")
+        return [Decimal(word) if re.fullmatch(r"-?\d+(\.\d+)?(e[+-]?\d+)?", word) else word
+                for word in re.split(r"[\s,\[\]]+", text)]
+
+    return {str(path.relative_to(folder)): content(path) for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+class ExportTest(FolderTest):
+    def export(self, layout, camera, stereo=False):
+        session = self.folder / f"session-{camera}-{stereo}"
+        if not session.exists():
+            write_session(session, [0, 1, 2, 5, 6, 7], stereo, CAMERAS.get(camera, ""))
+        out = self.folder / f"{layout}-{camera}-{stereo}"
+        notes = {"tum": orbbuf.to_tum, "kitti": orbbuf.to_kitti, "euroc": orbbuf.to_euroc}[layout](
+            orbbuf.Session(session), out)
+        return session, out, notes
+
+    @needs(SERVER)
+    def test_makes_what_the_server_s_export_makes(self):
+        for layout, name in (("tum", "tum-rgbd"), ("kitti", "kitti"), ("euroc", "euroc")):
+            for camera in (*CAMERAS, "none"):
+                for stereo in (False, True):
+                    with self.subTest(layout=layout, camera=camera, stereo=stereo):
+                        session, out, notes = self.export(layout, camera, stereo)
+                        other = self.folder / "other" / out.name
+                        said = subprocess.run([SERVER, "export", "--layout", name, session, other],
+                                              capture_output=True, text=True, check=True)
+                        self.assertEqual(tree(out), tree(other))
+                        for note in notes:
+                            self.assertIn(note, said.stderr)
+
+    def test_images_are_hard_links(self):
+        session, out, _ = self.export("kitti", "none")
+        self.assertTrue(os.path.samefile(session / "images/000005.jpg", out / "image_0/000003.jpg"))
+
+    def test_folder_with_files_and_session_without_frames_are_refused(self):
+        session, out, _ = self.export("tum", "none")
+        with self.assertRaises(FileExistsError):
+            orbbuf.to_tum(orbbuf.Session(session), out)
+        write_session(self.folder / "empty", [])
+        with self.assertRaisesRegex(ValueError, "no frames"):
+            orbbuf.to_euroc(orbbuf.Session(self.folder / "empty"), self.folder / "new")
+        self.assertFalse((self.folder / "new").exists())
+
+    def test_calibration_that_is_none_is_refused(self):
+        for text in ("", "Pinhole 1 2 3 4\n640 480\ncrop\n640 480\n", "Pinhole 1 2 3 4 x\n640 480\ncrop\n640 480\n",
+                     "1 2 3\n640 480\ncrop\n640 480\n", "Pinhole 1 2 3 4 0\n640\ncrop\n640 480\n",
+                     "Pinhole 0 2 3 4 0\n640 480\ncrop\n640 480\n"):
+            with self.assertRaises(ValueError):
+                parse_camera(text)
+
+    def test_command_line_prints_a_session_and_makes_a_data_set(self):
+        session, _, _ = self.export("tum", "radtan")
+        (session / "quality.csv").write_text("sequence,quality,whole_bytes,whole_crc\n0,80,0,0\n1,30,40123,0A1B2C3D\n")
+        run = lambda *words: subprocess.run(["/usr/bin/python3", "-m", "orbbuf", *words], capture_output=True, text=True)
+        said = run(session, "--frames")
+        self.assertEqual((said.returncode, said.stderr), (0, ""))
+        for line in ("6 frames in 0.3 s, 25.0 frames/s", "missed: 2; longest gap: 2 frames", "drop record: 2 policy",
+                     "JPEG quality: 30 to 80, median 30; 1 frames reduced", "camera: RadTan, 752x480",
+                     "5 0.200000 quality - missed 2, "):
+            self.assertIn(line, said.stdout)
+        self.assertEqual(run(session, "--to", "kitti", self.folder / "out").returncode, 0)
+        self.assertEqual(len(list((self.folder / "out/image_0").iterdir())), 6)
+        for words in ((self.folder / "nowhere",), (session, "--to", "kitti", self.folder / "out"), (session, "--to", "x", "y")):
+            said = run(*words)
+            self.assertNotEqual(said.returncode, 0)
+            self.assertNotIn("Traceback", said.stderr)
+
+
+if __name__ == "__main__":
+    unittest.main()
