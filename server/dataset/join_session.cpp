@@ -53,21 +53,45 @@ class Join {
       const auto [known, is_new] = frames_.try_emplace(frame.sequence, Source{&part, &frame});
       if (is_new) continue;
       ++report_.repeats;
-      if (!are_same(known->second, {&part, &frame})) {
+      const Source other{&part, &frame};
+      if (!are_same(known->second, other) && !are_of_one_image(known->second, other)) {
         report_.problems.push_back(fmt::format("frame {}: {} and {} have different ones",
                                                frame.sequence, known->second.part->folder.string(),
                                                part.folder.string()));
       }
-      known->second = {&part, &frame};
+      known->second = other;
     }
   }
 
-  /// By their checksums as they were received.
+  using Crc = std::optional<std::uint32_t>;
+
+  /// Of an image as it was received.
+  static Crc crc(const Source& source, const std::string& image) {
+    const auto found = source.part->checksums.find(image);
+    return found == source.part->checksums.end() ? std::nullopt : Crc(found->second);
+  }
+
+  /// Of the JPEG that a reduced frame was made from; nothing: it is not reduced.
+  static Crc whole_crc(const Source& source) {
+    const auto found = source.part->qualities.find(source.frame->sequence);
+    if (found == source.part->qualities.end() || found->second.whole_bytes == 0) return {};
+    return found->second.whole_crc;
+  }
+
+  /// A robot that goes to another server sends a frame again, perhaps in another quality.
+  static bool are_of_one_image(const Source& one, const Source& other) {
+    if (one.frame->capture_time_ns != other.frame->capture_time_ns) return false;
+    const auto [whole_one, whole_other] = std::pair(whole_crc(one), whole_crc(other));
+    if (whole_one && whole_other) return whole_one == whole_other;
+    if (!whole_one && !whole_other) return false;
+    const Source& whole = whole_one ? other : one;
+    // The checksum of a pair is not one of its images'.
+    return whole.part->is_stereo ||
+           crc(whole, left_image(*whole.frame)) == (whole_one ? whole_one : whole_other);
+  }
+
+  /// By their checksums.
   static bool are_same(const Source& one, const Source& other) {
-    const auto crc = [](const Source& source, const std::string& image) {
-      const auto found = source.part->checksums.find(image);
-      return found == source.part->checksums.end() ? std::nullopt : std::optional(found->second);
-    };
     return one.frame->capture_time_ns == other.frame->capture_time_ns &&
            crc(one, left_image(*one.frame)) == crc(other, left_image(*other.frame)) &&
            crc(one, right_image(*one.frame)) == crc(other, right_image(*other.frame));

@@ -112,6 +112,30 @@ TEST_F(JoinSession, FramesWithDifferentBytesAreAProblem) {
   EXPECT_THAT(join().problems, SizeIs(1));
 }
 
+/// After a hand-over the robot sends again what was not acknowledged, perhaps in another quality.
+TEST_F(JoinSession, FramesOfOneImageInOtherQualitiesAreNoProblem) {
+  record("a", {}, {0, 1, 2, 3}, {});
+  SessionFiles files(folder_ / "b", "", {2, {1, 0}});
+  const auto write = [&](Sequence sequence, std::uint32_t whole_crc) {
+    EncodedFrame reduced = *test::jpeg_frame_ptr(sequence + 10, 16, 16);
+    reduced.sequence = sequence;
+    reduced.capture_time_ns = static_cast<std::int64_t>(sequence) * test::kFrameNs;
+    reduced.quality = 30;
+    reduced.whole_bytes = 4000;
+    reduced.whole_crc = whole_crc;
+    ASSERT_FALSE(files.write(reduced));
+  };
+  write(1, test::jpeg_frame_ptr(1, 16, 16)->jpeg_crc);
+  write(2, 0x0A1B2C3D);  // of another image
+  write(3, 0x0A1B2C3D);  // as in the other segment
+  segments_.push_back(folder_ / "b");
+  test::write_file(folder_ / "a/quality.csv",
+                   "sequence,quality,whole_bytes,whole_crc\n3,50,4000,0A1B2C3D\n");
+  const auto problems = join().problems;
+  ASSERT_THAT(problems, SizeIs(1));
+  EXPECT_THAT(problems[0], HasSubstr("frame 2: "));
+}
+
 TEST_F(JoinSession, AMissingSegmentIsFoundByTheCheck) {
   record("a", {}, {0, 1}, {});
   record("c", {3, {5, 0}}, {5}, {}, 6);
