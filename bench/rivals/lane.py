@@ -98,7 +98,7 @@ class Life:
             words = line.split()
             if not ARRIVAL.fullmatch(line):  # a library's own word
                 continue
-            if self.rival.name.startswith("orbbuf"):  # TIME BYTES NAME
+            if self.rival.is_orbbuf:  # TIME BYTES NAME
                 self.arrivals.append((int(words[2].split(".")[0]), float(words[0])))
                 continue
             at = float(words[1])
@@ -116,7 +116,7 @@ class Life:
                 self.arrivals.append((number, at))
 
     def learn_offset(self):
-        if not self.rival.name.startswith("orbbuf"):
+        if not self.rival.is_orbbuf:
             self.offset = self.begin
             return
         # A replay's capture times begin at 0. In calm a frame is written as soon as it is captured, and the log says when.

@@ -20,6 +20,7 @@ class Rival:
     files: dict = dataclasses.field(default_factory=dict)
     tells: str = NOTHING  # what says which frames are missing
     drain_s: int = 0  # what comes another way than the live stream needs so long at the end
+    is_orbbuf: bool = False  # its peer prints names of images, and frames are numbered from the robot's log
 
 
 ORBBUF_SERVER = "{build}/server/orbbuf-server --set listen.address={server}:7722 --set files.path={work}/frames"
@@ -31,7 +32,7 @@ WATCH = "until ls -d {work}/frames/*/*/images >/dev/null 2>&1; do sleep 0.1; don
 
 def orbbuf(name, setting, server="--set listen.insecure=true", robot="--set robot.id=r", **more):
     return Rival(name, setting, [f"{ORBBUF_SERVER} {server}", WATCH], [f"{ORBBUF_ROBOT} {robot}"],
-                 tells="each frame and the reason, in drops.csv", **more)
+                 tells="each frame and the reason, in drops.csv", is_orbbuf=True, **more)
 
 
 def tcp(name, setting, mode):
@@ -107,9 +108,9 @@ ABSENT = {
 }
 
 RIVALS = [
-    orbbuf("orbbuf", "defaults"),
-    orbbuf("orbbuf_spool", "with a spool", robot="--set robot.id=r --set spool.path={work}/spool", drain_s=90),
-    orbbuf("orbbuf_tls", "over TLS", server="{tls_server}", robot="{tls_robot}"),
+    orbbuf("orbbuf", "ORBBuf, defaults"),
+    orbbuf("orbbuf_spool", "ORBBuf, with a spool", robot="--set robot.id=r --set spool.path={work}/spool", drain_s=90),
+    orbbuf("orbbuf_tls", "ORBBuf, over TLS", server="{tls_server}", robot="{tls_robot}"),
     tcp("tcp_blocking", "plain TCP, the camera waits for send()", "blocking"),
     tcp("tcp_queue", "plain TCP, queue without a bound", "queue"),
     tcp("tcp_reconnect", "plain TCP, user timeout of 1 s, reconnects, keeps all", "reconnect"),

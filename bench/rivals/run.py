@@ -114,24 +114,20 @@ def cell(figures):
     return text
 
 
-def title(report):
-    return ("ORBBuf, " if report["name"].startswith("orbbuf") else "") + report["setting"]
-
-
 def tables(reports):
     lengths = sorted({length for r in reports for length in r["outages"]}, key=float)
     yield "| product, setting | " + " | ".join(f"{length} s" for length in lengths) + " |"
     yield "|---" * (len(lengths) + 1) + "|"
     for r in reports:
         cells = [cell(r["outages"][length]) if length in r["outages"] else "" for length in lengths]
-        yield f"| {title(r)} | " + " | ".join(cells) + " |"
+        yield f"| {r['setting']} | " + " | ".join(cells) + " |"
     yield ""
     yield "| product, setting | delay in calm: median, p99, ms | CPU a frame: robot, server, ms | memory: robot, server, MiB " \
         "| says what is missing |"
     yield "|---" * 5 + "|"
     for r in reports:
         calm, memory = r["calm"], r["memory_kib"]
-        yield (f"| {title(r)} | {calm['median_ms']:.1f}, {calm['p99_ms']:.1f} | {calm['cpu_robot_ms']:.2f}, "
+        yield (f"| {r['setting']} | {calm['median_ms']:.1f}, {calm['p99_ms']:.1f} | {calm['cpu_robot_ms']:.2f}, "
                f"{calm['cpu_server_ms']:.2f} | {memory['robot'] / 1024:.0f}, {memory['server'] / 1024:.0f} | {r['tells']} |")
 
 
