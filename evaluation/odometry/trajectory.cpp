@@ -26,10 +26,7 @@ struct Pair {
 std::vector<Pair> pair_up(const Trajectory& estimate, const Trajectory& truth) {
   std::vector<Pair> pairs;
   for (const StampedPose& pose : estimate) {
-    const auto match =
-        std::ranges::lower_bound(truth, pose.time_s - kSameTimeS, {}, &StampedPose::time_s);
-    if (match == truth.end() || match->time_s > pose.time_s + kSameTimeS) continue;
-    pairs.push_back({pose, *match});
+    if (const StampedPose* match = pose_at(truth, pose.time_s)) pairs.push_back({pose, *match});
   }
   return pairs;
 }
@@ -92,6 +89,12 @@ void write_trajectory(const std::filesystem::path& file, const Trajectory& traje
                        place.x(), place.y(), place.z(), turn.x(), turn.y(), turn.z(), turn.w());
   }
   if (!out.flush()) throw std::runtime_error("cannot write " + file.string());
+}
+
+const StampedPose* pose_at(const Trajectory& trajectory, double time_s) {
+  const auto pose =
+      std::ranges::lower_bound(trajectory, time_s - kSameTimeS, {}, &StampedPose::time_s);
+  return pose != trajectory.end() && pose->time_s <= time_s + kSameTimeS ? &*pose : nullptr;
 }
 
 TrajectoryError compare(const Trajectory& estimate, const Trajectory& truth, bool with_scale) {

@@ -20,6 +20,9 @@ using Trajectory = std::vector<StampedPose>;
 Trajectory read_trajectory(const std::filesystem::path& file);
 void write_trajectory(const std::filesystem::path& file, const Trajectory& trajectory);
 
+/// The first pose of that moment (within 1 ms); null: there is none. By time, as read.
+const StampedPose* pose_at(const Trajectory& trajectory, double time_s);
+
 /// How far an estimate is from the truth.
 struct TrajectoryError {
   std::size_t poses = 0;  ///< that have a true one of the same time (within 1 ms)

@@ -8,8 +8,6 @@
 namespace orbbuf::evaluation {
 namespace {
 
-constexpr double kSameTimeS = 1e-3;
-
 /// Whether the program lost track of the camera after the return, and whether it tracks it at the
 /// end.
 struct Tracking {
@@ -24,9 +22,7 @@ Tracking tracking_of(const OutageList& list, const Trajectory& estimate, double 
   double missed_s = 0;
   const ListedArrival* last_missed = nullptr;
   for (const ListedArrival& arrival : list.arrivals) {
-    const auto pose = std::ranges::lower_bound(estimate, arrival.capture_s - kSameTimeS, {},
-                                               &StampedPose::time_s);
-    if (pose != estimate.end() && pose->time_s <= arrival.capture_s + kSameTimeS) {
+    if (pose_at(estimate, arrival.capture_s)) {
       last_missed = nullptr;
       missed_s = 0;
       continue;
@@ -38,12 +34,6 @@ Tracking tracking_of(const OutageList& list, const Trajectory& estimate, double 
   tracking.is_at_end = !estimate.empty() && !list.arrivals.empty() &&
                        estimate.back().time_s >= list.arrivals.back().capture_s - lost_s;
   return tracking;
-}
-
-const StampedPose* pose_at(const Trajectory& trajectory, double time_s) {
-  const auto pose =
-      std::ranges::lower_bound(trajectory, time_s - kSameTimeS, {}, &StampedPose::time_s);
-  return pose != trajectory.end() && pose->time_s <= time_s + kSameTimeS ? &*pose : nullptr;
 }
 
 }  // namespace
