@@ -142,6 +142,19 @@ class Simulation {
 
 }  // namespace
 
+std::optional<double> live_again_s(std::span<const FramePtr> captured,
+                                   std::span<const std::size_t> sent,
+                                   std::span<const std::int64_t> begin_ns, std::int64_t return_ns) {
+  for (std::size_t k = 0; k < sent.size(); ++k) {
+    if (begin_ns[k] < return_ns) continue;
+    const std::size_t next = sent[k] + 1;
+    if (next >= captured.size() || captured[next]->capture_time_ns >= begin_ns[k]) {
+      return to_s(begin_ns[k] - return_ns);
+    }
+  }
+  return std::nullopt;
+}
+
 Delivery simulate(const std::vector<FramePtr>& frames, const FinishTime& finish,
                   SimulatedBuffer buffer) {
   Simulation simulation(finish, std::move(buffer));

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
+#include <span>
 #include <vector>
 
 #include "bench/sim/link_model.hpp"
@@ -53,6 +56,15 @@ struct SimulatedBuffer {
   /// What the planner is given of the link's measured rate: 1 is the truth as far as it is known.
   double believed_rate = 1;
 };
+
+inline std::int64_t to_ns(double seconds) { return std::llround(seconds * 1e9); }
+inline double to_s(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
+
+/// From the link's return to the first send that begins with the newest of `captured`; nothing:
+/// none does. `sent` (frames by their index in `captured`) and `begin_ns` as in Delivery.
+std::optional<double> live_again_s(std::span<const FramePtr> captured,
+                                   std::span<const std::size_t> sent,
+                                   std::span<const std::int64_t> begin_ns, std::int64_t return_ns);
 
 /// Runs the daemon's own FrameBuffer on a virtual clock: every frame arrives at its capture time,
 /// the link takes one whenever the last one has passed, `worker` has the time to prepare between

@@ -20,6 +20,8 @@ class Stage {
   /// image, but as many.
   const std::vector<FramePtr>& frames() const { return frames_; }
 
+  /// Which of the sequence's frames frame i is.
+  std::size_t origin(std::size_t i) const { return origin_[i]; }
   /// M of frames i and j.
   int similarity(std::size_t i, std::size_t j) {
     return sequence_.similarity(origin_[i], origin_[j]);
@@ -42,7 +44,7 @@ class Stage {
 
  private:
   RecordedSequence& sequence_;
-  std::vector<std::size_t> origin_;  // which of the sequence's frames it is
+  std::vector<std::size_t> origin_;
   std::vector<FramePtr> frames_;
   std::vector<double> motion_;
   std::vector<FramePtr> by_motion_;

@@ -10,6 +10,7 @@
 #include <optional>
 #include <random>
 #include <span>
+#include <stdexcept>
 #include <string_view>
 #include <utility>
 
@@ -34,9 +35,6 @@ constexpr double kSameMotion = 1e-6;
 double uniform(std::mt19937_64& random, double low, double high) {
   return low + (high - low) * static_cast<double>(random() >> 11) * 0x1p-53;
 }
-
-std::int64_t to_ns(double seconds) { return std::llround(seconds * 1e9); }
-double to_s(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
 
 /// The very OrbPolicy, with each frame's number for its features and a table for M.
 std::unique_ptr<DropPolicy> make_orbbuf(const PairSimilarity& similarity) {
@@ -226,17 +224,12 @@ class Run {
   }
 
   std::optional<QualityPath> by_time(double lateness_s, bool may_reduce, const Sent& own) {
-    static const std::vector<int> kQualities = [] {
-      std::vector<int> falling;
-      for (int quality = kQuality; quality >= kLeastQuality; --quality) falling.push_back(quality);
-      return falling;
-    }();
+    const auto qualities = oracle_qualities();
     const StepCost cost = [this](std::size_t i, std::size_t j) {
       return stage_.time_s(j) - stage_.time_s(i);
     };
     return oracle(problem(lateness_s, own), bytes_at(),
-                  std::span(kQualities).first(may_reduce ? kQualities.size() : 1), cost, true,
-                  kSameTimeS);
+                  qualities.first(may_reduce ? qualities.size() : 1), cost, true, kSameTimeS);
   }
   std::optional<OraclePath> by_motion(double lateness_s, const Sent& own) {
     const StepCost cost = [this](std::size_t i, std::size_t j) {
@@ -293,17 +286,9 @@ class Run {
     return longest_s;
   }
 
-  /// With the first send that begins with the newest captured frame.
   std::optional<double> live_again_s(const Sent& sent) const {
-    for (std::size_t k = 0; k < sent.frames.size(); ++k) {
-      if (sent.begin_ns[k] < outage_.link.outage_end_ns) continue;
-      const std::size_t next = sent.frames[k] + 1;
-      if (next >= stage_.frames().size() ||
-          stage_.frames()[next]->capture_time_ns >= sent.begin_ns[k]) {
-        return to_s(sent.begin_ns[k] - outage_.link.outage_end_ns);
-      }
-    }
-    return std::nullopt;
+    return sim::live_again_s(stage_.frames(), sent.frames, sent.begin_ns,
+                             outage_.link.outage_end_ns);
   }
 
   Sent before_return(Sent sent) const {
@@ -347,6 +332,22 @@ std::vector<Contender> contenders() {
   all.push_back({"catch-up-steered", make_steered});
   all.push_back({"afr", make_afr});
   return all;
+}
+
+Contender contender(std::string_view name) {
+  for (Contender& candidate : contenders()) {
+    if (candidate.name == name) return candidate;
+  }
+  throw std::invalid_argument("no policy " + std::string(name));
+}
+
+std::span<const int> oracle_qualities() {
+  static const std::vector<int> kFalling = [] {
+    std::vector<int> falling;
+    for (int quality = kQuality; quality >= kLeastQuality; --quality) falling.push_back(quality);
+    return falling;
+  }();
+  return kFalling;
 }
 
 std::vector<Outage> draw_outages(const RecordedSequence& sequence,

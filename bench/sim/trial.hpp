@@ -5,7 +5,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "bench/sim/fifo_oracle.hpp"
@@ -43,6 +45,11 @@ struct Contender {
 /// an encoder that sets the quality of new frames by rate and backlog, as that of a video call
 /// does; and `afr`. They take similarities from the setup instead of computing them.
 std::vector<Contender> contenders();
+/// The one of that name. Throws std::invalid_argument if there is none.
+Contender contender(std::string_view name);
+
+/// Those that an oracle may choose from: kQuality down to kLeastQuality.
+std::span<const int> oracle_qualities();
 
 /// One outage: how long a buffer, how fast and when dead a link.
 struct Outage {

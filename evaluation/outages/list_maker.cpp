@@ -21,8 +21,8 @@ constexpr double kTolerance = 1e-6;
 constexpr std::size_t kLeastCapacity = 3;
 constexpr std::size_t kLargestCapacity = 1000;
 
-std::int64_t to_ns(double seconds) { return std::llround(seconds * 1e9); }
-double to_s(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
+using sim::to_ns;
+using sim::to_s;
 
 /// The trace from `offset_s` on, at rates multiplied with `scale`, and nothing during the outage.
 sim::RateTrace with_outage(const sim::RateTrace& trace, double scale, double offset_s,
@@ -128,22 +128,13 @@ sim::Delivery ListMaker::simulate(const std::string& policy, std::size_t capacit
   };
   setup.interval_s = to_s(std::llround(sequence_.mean_interval_ns()));
   setup.similarity = [this](std::size_t i, std::size_t j) { return stage_.similarity(i, j); };
-  const auto all = sim::contenders();
-  const auto contender = std::ranges::find(all, policy, &sim::Contender::name);
-  if (contender == all.end()) throw std::runtime_error("no policy " + policy);
-  return sim::simulate(problem.frames, problem.finish, contender->make(setup));
+  return sim::simulate(problem.frames, problem.finish, sim::contender(policy).make(setup));
 }
 
 double ListMaker::live_again_s(const sim::Delivery& delivery, const Problem& problem) const {
-  for (std::size_t k = 0; k < delivery.received.size(); ++k) {
-    if (delivery.begin_ns[k] < to_ns(problem.return_s())) continue;
-    const std::size_t next = delivery.received[k] + 1;
-    if (next >= stage_.frames().size() ||
-        stage_.frames()[next]->capture_time_ns >= delivery.begin_ns[k]) {
-      return to_s(delivery.begin_ns[k]) - problem.return_s();
-    }
-  }
-  return INFINITY;
+  return sim::live_again_s(stage_.frames(), delivery.received, delivery.begin_ns,
+                           to_ns(problem.return_s()))
+      .value_or(INFINITY);
 }
 
 /// The largest with which a FIFO is live again in time: it is later the more frames it keeps.
@@ -157,6 +148,17 @@ std::size_t ListMaker::capacity_for(const Problem& problem) {
         late_s <= problem.plan.lateness_s ? middle : middle - 1;
   }
   return low;
+}
+
+sim::Delivery ListMaker::unbroken(const Problem& problem) {
+  sim::Delivery delivery;
+  for (const FramePtr& frame : problem.frames) {
+    delivery.received.push_back(frame->sequence);
+    delivery.begin_ns.push_back(frame->capture_time_ns);
+    delivery.end_ns.push_back(frame->capture_time_ns);
+    delivery.quality.push_back(frame->quality);
+  }
+  return delivery;
 }
 
 /// After what `catch-up` sends before the return; and every frame once the stream is live.
@@ -174,11 +176,8 @@ sim::Delivery ListMaker::by_oracle(const Problem& problem) {
   asked.last_begin_ns = delivery.begin_ns.back();
   asked.last_bytes = bytes_at(asked.last, delivery.quality.back());
   asked.deadline_ns = to_ns(problem.return_s() + problem.plan.lateness_s);
-  std::vector<int> falling;
-  for (int quality = sim::kQuality; quality >= sim::kLeastQuality; --quality)
-    falling.push_back(quality);
   const auto best = sim::oracle(
-      asked, bytes_at, falling,
+      asked, bytes_at, sim::oracle_qualities(),
       [this](std::size_t i, std::size_t j) { return stage_.time_s(j) - stage_.time_s(i); }, true,
       kTolerance);
   if (!best) return delivery;
@@ -197,7 +196,8 @@ sim::Delivery ListMaker::by_oracle(const Problem& problem) {
   return delivery;
 }
 
-OutageList ListMaker::make(const std::string& policy, const Link& link, const OutagePlan& plan) {
+std::vector<OutageList> ListMaker::make(const std::vector<std::string>& policies, const Link& link,
+                                        const OutagePlan& plan) {
   constexpr double kAfterS = 60;  // until the last byte has passed
   const double end_s = plan.begin_s + plan.length_s + plan.lateness_s + plan.tail_s;
   const double need = sequence_.mean_jpeg_bytes() / (sequence_.mean_interval_ns() * 1e-9);
@@ -212,31 +212,36 @@ OutageList ListMaker::make(const std::string& policy, const Link& link, const Ou
     const double at_s = to_s(frame->capture_time_ns);
     if (at_s >= plan.begin_s - plan.lead_s && at_s < end_s) problem.frames.push_back(frame);
   }
-  sim::Delivery delivery;
-  if (policy == "oracle") {
-    delivery = by_oracle(problem);
-  } else if (policy == "unbroken") {
-    for (const FramePtr& frame : problem.frames) {
-      delivery.received.push_back(frame->sequence);
-      delivery.begin_ns.push_back(frame->capture_time_ns);
-      delivery.end_ns.push_back(frame->capture_time_ns);
-      delivery.quality.push_back(frame->quality);
+  std::optional<std::size_t> capacity;  // of all that need one: sought once
+  std::vector<OutageList> lists;
+  for (const std::string& policy : policies) {
+    sim::Delivery delivery;
+    if (policy == "oracle") {
+      delivery = by_oracle(problem);
+    } else if (policy == "unbroken") {
+      delivery = unbroken(problem);
+    } else if (policy == "catch-up") {
+      delivery = simulate(policy, kLeastCapacity, problem);
+    } else {
+      if (!capacity) capacity = capacity_for(problem);
+      delivery = simulate(policy, *capacity, problem);
     }
-  } else {
-    delivery =
-        simulate(policy, policy == "catch-up" ? kLeastCapacity : capacity_for(problem), problem);
+    OutageList& list = lists.emplace_back(OutageList{sequence_.name(),
+                                                     sha256_,
+                                                     policy,
+                                                     link.name,
+                                                     plan.lateness_s,
+                                                     live_again_s(delivery, problem),
+                                                     plan.begin_s,
+                                                     plan.length_s,
+                                                     {}});
+    for (std::size_t k = 0; k < delivery.received.size(); ++k) {
+      const std::size_t number = delivery.received[k];
+      list.arrivals.push_back({images_[stage_.origin(number)], number, stage_.time_s(number),
+                               to_s(delivery.end_ns[k]), delivery.quality[k]});
+    }
   }
-  OutageList list{sequence_.name(), sha256_,         policy,
-                  link.name,        plan.lateness_s, live_again_s(delivery, problem),
-                  plan.begin_s,     plan.length_s,   {}};
-  for (std::size_t k = 0; k < delivery.received.size(); ++k) {
-    const std::size_t number = delivery.received[k];
-    const std::size_t there_and_back = 2 * (sequence_.size() - 1);
-    const std::size_t at = number % there_and_back;
-    list.arrivals.push_back({images_[std::min(at, there_and_back - at)], number,
-                             stage_.time_s(number), to_s(delivery.end_ns[k]), delivery.quality[k]});
-  }
-  return list;
+  return lists;
 }
 
 }  // namespace orbbuf::evaluation

@@ -60,13 +60,16 @@ class ListMaker {
   ListMaker(sim::RecordedSequence& sequence, std::vector<std::string> images, std::string sha256,
             double played_s);
 
-  OutageList make(const std::string& policy, const Link& link, const OutagePlan& plan);
+  /// A list for each policy, in their order.
+  std::vector<OutageList> make(const std::vector<std::string>& policies, const Link& link,
+                               const OutagePlan& plan);
 
  private:
   struct Problem;
 
   sim::Delivery simulate(const std::string& policy, std::size_t capacity, const Problem& problem);
   std::size_t capacity_for(const Problem& problem);
+  static sim::Delivery unbroken(const Problem& problem);
   sim::Delivery by_oracle(const Problem& problem);
   double live_again_s(const sim::Delivery& delivery, const Problem& problem) const;
 

@@ -15,6 +15,7 @@
 #include <fstream>
 #include <map>
 #include <optional>
+#include <set>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -130,12 +131,14 @@ void make(const MakeOptions& options) {
                               fmt::format("{:g}s-{:g}s", length_s, lateness_s) /
                               fmt::format("{:02}", place);
           fs::create_directories(folder);
-          for (const std::string& policy : options.policies) {
-            write_list(folder / (policy + ".csv"), maker.make(policy, link, plan));
+          for (const OutageList& list : maker.make(options.policies, link, plan)) {
+            write_list(folder / (list.policy + ".csv"), list);
             progress.add();
           }
-          if (!truth.empty())
-            write_truth(folder / "truth.txt", maker.make("unbroken", link, plan), images, truth);
+          if (!truth.empty()) {
+            write_truth(folder / "truth.txt", maker.make({"unbroken"}, link, plan).front(), images,
+                        truth);
+          }
         }
       }
     }
@@ -156,10 +159,12 @@ void write_file(const fs::path& file, std::span<const std::uint8_t> bytes) {
   if (!out.flush()) throw std::runtime_error("cannot write " + file.string());
 }
 
-/// The frames of the sequence as orbbufd encodes them, by the name of the image; of a stereo
+/// The list's frames of the sequence as orbbufd encodes them, by the name of the image; of a stereo
 /// sequence both images.
-std::map<std::string, EncodedFrame> encode_all(const FolderOptions& options,
-                                               const std::vector<fs::path>& files) {
+std::map<std::string, EncodedFrame> encode(const OutageList& list, const FolderOptions& options,
+                                           const std::vector<fs::path>& files) {
+  std::set<std::string> wanted;
+  for (const ListedArrival& arrival : list.arrivals) wanted.insert(arrival.image);
   SourceSettings settings = source_of(options.sequence, options.fps);
   if (exists(options.sequence / "images_right"))
     settings.path_right = options.sequence / "images_right";
@@ -169,6 +174,7 @@ std::map<std::string, EncodedFrame> encode_all(const FolderOptions& options,
   for (const auto& file : files) {
     const auto raw = source->next({});
     if (!raw) throw std::runtime_error("the source ends before " + file.string());
+    if (!wanted.contains(file.filename().string())) continue;
     auto encoded = encoder.encode(*raw, frames.size());
     if (!encoded) throw std::runtime_error(file.string() + ": " + encoded.error().text);
     frames.emplace(file.filename().string(), std::move(encoded.value()));
@@ -184,7 +190,7 @@ void make_folder(const FolderOptions& options) {
         fmt::format("{} is not the sequence of {}: its images have another checksum",
                     options.sequence.string(), options.list.string()));
   }
-  const auto frames = encode_all(options, files);
+  const auto frames = encode(list, options, files);
   Requantiser requantiser;
   fs::create_directories(options.out / "images");
   std::ofstream times(options.out / "times.txt");

@@ -53,13 +53,6 @@ std::vector<Place> draw_places(const Scene& scene, const TrialOptions& options, 
   return places;
 }
 
-sim::Contender contender(std::string_view name) {
-  for (sim::Contender& candidate : sim::contenders()) {
-    if (candidate.name == name) return candidate;
-  }
-  throw std::invalid_argument("no policy " + std::string(name));
-}
-
 /// One outage, and what came of it.
 struct Run {
   std::string policy;
@@ -80,7 +73,7 @@ Run simulate_run(Scene& scene, std::string_view policy, const Place& place, doub
                             std::llround((place.begin_s + place.outage_s) * 1e9)};
   setup.seed = place.seed;
   setup.similarity = [&](std::size_t i, std::size_t j) { return sequence.similarity(i, j); };
-  const auto delivery = sim::simulate(sequence.frames(), link, contender(policy).make(setup));
+  const auto delivery = sim::simulate(sequence.frames(), link, sim::contender(policy).make(setup));
   Run run{std::string(policy), place, {}, {}, 0, 0, false};
   run.stretch.begin =
       static_cast<std::size_t>(std::max(0.0, (place.begin_s - kScoredBeforeS) * scene.fps()));
