@@ -25,15 +25,18 @@ async function lines(name) {
 async function recorded() {
   const frames = (await lines("times.txt")).map((line) => line.split(" "));
   const drops = (await lines("drops.csv")).slice(1).map((line) => line.split(","));
+  const taken = new Set(frames.map(([sequence]) => Number(sequence)));
   return {
     frames: frames.map(([sequence, time]) =>
       ({ sequence: Number(sequence), time: nanoseconds(time) })),
     drops: drops.map(([sequence, reason, time]) =>
       ({ sequence: Number(sequence), reason, time: nanoseconds(time) })),
-    // Of two lines for one frame the last counts; those of late frames stand behind the others.
+    // Of two lines for one frame the last counts; those of late frames stand behind the others. A kill between
+    // the two lists leaves the line of a frame that was not taken, and that the robot may pass over afterwards.
     qualities: [...new Map((await lines("quality.csv")).slice(1).map((line) => line.split(","))
       .map(([sequence, quality, bytes, crc]) => [Number(sequence),
         [Number(sequence), Number(quality), Number(bytes), parseInt(crc, 16)]])).values()]
+      .filter(([sequence]) => taken.has(sequence))
       .sort(([a], [b]) => a - b),
     isStereo: (await readdir(session)).includes("images_right"),
   };
