@@ -14,6 +14,7 @@ const protobuf = require("protobufjs");
 const { FileDescriptorSet } = require("protobufjs/ext/descriptor");
 
 const [mode, session, calibrated] = process.argv.slice(2);
+const kKills = 5;  // as many as mcap.sh makes
 const nanoseconds = (text) => BigInt(text.replace(".", ""));  // they have nine digits behind it
 
 async function lines(name) {
@@ -26,18 +27,25 @@ async function recorded() {
   const frames = (await lines("times.txt")).map((line) => line.split(" "));
   const drops = (await lines("drops.csv")).slice(1).map((line) => line.split(","));
   const taken = new Set(frames.map(([sequence]) => Number(sequence)));
+  // Of two lines for one frame the last counts; those of late frames stand behind the others.
+  const qualities = [...new Map((await lines("quality.csv")).slice(1).map((line) => line.split(","))
+    .map(([sequence, quality, bytes, crc]) => [Number(sequence),
+      [Number(sequence), Number(quality), Number(bytes), parseInt(crc, 16)]])).values()]
+    .sort(([a], [b]) => a - b);
+  // A kill between the two lists leaves the line of a frame that was not taken, and that the robot may pass over
+  // afterwards: at most one of each kill, and the next start removes its image.
+  const images = new Set(await readdir(join(session, "images")));
+  const left_over = qualities.filter(([sequence]) => !taken.has(sequence));
+  assert(left_over.length <= kKills);
+  if (mode === "whole") {
+    assert(left_over.every(([sequence]) => !images.has(`${String(sequence).padStart(6, "0")}.jpg`)));
+  }
   return {
     frames: frames.map(([sequence, time]) =>
       ({ sequence: Number(sequence), time: nanoseconds(time) })),
     drops: drops.map(([sequence, reason, time]) =>
       ({ sequence: Number(sequence), reason, time: nanoseconds(time) })),
-    // Of two lines for one frame the last counts; those of late frames stand behind the others. A kill between
-    // the two lists leaves the line of a frame that was not taken, and that the robot may pass over afterwards.
-    qualities: [...new Map((await lines("quality.csv")).slice(1).map((line) => line.split(","))
-      .map(([sequence, quality, bytes, crc]) => [Number(sequence),
-        [Number(sequence), Number(quality), Number(bytes), parseInt(crc, 16)]])).values()]
-      .filter(([sequence]) => taken.has(sequence))
-      .sort(([a], [b]) => a - b),
+    qualities: qualities.filter(([sequence]) => taken.has(sequence)),
     isStereo: (await readdir(session)).includes("images_right"),
   };
 }
