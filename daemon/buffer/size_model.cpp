@@ -7,7 +7,7 @@
 namespace orbbuf {
 namespace {
 
-constexpr double kWeightOfNew = 0.1;
+constexpr double kWeightOfSeen = 0.1;
 constexpr double kLeastExponent =
     0.2;  // a result beyond these is an odd image, such as a black one
 constexpr double kMostExponent = 1.0;
@@ -28,7 +28,7 @@ void SizeModel::learn(double bytes, int from, double reduced_bytes, int to) {
   const double ratio = step_at(to) / step_at(from);
   if (ratio < kLeastRatio || bytes <= 0 || reduced_bytes <= 0) return;
   const double seen = std::log(bytes / reduced_bytes) / std::log(ratio);
-  exponent_ += kWeightOfNew * (std::clamp(seen, kLeastExponent, kMostExponent) - exponent_);
+  exponent_ += kWeightOfSeen * (std::clamp(seen, kLeastExponent, kMostExponent) - exponent_);
 }
 
 }  // namespace orbbuf

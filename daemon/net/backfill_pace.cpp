@@ -10,9 +10,9 @@ namespace {
 
 using Seconds = BackfillPace::Seconds;
 
-constexpr double kPart = 1.0 / 16;  // of a new observation in the means
-constexpr double kLongest = 4;      // intervals that one observation counts for
-constexpr Seconds kAhead{0.002};    // how far before the link is free to write
+constexpr double kPart = 1.0 / 16;      // of a new observation in the means
+constexpr double kLongestInterval = 4;  // intervals that one observation counts for
+constexpr Seconds kAheadOfFree{0.002};  // how far before the link is free to write
 constexpr double kShortestGuard =
     1.0 / 10;  // of the interval: what is written may take longer than it should
 constexpr Seconds kUnknownInterval{1};
@@ -35,7 +35,7 @@ void BackfillPace::on_captured(Time now) {
     interval_ = since;
     return;
   }
-  const Seconds observed = std::min(since, kLongest * interval_);
+  const Seconds observed = std::min(since, kLongestInterval * interval_);
   deviation_ += kPart * (Seconds(std::abs((observed - interval_).count())) - deviation_);
   interval_ += kPart * (observed - interval_);
 }
@@ -47,7 +47,7 @@ void BackfillPace::on_written(Time now, std::size_t bytes, double bytes_per_s) {
 
 BackfillPace::Turn BackfillPace::next(Time now, double bytes_per_s, Time busy_until) const {
   busy_until = std::max(busy_until, busy_until_);
-  if (busy_until > after(now, kAhead)) return {0, busy_until};
+  if (busy_until > after(now, kAheadOfFree)) return {0, busy_until};
   const Time free = std::max(now, busy_until);
   Seconds window = kLongestTurn;
   const Time late = after(captured_, 2 * interval_);  // none is expected any more

@@ -24,8 +24,6 @@ constexpr std::array<std::string_view, 2> kSubprotocols = {"foxglove.websocket.v
                                                            "foxglove.sdk.v1"};
 constexpr unsigned kBadRequest = 400;
 constexpr unsigned kForbidden = 403;
-constexpr unsigned kNotFound = 404;
-constexpr unsigned kUnavailable = 503;
 constexpr std::string_view kFoxglovesPage = "https://app.foxglove.dev";
 
 /// As the server calls it; empty: none of ours is offered.

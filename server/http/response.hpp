@@ -11,6 +11,10 @@
 
 namespace orbbuf {
 
+/// Statuses of HTTP.
+inline constexpr unsigned kNotFound = 404;
+inline constexpr unsigned kUnavailable = 503;
+
 /// What a request is answered with: the body is one of three.
 struct HttpResponse {
   unsigned status = 200;

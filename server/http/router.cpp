@@ -20,7 +20,6 @@ namespace {
 namespace asio = boost::asio;
 namespace fs = std::filesystem;
 
-constexpr unsigned kNotFound = 404;
 constexpr unsigned kMethodNotAllowed = 405;
 constexpr unsigned kMisdirected = 421;
 constexpr unsigned kFleetUnavailable = 503;

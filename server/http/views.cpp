@@ -115,7 +115,6 @@ void add_robot(Json& json, const RobotMetrics& robot, std::uint64_t since_ms,
 }
 
 constexpr std::size_t kMostNames = 1000;
-constexpr unsigned kUnavailable = 503;
 
 using prometheus::ClientMetric;
 using prometheus::MetricFamily;

@@ -30,7 +30,7 @@ using libcamera::Request;
 
 constexpr std::size_t kLeastRequests = 3;  // one lent, two with the camera
 
-std::string_view hint_at(int error) {
+std::string_view hint_at_camera(int error) {
   if (error == EBUSY) return "; another program uses the camera";
   return error == EACCES ? "; add the user to group video" : "";
 }
@@ -113,7 +113,7 @@ LibcameraStream::Capture::~Capture() {
 void LibcameraStream::Capture::must(std::string_view attempt, int status) const {
   if (status >= 0) return;
   const auto tried = fmt::format("camera {}: cannot {}", camera_->id(), attempt);
-  const auto text = system_error(tried, -status).text + std::string(hint_at(-status));
+  const auto text = system_error(tried, -status).text + std::string(hint_at_camera(-status));
   if (status == -ENODEV) throw CameraGone(text);
   throw std::runtime_error(text);
 }

@@ -69,14 +69,14 @@ std::vector<Line> read_lines(const std::filesystem::path& file) {
 }
 
 /// Which field holds what; -1: none does.
-struct Layout {
+struct FileLayout {
   int time = 0;
   int name = -1;
   int id = -1;
   int exposure = -1;
 };
 
-Layout layout_of(const std::vector<Line>& lines) {
+FileLayout layout_of(const std::vector<Line>& lines) {
   switch (lines.front().fields.size()) {
     case 1:
       return {.time = 0};
@@ -84,8 +84,8 @@ Layout layout_of(const std::vector<Line>& lines) {
       // One name among numbers is reported as a bad time, with its line.
       return std::any_of(lines.begin(), lines.end(),
                          [](const Line& line) { return parse_decimal(line.fields[1], 0); })
-                 ? Layout{.time = 1, .id = 0}
-                 : Layout{.time = 0, .name = 1};
+                 ? FileLayout{.time = 1, .id = 0}
+                 : FileLayout{.time = 0, .name = 1};
     default:
       return {.time = 1, .id = 0, .exposure = 2};
   }
@@ -100,7 +100,7 @@ std::optional<std::string> id_of(std::string_view text) {
 }
 
 /// What a line calls each of the images, as `layout` has it.
-std::vector<std::string> keys_of_images(const Layout& layout,
+std::vector<std::string> keys_of_images(const FileLayout& layout,
                                         const std::vector<std::string>& names) {
   if (layout.name >= 0) return names;
   std::vector<std::string> stems;
@@ -113,7 +113,7 @@ std::vector<std::string> keys_of_images(const Layout& layout,
 }
 
 std::map<std::string, const Line*> lines_by_key(const std::filesystem::path& file,
-                                                const Layout& layout,
+                                                const FileLayout& layout,
                                                 const std::vector<Line>& lines) {
   std::map<std::string, const Line*> by_key;
   for (const auto& line : lines) {
@@ -132,7 +132,7 @@ std::map<std::string, const Line*> lines_by_key(const std::filesystem::path& fil
   return by_key;
 }
 
-ImageTime parse(const std::filesystem::path& file, const Layout& layout, const Line& line) {
+ImageTime parse(const std::filesystem::path& file, const FileLayout& layout, const Line& line) {
   const auto& time = line.fields[static_cast<std::size_t>(layout.time)];
   const auto time_ns = parse_decimal(time, kNanosecondDigits);
   if (!time_ns) fail(file, line, "'" + time + "' is not a time in seconds");
