@@ -22,7 +22,6 @@ namespace fs = std::filesystem;
 
 constexpr unsigned kMethodNotAllowed = 405;
 constexpr unsigned kMisdirected = 421;
-constexpr unsigned kFleetUnavailable = 503;
 constexpr std::string_view kJson = "application/json";
 constexpr std::string_view kJpeg = "image/jpeg";
 
@@ -134,7 +133,7 @@ void Router::fleet(Answer answer) const {
   if (fleet_ == nullptr) return answer(error_response(kNotFound, "[fleet] is not set"));
   fleet_->async_overview([answer = std::move(answer)](const Result<std::string>& overview) {
     answer(overview ? text_response(overview.value(), kJson)
-                    : error_response(kFleetUnavailable, overview.error().text));
+                    : error_response(kUnavailable, overview.error().text));
   });
 }
 
