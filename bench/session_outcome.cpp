@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/session_outcome.hpp"
 
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
 #include <algorithm>
 #include <fstream>
@@ -10,7 +10,7 @@
 
 #include "daemon/buffer/similarity.hpp"
 #include "daemon/image/orb_extractor.hpp"
-#include "server/recording/recorded_session.hpp"
+#include "server/session/session_reader.hpp"
 
 namespace orbbuf::bench {
 namespace {
@@ -83,7 +83,7 @@ int SessionOutcome::smallest_similarity() const {
 }
 
 SessionOutcome read_session(const std::string& label, const std::filesystem::path& folder) {
-  const auto recorded = read_recorded_session(folder);
+  const auto recorded = orbbuf::read_session(folder);
   if (!recorded) throw std::runtime_error(recorded.error().text);
   const RecordedSession& session = recorded.value();
   if (!session.problems.empty()) {
@@ -94,8 +94,9 @@ SessionOutcome read_session(const std::string& label, const std::filesystem::pat
     outcome.frames.push_back({frame.sequence, to_seconds(frame.capture_time_ns), true, -1});
   }
   for (const DropRecord& drop : session.drops) {
-    if (drop.reason == DropReason::kLate) continue;  // it came
-    outcome.frames.push_back({drop.sequence, to_seconds(drop.capture_time_ns), false, -1});
+    for (Sequence i = drop.sequence; i < drop.end(); ++i) {
+      outcome.frames.push_back({i, to_seconds(drop.capture_time_of(i)), false, -1});
+    }
   }
   std::sort(outcome.frames.begin(), outcome.frames.end(),
             [](const auto& a, const auto& b) { return a.sequence < b.sequence; });

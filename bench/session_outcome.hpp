@@ -31,7 +31,7 @@ struct SessionOutcome {
   int smallest_similarity() const;
 };
 
-/// Reads times.txt and drops.csv of `folder` and computes the similarities from its images with the
+/// Reads the journal of `folder` and computes the similarities from its images with the
 /// daemon's own extractor at its default settings; in a stereo session, the left ones. Throws
 /// std::runtime_error, also if a delivered frame lacks its right image where others have one.
 SessionOutcome read_session(const std::string& label, const std::filesystem::path& folder);

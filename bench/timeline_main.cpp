@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Compares sessions that the server recorded: a table, a picture, and RESULT lines.
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
-#include <CLI/CLI.hpp>
 #include <cstdio>
 #include <exception>
 #include <string>
@@ -10,6 +9,7 @@
 
 #include "bench/session_outcome.hpp"
 #include "bench/timeline_picture.hpp"
+#include "common/command_line.hpp"
 
 namespace {
 
@@ -51,18 +51,19 @@ std::vector<SessionOutcome> read_sessions(const std::vector<std::string>& argume
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app{"Compares sessions that orbbuf-server recorded, e.g. under different policies.",
-               "orbbuf-timeline"};
+  orbbuf::CommandLine app{
+      "Compares sessions that orbbuf-server recorded, e.g. under different policies.",
+      "orbbuf-timeline"};
   std::vector<std::string> arguments;
   std::string png;
   std::string results;
   Outage outage;
-  app.add_option("sessions", arguments, "Sessions as LABEL=FOLDER")->required();
+  app.add_option("sessions", arguments, "Sessions as LABEL=FOLDER").required();
   app.add_option("--png", png, "Draw the timelines into this file");
   app.add_option("--outage-begin", outage.begin_s, "When the link went down, in capture time, s");
   app.add_option("--outage-end", outage.end_s, "When it came back");
   app.add_option("--results", results, "Print RESULT lines under this name");
-  CLI11_PARSE(app, argc, argv);
+  if (const auto status = app.parse(argc, argv)) return *status;
   try {
     const std::vector<SessionOutcome> sessions = read_sessions(arguments);
     print_table(sessions);

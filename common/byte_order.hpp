@@ -2,7 +2,6 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <boost/endian/conversion.hpp>
 #include <concepts>
 #include <cstddef>
@@ -12,7 +11,7 @@
 #include <string_view>
 #include <vector>
 
-/// Integers and texts as bytes in network order, for wire*.cpp and the files of daemon/spool only.
+/// Integers and texts as bytes in network order, for wire*.cpp and journals only.
 namespace orbbuf::wire {
 
 /// Writes `value` to at[0 .. sizeof value), most significant byte first; returns the place after.
@@ -35,9 +34,8 @@ class Writer {
 
   template <std::integral T>
   void put(T value) {
-    std::array<std::uint8_t, sizeof(T)> stored{};
-    store(stored.data(), value);
-    bytes_.insert(bytes_.end(), stored.begin(), stored.end());
+    bytes_.resize(bytes_.size() + sizeof(T));
+    store(bytes_.data() + bytes_.size() - sizeof(T), value);
   }
   void put_zeros(std::size_t count) { bytes_.insert(bytes_.end(), count, 0); }
   /// u16 length, then the bytes. Requires text.size() < 64 Ki.

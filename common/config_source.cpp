@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "common/config_source.hpp"
 
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
 #include <algorithm>
 #include <array>
@@ -19,7 +19,7 @@ namespace {
 
 constexpr std::string_view kHeld = "v";
 
-std::string read_file(const std::filesystem::path& path) {
+std::string read_text(const std::filesystem::path& path) {
   const auto fail = [&] {
     throw ConfigError(system_error(fmt::format("cannot read {}", path.string()), errno).text);
   };
@@ -37,7 +37,7 @@ std::string read_file(const std::filesystem::path& path) {
 
 toml::table parse_file(const std::filesystem::path& path) {
   try {
-    return toml::parse(read_file(path), path.string());
+    return toml::parse(read_text(path), path.string());
   } catch (const toml::parse_error& error) {
     throw ConfigError(
         fmt::format("{}:{}: {}", path.string(), error.source().begin.line, error.description()));

@@ -15,8 +15,14 @@
 #include <stdexcept>
 #include <string>
 
+#include "common/format.hpp"
 #include "common/non_blocking_sink.hpp"
 #include "common/unique_fd.hpp"
+
+#if FMT_VERSION < 100000
+template void fmt::detail::vformat_to<char>(fmt::detail::buffer<char>&, fmt::string_view,
+                                            fmt::format_args, fmt::detail::locale_ref);
+#endif
 
 namespace orbbuf {
 namespace {
@@ -28,6 +34,7 @@ struct LevelName {
   std::string_view journal_prefix;
 };
 
+/// In the order of LogLevel.
 constexpr std::array<LevelName, kLogLevels.size()> kLevels = {
     {{spdlog::level::trace, kLogLevels[0], "<7>"},
      {spdlog::level::debug, kLogLevels[1], "<7>"},
@@ -111,7 +118,21 @@ spdlog::level::level_enum level_from(std::string_view word) {
   throw std::invalid_argument("unknown log level '" + std::string(word) + "'");
 }
 
+spdlog::level::level_enum level_from(LogLevel level) {
+  return kLevels.at(static_cast<std::size_t>(level)).level;
+}
+
 }  // namespace
+
+void write_log(LogLevel level, fmt::string_view format, fmt::format_args values) {
+  if (!is_logged(level)) return;
+  const std::string line = fmt::vformat(format, values);
+  spdlog::default_logger_raw()->log(level_from(level), spdlog::string_view_t(line));
+}
+
+bool is_logged(LogLevel level) { return spdlog::should_log(level_from(level)); }
+
+void set_log_level(std::string_view level) { spdlog::set_level(level_from(level)); }
 
 void set_up_log(std::string_view level) {
   const auto threshold = level_from(level);

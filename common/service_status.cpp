@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "common/service_status.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <cstdint>
 #include <system_error>
@@ -10,6 +8,8 @@
 
 #ifdef ORBBUF_SYSTEMD
 #include <systemd/sd-daemon.h>
+
+#include "common/log.hpp"
 #endif
 
 namespace orbbuf {
@@ -45,8 +45,8 @@ void ServiceStatus::notify([[maybe_unused]] const std::string& message) {
 #ifdef ORBBUF_SYSTEMD
   const int result = ::sd_notify(0, message.c_str());
   if (result >= 0 || std::exchange(has_failed_, true)) return;
-  spdlog::warn("cannot notify systemd of \"{}\": {}", message,
-               std::generic_category().message(-result));
+  log_warn("cannot notify systemd of \"{}\": {}", message,
+           std::generic_category().message(-result));
 #endif
 }
 

@@ -35,9 +35,20 @@ class Message : public Writer {
  public:
   explicit Message(Type type) : Writer(kHeaderBytes), type_(type) {}
 
+  /// Of these streams.
+  void put_position(const Position& position, const std::bitset<kMostStreams>& streams) {
+    put(static_cast<std::uint16_t>(streams.count()));
+    for (StreamId id = 0; id < kMostStreams; ++id) {
+      if (!streams[id]) continue;
+      put(id);
+      put(position[id]);
+    }
+  }
+  /// Of those of which there is something.
   void put_position(const Position& position) {
-    put(position.next_sequence);
-    put(position.next_drop);
+    std::bitset<kMostStreams> streams;
+    for (StreamId id = 0; id < kMostStreams; ++id) streams[id] = position[id] > 0;
+    put_position(position, streams);
   }
 
   std::vector<std::uint8_t> take() && {
@@ -74,6 +85,19 @@ std::uint32_t body_crc(std::span<const std::uint8_t, kFrameMetaBytes> meta,
       ::crc32_combine(crc32(meta), frame.jpeg_crc, static_cast<z_off_t>(frame.jpeg.size())));
 }
 
+void put_drops(Writer& out, std::span<const DropRecord> records) {
+  assert(records.size() <= kMaxDropsPerMessage);
+  out.put(static_cast<std::uint16_t>(records.size()));
+  for (const DropRecord& record : records) {
+    out.put(record.sequence);
+    out.put(record.frames);
+    out.put(record.capture_time_ns);
+    out.put(record.last_capture_time_ns);
+    out.put(static_cast<std::uint8_t>(record.reason));
+    out.put(record.similarity);
+  }
+}
+
 bool is_id_character(char c) {
   return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' ||
          c == '_' || c == '-';
@@ -91,20 +115,14 @@ std::string_view to_string(Type type) {
       return "frame";
     case Type::kAck:
       return "ack";
-    case Type::kDropped:
-      return "dropped";
+    case Type::kItems:
+      return "items";
     case Type::kStats:
       return "stats";
     case Type::kBye:
       return "bye";
     case Type::kError:
       return "error";
-    case Type::kLate:
-      return "late";
-    case Type::kLateAck:
-      return "late ack";
-    case Type::kSpool:
-      return "spool";
   }
   return "unknown";
 }
@@ -112,12 +130,6 @@ std::string_view to_string(Type type) {
 bool is_valid_id(std::string_view id) {
   return !id.empty() && id.size() <= kMaxIdBytes && id.front() != '.' && id.front() != '-' &&
          std::all_of(id.begin(), id.end(), is_id_character);
-}
-
-std::uint32_t crc32(std::span<const std::uint8_t> bytes, std::uint32_t seed) {
-  // zlib takes a null pointer for a request of its initial value, whatever the seed.
-  if (bytes.empty()) return seed;
-  return static_cast<std::uint32_t>(::crc32_z(seed, bytes.data(), bytes.size()));
 }
 
 std::vector<std::uint8_t> encode(const Hello& hello) {
@@ -130,17 +142,22 @@ std::vector<std::uint8_t> encode(const Hello& hello) {
   message.put_text(hello.session_id);
   message.put_text(cut(hello.software, kMaxTextBytes));
   message.put_text(cut(hello.calibration, kMaxCalibrationBytes));
+  message.put(static_cast<std::uint16_t>(hello.streams.size()));
+  for (const StreamDeclaration& stream : hello.streams) {
+    message.put(stream.id);
+    message.put_text(cut(stream.name, kMaxNameBytes));
+    message.put_text(cut(stream.codec, kMaxNameBytes));
+  }
   return std::move(message).take();
 }
 
 std::vector<std::uint8_t> encode(const Welcome& welcome) {
   Message message(Type::kWelcome);
   message.put(welcome.version);
-  message.put(static_cast<std::uint8_t>((welcome.takes_late ? kTakesLate : 0) |
-                                        (welcome.has_heartbeat ? kHasHeartbeat : 0)));
+  message.put(welcome.has_heartbeat ? kHasHeartbeat : std::uint8_t{0});
   message.put_zeros(2);
   message.put(welcome.max_frame_bytes);
-  message.put_position(welcome.position);
+  message.put_position(welcome.position, welcome.takes);
   return std::move(message).take();
 }
 
@@ -151,18 +168,19 @@ std::vector<std::uint8_t> encode(const Ack& ack) {
   return std::move(message).take();
 }
 
-std::vector<std::uint8_t> encode(const Dropped& dropped) {
-  assert(!dropped.records.empty() && dropped.records.size() <= kMaxDropsPerMessage);
-  Message message(Type::kDropped);
-  message.put(dropped.first_drop);
-  message.put(static_cast<std::uint16_t>(dropped.records.size()));
-  for (const DropRecord& record : dropped.records) {
-    message.put(record.sequence);
-    message.put(record.capture_time_ns);
-    message.put(static_cast<std::uint8_t>(record.reason));
-    message.put(record.similarity);
-  }
+std::vector<std::uint8_t> encode(const Items& items) {
+  assert(items.stream != kFrames && items.stream < kMostStreams && !items.payload.empty());
+  Message message(Type::kItems);
+  message.put(items.stream);
+  message.put(items.first);
+  message.put_bytes(items.payload);
   return std::move(message).take();
+}
+
+std::vector<std::uint8_t> encode_drops(std::span<const DropRecord> records) {
+  Writer payload(0);
+  put_drops(payload, records);
+  return std::move(payload.bytes());
 }
 
 std::vector<std::uint8_t> encode(const Report& report) {
@@ -194,32 +212,36 @@ std::vector<std::uint8_t> encode(const ErrorMessage& error) {
   return std::move(message).take();
 }
 
-std::vector<std::uint8_t> encode(const LatePart& part) {
-  assert(!part.bytes.empty() && part.bytes.size() <= kMaxControlBytes - kLateHeadBytes);
-  Message message(Type::kLate);
-  message.put(part.number);
-  message.put(part.offset);
-  message.put(part.record_bytes);
-  message.put_bytes(part.bytes);
-  return std::move(message).take();
+std::vector<std::uint8_t> encode_late_part(const LatePart& part) {
+  assert(!part.bytes.empty());
+  Writer payload(0);
+  payload.put(part.offset);
+  payload.put(part.record_bytes);
+  payload.put_bytes(part.bytes);
+  return std::move(payload.bytes());
 }
 
-std::vector<std::uint8_t> encode(const LateAck& ack) {
-  Message message(Type::kLateAck);
-  message.put(ack.next);
-  return std::move(message).take();
+Sequence known_end(const Account& account) {
+  Sequence end = std::max(account.captured, account.confirmed);
+  constexpr auto kMost = std::numeric_limits<Sequence>::max();
+  if (account.held > kMost - account.first_held) return kMost;
+  if (account.held > 0) end = std::max(end, account.first_held + account.held);
+  for (const DropRecord& range : account.given_up) end = std::max(end, range.end());
+  return end;
 }
 
-std::vector<std::uint8_t> encode(const Spool& spool) {
-  assert(spool.sessions.size() <= kMaxSpooledSessions);
-  Message message(Type::kSpool);
-  message.put(static_cast<std::uint16_t>(spool.sessions.size()));
-  for (const SpooledSession& session : spool.sessions) {
-    message.put_text(session.session_id);
-    message.put(session.frames);
-    message.put(session.first);
-  }
-  return std::move(message).take();
+std::vector<std::uint8_t> encode_account(const Account& account) {
+  Writer payload(0);
+  payload.put_text(account.session_id);
+  payload.put(static_cast<std::uint8_t>((account.is_final ? kIsFinal : 0) |
+                                        (account.has_ended ? kHasEnded : 0)));
+  payload.put(known_end(account));
+  payload.put(account.last_capture_time_ns);
+  payload.put(account.confirmed);
+  payload.put(account.held);
+  payload.put(account.first_held);
+  put_drops(payload, account.given_up);
+  return std::move(payload.bytes());
 }
 
 std::array<std::uint8_t, kHeaderBytes + kFrameMetaBytes> encode_frame_head(

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <bitset>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -10,6 +11,7 @@
 #include <string_view>
 #include <vector>
 
+#include "common/crc32.hpp"
 #include "common/drop_record.hpp"
 #include "common/error.hpp"
 #include "common/frame.hpp"
@@ -20,8 +22,8 @@
 namespace orbbuf::wire {
 
 inline constexpr std::uint32_t kMagic = 0x4F524242;  ///< "ORBB"
-inline constexpr std::uint8_t kProtocolVersion = 5;  ///< the newest
-inline constexpr std::uint8_t kOldestProtocolVersion = 5;
+inline constexpr std::uint8_t kProtocolVersion = 6;  ///< the newest
+inline constexpr std::uint8_t kOldestProtocolVersion = 6;
 inline constexpr std::uint8_t kHeaderFormat = 1;
 inline constexpr std::uint8_t kJpegEncoding = 1;
 inline constexpr std::size_t kHeaderBytes = 20;
@@ -31,21 +33,36 @@ inline constexpr std::size_t kMaxIdBytes = 64;
 inline constexpr std::size_t kMaxTextBytes = 1024;  ///< software name, error text
 inline constexpr std::size_t kMaxCalibrationBytes = 16UL * 1024;
 inline constexpr std::size_t kMaxDropsPerMessage = 1024;
-inline constexpr std::size_t kLateHeadBytes = 16;  ///< of a late message, before its bytes
-inline constexpr std::size_t kMaxSpooledSessions = 500;
+inline constexpr std::size_t kMostStreams = 32;
+inline constexpr std::size_t kMaxNameBytes = 128;  ///< of a stream, and of its codec
 
 enum class Type : std::uint8_t {
-  kHello = 1,     ///< robot -> server, first
-  kWelcome = 2,   ///< server -> robot, answer to hello
-  kFrame = 3,     ///< robot -> server
-  kAck = 4,       ///< server -> robot
-  kDropped = 5,   ///< robot -> server
-  kStats = 6,     ///< robot -> server
-  kBye = 7,       ///< robot -> server: nothing more will come; server -> robot: see Bye
-  kError = 8,     ///< either way; the sender closes the connection after it
-  kLate = 9,      ///< robot -> server: a part of a frame that was dropped before
-  kLateAck = 10,  ///< server -> robot
-  kSpool = 11,    ///< robot -> server: what its spool holds
+  kHello = 1,    ///< robot -> server, first
+  kWelcome = 2,  ///< server -> robot, answer to hello
+  kFrame = 3,    ///< robot -> server: an item of stream kFrames
+  kAck = 4,      ///< server -> robot
+  kItems = 5,    ///< robot -> server: items of any other stream
+  kStats = 6,    ///< robot -> server
+  kBye = 7,      ///< robot -> server: nothing more will come; server -> robot: see Bye
+  kError = 8,    ///< either way; the sender closes the connection after it
+};
+
+/// A robot's data cross the link as numbered streams. The items of each are numbered, and are taken
+/// in that order, each once: what the server has of all of them is a Position.
+using StreamId = std::uint16_t;
+inline constexpr StreamId kFrames = 0;    ///< numbers are those of the frames, some are left out
+inline constexpr StreamId kDrops = 1;     ///< DropRecord
+inline constexpr StreamId kLate = 2;      ///< LateFrame, in parts; from 0 on in each connection
+inline constexpr StreamId kAccounts = 3;  ///< Account; from 0 on in each connection
+inline constexpr StreamId kFirstOther = 4;
+
+/// A stream as the robot declares it.
+struct StreamDeclaration {
+  StreamId id = 0;
+  std::string name;   ///< for people and views; not empty, unique within the session
+  std::string codec;  ///< what the payload of its items is
+
+  friend bool operator==(const StreamDeclaration&, const StreamDeclaration&) = default;
 };
 
 /// The name used in docs, logs and errors: `hello`, `welcome`, ...
@@ -65,31 +82,41 @@ struct Hello {
   std::string session_id;   ///< is_valid_id()
   std::string software;     ///< for the log: `orbbufd 0.1.0`
   std::string calibration;  ///< camera.txt in DSO's form, or empty
+  std::vector<StreamDeclaration>
+      streams;  ///< from kFirstOther on, ascending; the others are always there
 
   friend bool operator==(const Hello&, const Hello&) = default;
 };
 
-/// How far the server's record of a session reaches: every frame below `next_sequence` that was
-/// ever written to it is safely with its sinks, and so are the first `next_drop` drop records.
-struct Position {
-  Sequence next_sequence = 0;
-  std::uint64_t next_drop = 0;
+/// How far the server's record of a session reaches: of each stream the number of the next item.
+/// Every item below that was ever written to the server is safely with its sinks.
+class Position {
+ public:
+  Position() = default;
+  Position(Sequence frames, std::uint64_t drops) : next_{frames, drops} {}
 
+  std::uint64_t& operator[](StreamId id) { return next_.at(id); }
+  std::uint64_t operator[](StreamId id) const { return next_.at(id); }
   friend bool operator==(const Position&, const Position&) = default;
+
+ private:
+  std::array<std::uint64_t, kMostStreams> next_{};
 };
 
 inline constexpr std::chrono::milliseconds kHeartbeat{250};
 
-/// Bits of a welcome.
-inline constexpr std::uint8_t kTakesLate = 1;
-inline constexpr std::uint8_t kHasHeartbeat = 2;
+/// A bit of a welcome.
+inline constexpr std::uint8_t kHasHeartbeat = 1;
+/// Bits of an account.
+inline constexpr std::uint8_t kIsFinal = 1;
+inline constexpr std::uint8_t kHasEnded = 2;
 
 struct Welcome {
   std::uint8_t version = kProtocolVersion;
   Position position;
   /// The largest frame (EncodedFrame::jpeg) that the server takes; 0: it does not say.
   std::uint32_t max_frame_bytes = 0;
-  bool takes_late = false;  ///< the server takes late frames
+  std::bitset<kMostStreams> takes;  ///< the streams that the server takes: kFrames, kDrops, ...
   /// The server repeats its last ack at least every kHeartbeat, whatever its sinks do: one that
   /// does not stands still.
   bool has_heartbeat = false;
@@ -107,13 +134,13 @@ struct Ack {
   friend bool operator==(const Ack&, const Ack&) = default;
 };
 
-/// Drop records `first_drop`, `first_drop + 1`, ...: numbered from 0 within a session, so that a
-/// repeat after a broken connection is recognised. 1 .. kMaxDropsPerMessage records.
-struct Dropped {
-  std::uint64_t first_drop = 0;
-  std::vector<DropRecord> records;
+/// Items of one stream.
+struct Items {
+  StreamId stream = 0;  ///< not kFrames
+  std::uint64_t first = 0;
+  std::vector<std::uint8_t> payload;
 
-  friend bool operator==(const Dropped&, const Dropped&) = default;
+  friend bool operator==(const Items&, const Items&) = default;
 };
 
 /// What became of the robot's frames. At every instant
@@ -154,46 +181,42 @@ struct Bye {
   friend bool operator==(const Bye&, const Bye&) = default;
 };
 
-/// A part of a late record (encode_late_record()). Late frames are numbered from 0 within a
-/// connection; the parts of one follow each other from offset 0 on, and other messages may come
+/// The payload of kLate: a part of a late record (encode_late_record()). All parts of one carry the
+/// number of the late frame; they follow each other from offset 0 on, and other messages may come
 /// between them.
 struct LatePart {
-  std::uint64_t number = 0;
   std::uint32_t offset = 0;             ///< of `bytes` in the record
   std::uint32_t record_bytes = 0;       ///< the whole record's
   std::span<const std::uint8_t> bytes;  ///< at least one; within the record
 };
 
-/// A frame that the live stream of its session did not deliver. It is whole.
+/// A frame that the live stream of its session did not deliver, or delivered reduced. It is whole.
 struct LateFrame {
   std::string session_id;  ///< of the present session or an earlier one of the robot
   EncodedFrame frame;
 };
 
-/// The server keeps the late frames of this connection below `next`, as it keeps what an ack
-/// covers.
-struct LateAck {
-  std::uint64_t next = 0;
-
-  friend bool operator==(const LateAck&, const LateAck&) = default;
-};
-
-/// What the robot's spool still has of a session.
-struct SpooledSession {
+/// The payload of kAccounts: what the robot knows of one of its sessions. Each replaces the one
+/// before, but adds to the frames that were given up.
+struct Account {
   std::string session_id;
-  std::uint64_t frames = 0;  ///< at least 1
-  Sequence first = 0;        ///< the lowest number of them
+  /// No process of the session lives: nothing but late frames will come of it. Then each number
+  /// below `captured` that the server has neither as a frame nor in a drop record is lost, if it
+  /// will not come late; and DropReason::kLost below `confirmed`, DropReason::kUnknown from there.
+  bool is_final = false;
+  bool has_ended = false;  ///< in an orderly way
+  Sequence captured = 0;   ///< frames below it were captured, at least; see known_end()
+  std::int64_t last_capture_time_ns = 0;
+  Sequence confirmed = 0;            ///< the server has acknowledged all below it
+  std::uint64_t held = 0;            ///< frames that the robot keeps on its disk to send late
+  Sequence first_held = 0;           ///< the lowest number of them
+  std::vector<DropRecord> given_up;  ///< at most kMaxDropsPerMessage; some may be known already
 
-  friend bool operator==(const SpooledSession&, const SpooledSession&) = default;
+  friend bool operator==(const Account&, const Account&) = default;
 };
 
-/// All sessions of which the robot's spool has frames, at most kMaxSpooledSessions: nothing will
-/// come of any other one but the present.
-struct Spool {
-  std::vector<SpooledSession> sessions;
-
-  friend bool operator==(const Spool&, const Spool&) = default;
-};
+/// What encode_account() writes as `captured`: no frame that the account speaks of is beyond it.
+Sequence known_end(const Account& account);
 
 enum class ErrorCode : std::uint16_t {
   kMalformed = 1,   ///< bytes that are not this protocol
@@ -216,20 +239,21 @@ struct ErrorMessage {
 /// 1 .. kMaxIdBytes of [A-Za-z0-9._-], not starting with '.' or '-': safe as a file name.
 bool is_valid_id(std::string_view id);
 
-/// The library's CRC-32 (zlib), continued from `seed`, the CRC of what came before.
-std::uint32_t crc32(std::span<const std::uint8_t> bytes, std::uint32_t seed = 0);
+using orbbuf::crc32;
 
 /// Whole messages, header and body. Texts over their limit are cut; ids must be valid.
 std::vector<std::uint8_t> encode(const Hello& hello);
 std::vector<std::uint8_t> encode(const Welcome& welcome);
 std::vector<std::uint8_t> encode(const Ack& ack);
-std::vector<std::uint8_t> encode(const Dropped& dropped);
+std::vector<std::uint8_t> encode(const Items& items);
 std::vector<std::uint8_t> encode(const Report& report);
 std::vector<std::uint8_t> encode(const Bye& bye);
 std::vector<std::uint8_t> encode(const ErrorMessage& error);
-std::vector<std::uint8_t> encode(const LatePart& part);
-std::vector<std::uint8_t> encode(const LateAck& ack);
-std::vector<std::uint8_t> encode(const Spool& spool);
+
+/// Payloads of items.
+std::vector<std::uint8_t> encode_drops(std::span<const DropRecord> records);
+std::vector<std::uint8_t> encode_late_part(const LatePart& part);
+std::vector<std::uint8_t> encode_account(const Account& account);
 
 /// All of a frame message but the JPEG bytes, which follow it on the wire. Does not read the JPEG:
 /// the body's checksum is combined from frame.jpeg_crc in constant time.
@@ -263,14 +287,15 @@ Parsed<Header> parse_header(std::span<const std::uint8_t, kHeaderBytes> bytes,
 Parsed<Hello> parse_hello(const Header& header, std::span<const std::uint8_t> body);
 Parsed<Welcome> parse_welcome(const Header& header, std::span<const std::uint8_t> body);
 Parsed<Ack> parse_ack(const Header& header, std::span<const std::uint8_t> body);
-Parsed<Dropped> parse_dropped(const Header& header, std::span<const std::uint8_t> body);
+Parsed<Items> parse_items(const Header& header, std::span<const std::uint8_t> body);
 Parsed<Report> parse_stats(const Header& header, std::span<const std::uint8_t> body);
 Parsed<Bye> parse_bye(const Header& header, std::span<const std::uint8_t> body);
 Parsed<ErrorMessage> parse_error(const Header& header, std::span<const std::uint8_t> body);
-/// The part's bytes point into `body`.
-Parsed<LatePart> parse_late(const Header& header, std::span<const std::uint8_t> body);
-Parsed<LateAck> parse_late_ack(const Header& header, std::span<const std::uint8_t> body);
-Parsed<Spool> parse_spool(const Header& header, std::span<const std::uint8_t> body);
+
+/// Payloads, checked likewise. The bytes of a late part point into `payload`.
+Parsed<std::vector<DropRecord>> parse_drops(std::span<const std::uint8_t> payload);
+Parsed<LatePart> parse_late_part(std::span<const std::uint8_t> payload);
+Parsed<Account> parse_account(std::span<const std::uint8_t> payload);
 Parsed<LateFrame> parse_late_record(std::span<const std::uint8_t> record);
 
 /// A frame's body arrives in two pieces so that the JPEG is never copied: the first

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <spdlog/fmt/fmt.h>
+#include <fmt/format.h>
 #include <zlib.h>
 
+#include <algorithm>
 #include <cassert>
 #include <limits>
 #include <optional>
@@ -14,7 +15,7 @@ namespace orbbuf::wire {
 namespace {
 
 constexpr std::size_t kHeaderCrcOffset = 16;
-constexpr std::size_t kDropRecordBytes = 19;
+constexpr std::size_t kDropRecordBytes = 35;
 
 /// One below this is the last usable number, so that a position after it can be expressed.
 constexpr std::uint64_t kEndOfNumbers = std::numeric_limits<std::uint64_t>::max();
@@ -54,7 +55,7 @@ std::string quote(std::span<const std::uint8_t> bytes) {
 }
 
 bool is_type(std::uint8_t type) {
-  return type != 0 && type <= static_cast<std::uint8_t>(Type::kSpool);
+  return type != 0 && type <= static_cast<std::uint8_t>(Type::kError);
 }
 
 std::optional<Fault> check_length(const Header& header, std::uint32_t max_jpeg_bytes) {
@@ -77,15 +78,18 @@ class Body {
   Body(const Header& header, std::span<const std::uint8_t> body)
       : Body(header, body, body.size(), crc32(body)) {}
 
+  /// For a part of a body that was checked.
+  Body(std::string_view what, std::span<const std::uint8_t> bytes) : what_(what), reader_(bytes) {}
+
   /// For a body that is only in part in `begin`.
   Body(const Header& header, std::span<const std::uint8_t> begin, std::size_t body_bytes,
        std::uint32_t body_crc)
-      : type_(header.type), reader_(begin) {
+      : what_(to_string(header.type)), reader_(begin) {
     if (body_bytes != header.body_bytes) {
-      fail(malformed(fmt::format("{} body has {} bytes, its header says {}", to_string(type_),
-                                 body_bytes, header.body_bytes)));
+      fail(malformed(fmt::format("{} body has {} bytes, its header says {}", what_, body_bytes,
+                                 header.body_bytes)));
     } else if (body_crc != header.body_crc) {
-      fail(malformed(fmt::format("{} body does not match its checksum", to_string(type_))));
+      fail(malformed(fmt::format("{} body does not match its checksum", what_)));
     }
   }
 
@@ -98,19 +102,38 @@ class Body {
     require(reader_.take_zeros(count), "reserved bytes are not zero");
   }
 
-  Position take_position() {
+  /// `streams`, if not null: those that it names.
+  Position take_position(std::bitset<kMostStreams>* streams = nullptr) {
     Position position;
-    position.next_sequence = take<std::uint64_t>();
-    position.next_drop = take<std::uint64_t>();
+    const std::size_t count = take<std::uint16_t>();
+    for (std::size_t i = 0, least = 0; i < count; ++i) {
+      const StreamId id = take_stream_id(least);
+      const auto next = take<std::uint64_t>();
+      if (is_wrong()) break;
+      position[id] = next;
+      if (streams != nullptr) streams->set(id);
+      least = id + 1U;
+    }
     return position;
   }
+
+  /// Of a list in ascending order.
+  StreamId take_stream_id(std::size_t least) {
+    const auto id = take<StreamId>();
+    require(id >= least && id < kMostStreams,
+            fmt::format("stream {}, not {} to {}", id, least, kMostStreams - 1));
+    return id;
+  }
+
+  /// A fault was found, or too few bytes.
+  bool is_wrong() const { return fault_ || reader_.is_short(); }
 
   std::span<const std::uint8_t> take_bytes(std::size_t count) { return reader_.take_bytes(count); }
 
   std::string_view take_text(std::string_view what, std::size_t limit) {
     const std::string_view text = reader_.take_text();
     if (text.size() > limit) {
-      fail(too_large(fmt::format("{}: {}", to_string(type_), what), text.size(), limit));
+      fail(too_large(fmt::format("{}: {}", what_, what), text.size(), limit));
     }
     return text;
   }
@@ -124,7 +147,7 @@ class Body {
   std::size_t left() const { return reader_.left(); }
 
   void require(bool is_so, std::string_view otherwise) {
-    if (!is_so) fail(malformed(fmt::format("{}: {}", to_string(type_), otherwise)));
+    if (!is_so) fail(malformed(fmt::format("{}: {}", what_, otherwise)));
   }
 
   void fail(Fault fault) {
@@ -137,15 +160,15 @@ class Body {
   template <class Message>
   Parsed<Message> finish(Message message) {
     if (fault_) return *std::move(fault_);
-    if (reader_.is_short()) return malformed(fmt::format("{} ends too early", to_string(type_)));
+    if (reader_.is_short()) return malformed(fmt::format("{} ends too early", what_));
     if (left() > 0) {
-      return malformed(fmt::format("{} has {} bytes too many", to_string(type_), left()));
+      return malformed(fmt::format("{} has {} bytes too many", what_, left()));
     }
     return message;
   }
 
  private:
-  Type type_;
+  std::string_view what_;
   Reader reader_;
   std::optional<Fault> fault_;
 };
@@ -153,9 +176,13 @@ class Body {
 DropRecord take_drop_record(Body& in) {
   DropRecord record;
   record.sequence = in.take<std::uint64_t>();
+  record.frames = in.take<std::uint64_t>();
   record.capture_time_ns = in.take<std::int64_t>();
+  record.last_capture_time_ns = in.take<std::int64_t>();
   const auto reason = in.take<std::uint8_t>();
   in.require(record.sequence < kEndOfNumbers, "sequence number out of range");
+  in.require(record.frames >= 1 && record.frames <= kEndOfNumbers - record.sequence,
+             fmt::format("{} frames from {} on", record.frames, record.sequence));
   if (reason < static_cast<std::uint8_t>(DropReason::kPolicy) ||
       reason > static_cast<std::uint8_t>(DropReason::kLost)) {
     in.require(false, fmt::format("unknown drop reason {}", reason));
@@ -164,6 +191,38 @@ DropRecord take_drop_record(Body& in) {
   }
   record.similarity = in.take<std::uint16_t>();
   return record;
+}
+
+/// To the end of the body.
+std::vector<DropRecord> take_drops(Body& in, std::size_t least) {
+  std::vector<DropRecord> records;
+  const std::size_t count = in.take<std::uint16_t>();
+  in.require(count >= least && count <= kMaxDropsPerMessage,
+             fmt::format("{} records, not {} to {}", count, least, kMaxDropsPerMessage));
+  in.require(in.left() == count * kDropRecordBytes,
+             fmt::format("{} bytes are not {} records", in.left(), count));
+  if (in.is_wrong()) return records;
+  records.reserve(count);
+  for (std::size_t i = 0; i < count; ++i) records.push_back(take_drop_record(in));
+  return records;
+}
+
+std::vector<StreamDeclaration> take_streams(Body& in) {
+  std::vector<StreamDeclaration> streams;
+  const std::size_t count = in.take<std::uint16_t>();
+  for (std::size_t i = 0, least = kFirstOther; i < count && !in.is_wrong(); ++i) {
+    StreamDeclaration stream;
+    stream.id = in.take_stream_id(least);
+    stream.name = clean(in.take_text("name of a stream", kMaxNameBytes));
+    stream.codec = clean(in.take_text("codec", kMaxNameBytes));
+    in.require(!stream.name.empty() && std::ranges::find(streams, stream.name,
+                                                         &StreamDeclaration::name) == streams.end(),
+               fmt::format("stream {}: its name \"{}\" is empty or another stream's", stream.id,
+                           stream.name));
+    least = stream.id + 1U;
+    streams.push_back(std::move(stream));
+  }
+  return streams;
 }
 
 }  // namespace
@@ -204,6 +263,7 @@ Parsed<Hello> parse_hello(const Header& header, std::span<const std::uint8_t> bo
   hello.session_id = in.take_id("session id");
   hello.software = clean(in.take_text("software name", kMaxTextBytes));
   hello.calibration = clean(in.take_text("calibration", kMaxCalibrationBytes), "\t\n\r");
+  hello.streams = take_streams(in);
   return in.finish(std::move(hello));
 }
 
@@ -213,12 +273,12 @@ Parsed<Welcome> parse_welcome(const Header& header, std::span<const std::uint8_t
   Welcome welcome;
   welcome.version = in.take<std::uint8_t>();
   const auto flags = in.take<std::uint8_t>();
-  in.require((flags & ~(kTakesLate | kHasHeartbeat)) == 0, "reserved bits are not zero");
-  welcome.takes_late = (flags & kTakesLate) != 0;
+  in.require((flags & ~kHasHeartbeat) == 0, "reserved bits are not zero");
   welcome.has_heartbeat = (flags & kHasHeartbeat) != 0;
   in.take_zeros(2);
   welcome.max_frame_bytes = in.take<std::uint32_t>();
-  welcome.position = in.take_position();
+  welcome.position = in.take_position(&welcome.takes);
+  in.require(welcome.takes[kFrames] && welcome.takes[kDrops], "without frames or drop records");
   return in.finish(welcome);
 }
 
@@ -226,26 +286,28 @@ Parsed<Ack> parse_ack(const Header& header, std::span<const std::uint8_t> body) 
   assert(header.type == Type::kAck);
   Body in(header, body);
   Ack ack{in.take_position(), in.take<std::uint64_t>()};
-  in.require(ack.received >= ack.position.next_sequence, "received is below next_sequence");
+  in.require(ack.received >= ack.position[kFrames], "received is below the position");
   return in.finish(ack);
 }
 
-Parsed<Dropped> parse_dropped(const Header& header, std::span<const std::uint8_t> body) {
-  assert(header.type == Type::kDropped);
+Parsed<Items> parse_items(const Header& header, std::span<const std::uint8_t> body) {
+  assert(header.type == Type::kItems);
   Body in(header, body);
-  Dropped dropped;
-  dropped.first_drop = in.take<std::uint64_t>();
-  const std::size_t count = in.take<std::uint16_t>();
-  in.require(count >= 1 && count <= kMaxDropsPerMessage,
-             fmt::format("{} records, not 1 to {}", count, kMaxDropsPerMessage));
-  in.require(dropped.first_drop <= kEndOfNumbers - count, "drop record number out of range");
-  if (in.left() == count * kDropRecordBytes) {
-    dropped.records.reserve(count);
-    for (std::size_t i = 0; i < count; ++i) dropped.records.push_back(take_drop_record(in));
-  } else {
-    in.require(false, fmt::format("{} bytes are not {} records", in.left(), count));
-  }
-  return in.finish(std::move(dropped));
+  Items items;
+  items.stream = in.take<StreamId>();
+  items.first = in.take<std::uint64_t>();
+  in.require(items.stream != kFrames && items.stream < kMostStreams,
+             fmt::format("of stream {}", items.stream));
+  in.require(items.first < kEndOfNumbers, "number out of range");
+  const auto payload = in.take_bytes(in.left());
+  in.require(!payload.empty(), "no payload");
+  items.payload.assign(payload.begin(), payload.end());
+  return in.finish(std::move(items));
+}
+
+Parsed<std::vector<DropRecord>> parse_drops(std::span<const std::uint8_t> payload) {
+  Body in("drop records", payload);
+  return in.finish(take_drops(in, 1));
 }
 
 Parsed<Report> parse_stats(const Header& header, std::span<const std::uint8_t> body) {
@@ -282,11 +344,9 @@ Parsed<ErrorMessage> parse_error(const Header& header, std::span<const std::uint
                                 clean(in.take_text("text", kMaxTextBytes))});
 }
 
-Parsed<LatePart> parse_late(const Header& header, std::span<const std::uint8_t> body) {
-  assert(header.type == Type::kLate);
-  Body in(header, body);
+Parsed<LatePart> parse_late_part(std::span<const std::uint8_t> payload) {
+  Body in("late frame", payload);
   LatePart part;
-  part.number = in.take<std::uint64_t>();
   part.offset = in.take<std::uint32_t>();
   part.record_bytes = in.take<std::uint32_t>();
   part.bytes = in.take_bytes(in.left());
@@ -297,29 +357,25 @@ Parsed<LatePart> parse_late(const Header& header, std::span<const std::uint8_t> 
   return in.finish(part);
 }
 
-Parsed<LateAck> parse_late_ack(const Header& header, std::span<const std::uint8_t> body) {
-  assert(header.type == Type::kLateAck);
-  Body in(header, body);
-  return in.finish(LateAck{in.take<std::uint64_t>()});
-}
-
-Parsed<Spool> parse_spool(const Header& header, std::span<const std::uint8_t> body) {
-  assert(header.type == Type::kSpool);
-  Body in(header, body);
-  Spool spool;
-  const std::size_t count = in.take<std::uint16_t>();
-  in.require(count <= kMaxSpooledSessions,
-             fmt::format("{} sessions are more than {}", count, kMaxSpooledSessions));
-  for (std::size_t i = 0; i < count && in.left() > 0; ++i) {
-    SpooledSession session;
-    session.session_id = in.take_id("session id");
-    session.frames = in.take<std::uint64_t>();
-    session.first = in.take<std::uint64_t>();
-    in.require(session.frames > 0, "a session without frames");
-    spool.sessions.push_back(std::move(session));
-  }
-  in.require(spool.sessions.size() == count, "fewer sessions than announced");
-  return in.finish(std::move(spool));
+Parsed<Account> parse_account(std::span<const std::uint8_t> payload) {
+  Body in("account", payload);
+  Account account;
+  account.session_id = in.take_id("session id");
+  const auto flags = in.take<std::uint8_t>();
+  in.require((flags & ~(kIsFinal | kHasEnded)) == 0, "reserved bits are not zero");
+  account.is_final = (flags & kIsFinal) != 0;
+  account.has_ended = (flags & kHasEnded) != 0;
+  account.captured = in.take<std::uint64_t>();
+  account.last_capture_time_ns = in.take<std::int64_t>();
+  account.confirmed = in.take<std::uint64_t>();
+  account.held = in.take<std::uint64_t>();
+  account.first_held = in.take<std::uint64_t>();
+  account.given_up = take_drops(in, 0);
+  in.require(account.captured < kEndOfNumbers, "sequence number out of range");
+  const Sequence end = known_end(account);
+  in.require(account.captured == end,
+             fmt::format("frame {} is beyond the {} captured", end - 1, account.captured));
+  return in.finish(std::move(account));
 }
 
 Parsed<LateFrame> parse_late_record(std::span<const std::uint8_t> record) {

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/health.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <cstdint>
 #include <utility>
 
+#include "common/log.hpp"
 #include "common/watched_thread.hpp"
 
 namespace orbbuf {
@@ -57,9 +56,8 @@ void Health::feed_if_moving() {
   for (const auto& [name, time] : still) {
     names.insert(name);
     if (still_.contains(name)) continue;
-    spdlog::error(
-        "thread {} has not responded for {:.1f} s; feeding the watchdog stops until it does", name,
-        duration<double>(time).count());
+    log_error("thread {} has not responded for {:.1f} s; feeding the watchdog stops until it does",
+              name, duration<double>(time).count());
   }
   still_ = std::move(names);
   if (still_.empty()) service_.feed();

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <spdlog/spdlog.h>
 
-#include <CLI/CLI.hpp>
 #include <cstdlib>
 #include <iostream>
 
+#include "common/command_line.hpp"
 #include "common/log.hpp"
 #include "daemon/capture/list_cameras.hpp"
 #include "daemon/probe.hpp"
@@ -21,24 +20,24 @@ constexpr const char* kAbout =
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app{kAbout, "orbbufd"};
+  orbbuf::CommandLine app(kAbout, "orbbufd");
   std::string file;
   std::vector<std::string> overrides;
   bool check_only = false, list_only = false, probe_only = false;
   app.add_option("--config", file,
                  "Configuration file (TOML); default: none, every key at its default")
-      ->type_name("FILE");
+      .value_name("FILE");
   app.add_option("--set", overrides,
                  "Override a configuration value, e.g. link.server=10.0.0.1:7722")
-      ->type_name("KEY=VALUE")
-      ->allow_extra_args(false);
+      .value_name("KEY=VALUE")
+      .one_by_one();
   app.add_flag("--check-config", check_only, "Check the configuration and exit");
   app.add_flag("--list-cameras", list_only,
                "List the cameras with their formats and controls, and exit");
   app.add_flag("--probe", probe_only,
                "Capture for 2 s, report rates and costs, suggest a configuration");
-  app.set_version_flag("--version", "orbbufd " ORBBUF_VERSION);
-  CLI11_PARSE(app, argc, argv);
+  app.add_version("orbbufd " ORBBUF_VERSION);
+  if (const auto status = app.parse(argc, argv)) return *status;
 
   try {
     if (list_only) {
@@ -57,7 +56,7 @@ int main(int argc, char** argv) {
     }
     return orbbuf::run_robot(settings) ? EXIT_SUCCESS : EXIT_FAILURE;
   } catch (const std::exception& error) {
-    spdlog::critical("{}", error.what());
+    orbbuf::log_error("{}", error.what());
     return EXIT_FAILURE;
   }
 }

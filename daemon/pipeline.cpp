@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/pipeline.hpp"
 
-#include <spdlog/fmt/fmt.h>
-#include <spdlog/spdlog.h>
+#include <fmt/core.h>
 
 #include <exception>
 #include <optional>
 #include <utility>
 
+#include "common/log.hpp"
 #include "common/watched_thread.hpp"
 
 namespace orbbuf {
@@ -44,7 +44,7 @@ void Pipeline::capture(const std::stop_token& stop) {
     }
   } catch (const std::exception& error) {
     source_failed_ = true;
-    spdlog::error("source: {}", error.what());
+    log_error("source: {}", error.what());
   }
   mailbox_.close();
 }
@@ -56,7 +56,7 @@ void Pipeline::work(const std::stop_token& stop) {
     work_until_end(stop);
   } catch (const std::exception& error) {
     has_failed = true;
-    spdlog::error("worker: {}", error.what());
+    log_error("worker: {}", error.what());
     capture_.request_stop();
     while (const auto captured = mailbox_.take()) lose(*captured, DropReason::kFailed);
   }
@@ -82,8 +82,8 @@ void Pipeline::encode(const Captured& captured) {
     buffer_.push(std::make_shared<const EncodedFrame>(std::move(encoded.value())));
   } else {
     if (failure_log_.lets_through()) {
-      spdlog::warn("frame {}: {} (further failures are not logged for 10 s)", captured.sequence,
-                   encoded.error().text);
+      log_warn("frame {}: {} (further failures are not logged for 10 s)", captured.sequence,
+               encoded.error().text);
     }
     lose(captured, DropReason::kFailed);
   }

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/reducer.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <exception>
 #include <memory>
 #include <utility>
 
+#include "common/log.hpp"
 #include "common/log_limit.hpp"
 #include "common/watched_thread.hpp"
 
@@ -35,7 +34,7 @@ void Reducer::work(const std::stop_token& stop) {
   while (const auto job = buffer_.next_to_reduce(stop)) {
     auto reduced = try_to_reduce(requantiser_, *job);
     if (!reduced && failure_log.lets_through()) {
-      spdlog::warn(
+      log_warn(
           "frame {}: cannot make it smaller, so it is sent as it is: {} (further failures are not "
           "logged for 10 s)",
           job->whole->sequence, reduced.error().text);

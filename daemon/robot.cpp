@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/robot.hpp"
 
-#include <spdlog/fmt/ranges.h>
-#include <spdlog/spdlog.h>
+#include <fmt/format.h>
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/post.hpp>
@@ -16,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/log.hpp"
 #include "common/service_status.hpp"
 #include "daemon/capture/make_source.hpp"
 #include "daemon/clock_watch.hpp"
@@ -35,7 +35,6 @@ class Robot {
   bool run();
 
  private:
-  Spool* open_spool(const SpoolSettings& settings);
   void await_signal();
   void await_reload();
   void on_source_ended(bool failed);
@@ -50,16 +49,13 @@ class Robot {
   OrbExtractor extractor_;
   FrameBuffer buffer_;
   const wire::Hello hello_;
-  DropLog drops_;
-  SessionLog log_;
-  std::optional<Spool> spool_;  // nothing: dropped frames are not kept
+  Record record_;
   Sender sender_;
   std::optional<Reducer> reducer_;  // nothing: all frames are sent as they are
   Pipeline pipeline_;
   asio::steady_timer report_timer_{io_};
   Health health_;
   ClockWatch clock_watch_;
-  const std::filesystem::path drop_log_;
   const bool may_reduce_;
   const bool is_camera_;      // else the times are the source's
   bool is_stopping_ = false;  // by a signal
@@ -76,23 +72,14 @@ wire::Hello make_hello(const Settings& settings) {
   hello.calibration = settings.calibration;
   std::vector<std::string> names;
   for (const Address& server : settings.link.servers) names.push_back(to_string(server));
-  spdlog::info("robot {}, session {}, policy {}, server {}", hello.robot_id, hello.session_id,
-               settings.buffer.policy, fmt::join(names, ", "));
+  log_info("robot {}, session {}, policy {}, server {}", hello.robot_id, hello.session_id,
+           settings.buffer.policy, fmt::join(names, ", "));
   return hello;
-}
-
-/// Those that a signal or a power cut has ended, or that no server was there for.
-std::vector<EarlierSession> report_earlier_sessions(const std::filesystem::path& drop_log) {
-  auto sessions = find_earlier_sessions(drop_log);
-  for (const EarlierSession& earlier : sessions) {
-    if (const std::string what = describe(earlier); !what.empty()) spdlog::warn("{}", what);
-  }
-  return sessions;
 }
 
 std::unique_ptr<FrameSource> open_source(const SourceSettings& settings) {
   auto source = make_source(settings);
-  spdlog::info("source: {}", source->description());
+  log_info("source: {}", source->description());
   return source;
 }
 
@@ -115,14 +102,14 @@ Robot::Robot(const Settings& settings)
                             extractor_.extract(frame, features);
                           })),
       hello_(make_hello(settings)),
-      log_(settings.buffer.drop_log, hello_.robot_id, hello_.session_id),
-      sender_(io_, settings.link, hello_, buffer_, drops_, log_, open_spool(settings.spool)),
+      record_(settings.record, hello_.robot_id, hello_.session_id,
+              [this] { asio::post(io_, [this] { sender_.wake(); }); }),
+      sender_(io_, settings.link, hello_, buffer_, record_),
       pipeline_(
           std::move(source_), settings.jpeg, buffer_,
           {[this] { asio::post(io_, [this] { sender_.on_pushed(); }); },
            [this](bool failed) { asio::post(io_, [this, failed] { on_source_ended(failed); }); }}),
       health_(service_),
-      drop_log_(settings.buffer.drop_log),
       may_reduce_(buffer_.encode_quality() &&
                   settings.buffer.plan.least_quality < settings.buffer.plan.quality),
       is_camera_(settings.source.kind == "v4l2" || settings.source.kind == "libcamera") {}
@@ -130,7 +117,7 @@ Robot::Robot(const Settings& settings)
 bool Robot::run() {
   await_signal();
   await_reload();
-  sender_.start(report_earlier_sessions(drop_log_));
+  sender_.start();
   if (may_reduce_) {
     reducer_.emplace(buffer_, [this] { asio::post(io_, [this] { sender_.wake(); }); });
   }
@@ -141,18 +128,11 @@ bool Robot::run() {
   return !source_failed_ && (is_complete_ || is_stopping_);
 }
 
-/// Null without a path.
-Spool* Robot::open_spool(const SpoolSettings& settings) {
-  if (settings.path.empty()) return nullptr;
-  return &spool_.emplace(settings, hello_.robot_id, hello_.session_id,
-                         [this] { asio::post(io_, [this] { sender_.wake(); }); });
-}
-
 void Robot::await_signal() {
   signals_.async_wait([this](const boost::system::error_code& error, int signal) {
     if (error) return;
     if (std::exchange(is_stopping_, true)) return io_.stop();
-    spdlog::info("signal {}: stopping; delivering the frames in the buffer first", signal);
+    log_info("signal {}: stopping; delivering the frames in the buffer first", signal);
     service_.stopping();
     pipeline_.stop();
     await_signal();
@@ -192,7 +172,7 @@ void Robot::report() {
 
 void Robot::log_stats() const {
   const wire::Stats stats = buffer_.stats();
-  spdlog::info(
+  log_info(
       "session ended: captured {} = skipped {} + failed {} + dropped {} + acknowledged {} + "
       "waiting {} + in flight {}",
       stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged, stats.waiting,

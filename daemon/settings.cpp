@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/settings.hpp"
 
-#include <spdlog/fmt/chrono.h>
-#include <spdlog/fmt/fmt.h>
+#include <fmt/chrono.h>
+#include <fmt/core.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -143,8 +143,6 @@ void read_buffer(ConfigReader& config, BufferSettings& buffer) {
   buffer.capacity = static_cast<std::size_t>(
       config.integer("buffer.capacity", static_cast<std::int64_t>(buffer.capacity), 3, 100000));
   buffer.seed = static_cast<std::uint64_t>(config.integer("buffer.seed", 1, 0, kMaxInteger));
-  const bool is_default = config.text("buffer.drop_log", "auto") == "auto";
-  buffer.drop_log = is_default ? default_drop_log() : config.path("buffer.drop_log", {});
 }
 
 void read_plan(ConfigReader& config, int quality, PlanSettings& plan) {
@@ -210,11 +208,22 @@ void read_link(ConfigReader& config, LinkSettings& link) {
   load_tls(config, link.tls);
 }
 
-void read_spool(ConfigReader& config, SpoolSettings& spool) {
-  spool.path = config.path("spool.path", spool.path);
-  spool.size_bytes =
-      config.bytes("spool.size", spool.size_bytes, SpoolSettings::kMinBytes, 1LL << 50);
-  spool.rate_bytes_per_s = config.bytes("spool.rate", spool.rate_bytes_per_s, 0, 1LL << 40);
+/// Frames and drop records are in one folder.
+void read_record(ConfigReader& config, RecordSettings& record) {
+  const auto frames = config.path("spool.path", {});
+  record.size_bytes =
+      config.bytes("spool.size", record.size_bytes, RecordSettings::kMinBytes, 1LL << 50);
+  record.rate_bytes_per_s = config.bytes("spool.rate", record.rate_bytes_per_s, 0, 1LL << 40);
+  const bool is_default = config.text("buffer.drop_log", "auto") == "auto";
+  const auto drops = is_default ? default_drop_log() : config.path("buffer.drop_log", {});
+  record.keeps_frames = !frames.empty();
+  record.path = record.keeps_frames ? frames : drops;
+  const auto real = [](const auto& path) { return std::filesystem::weakly_canonical(path / ""); };
+  if (record.keeps_frames && !is_default && !drops.empty() && real(drops) != real(frames)) {
+    config.fail("buffer.drop_log",
+                "must be \"auto\" or the same as spool.path, which has the drop "
+                "records as well");
+  }
 }
 
 }  // namespace
@@ -230,7 +239,7 @@ Settings load_settings(const std::filesystem::path& file, std::span<const std::s
   read_buffer(config, settings.buffer);
   read_plan(config, settings.jpeg.quality, settings.buffer.plan);
   read_link(config, settings.link);
-  read_spool(config, settings.spool);
+  read_record(config, settings.record);
   config.reject_unknown();
   return settings;
 }

@@ -10,7 +10,7 @@
 #include "daemon/image/jpeg_encoder.hpp"
 #include "daemon/image/orb_extractor.hpp"
 #include "daemon/net/sender.hpp"
-#include "daemon/spool/spool.hpp"
+#include "daemon/record/record.hpp"
 
 namespace orbbuf {
 
@@ -24,7 +24,7 @@ struct Settings {
   FeatureSettings features;
   BufferSettings buffer;
   LinkSettings link;
-  SpoolSettings spool;
+  RecordSettings record;
 };
 
 /// Reads `file` (empty: defaults) and applies `overrides` (`table.key=value`). Throws

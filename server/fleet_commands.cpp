@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/fleet_commands.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <cstdlib>
 #include <filesystem>
@@ -14,14 +12,13 @@
 #include <utility>
 #include <vector>
 
+#include "common/file_io.hpp"
+#include "common/journal/journal.hpp"
 #include "server/dataset/check_session.hpp"
 #include "server/dataset/join_session.hpp"
-#include "server/fleet/drain_socket.hpp"
 #include "server/fleet/fetch_segment.hpp"
-#include "server/live/status_socket.hpp"
-#include "server/recording/file_io.hpp"
-#include "server/recording/recorded_session.hpp"
-#include "server/recording/session_names.hpp"
+#include "server/live/control_socket.hpp"
+#include "server/session/session_reader.hpp"
 
 namespace orbbuf {
 namespace {
@@ -60,26 +57,21 @@ void find_local(const fs::path& files, const fleet::SessionName& session,
 /// robot came to later, has late frames only.
 bool has_segment(const std::vector<fs::path>& folders, const std::string& name) {
   return std::ranges::any_of(folders, [&](const fs::path& path) {
-    if (path.filename() != name) return false;
-    const auto session = read_recorded_session(path);
-    return session && (session.value().frames.empty() ||
-                       !std::ranges::all_of(session.value().frames, [&](const auto& frame) {
-                         return session.value().late.contains(frame.sequence);
-                       }));
+    const auto summary = path.filename() == name ? read_summary(path) : std::nullopt;
+    return summary && (summary->totals.live > 0 || summary->totals.late == 0);
   });
 }
 
-/// Whether one of the folders is what that page shows by that name.
+/// Whether one of the folders is what that page shows by that name: its newest journal is.
 bool is_here(const std::vector<fs::path>& folders, const Address& page,
              const fleet::SessionName& session, const std::string& name) {
-  const auto has = [&](const fs::path& path, const char* file) {
-    const auto there = fleet::fetch_file(page, session.robot_id, name, file);
-    const auto here = read_text(path / file);
-    return there && here && there.value() == here.value();
-  };
   return std::ranges::any_of(folders, [&](const fs::path& path) {
-    return path.filename() == name && has(path, session_names::kTimes) &&
-           has(path, session_names::kLateList);
+    const auto segments = journal::segments_in(path);
+    if (path.filename() != name || !segments || segments.value().empty()) return false;
+    const auto journal = journal::segment_path("", segments.value().back());
+    const auto there = fleet::fetch_file(page, session.robot_id, name, journal.string());
+    const auto here = read_text(path / journal);
+    return there && here && there.value() == here.value();
   });
 }
 
@@ -104,8 +96,8 @@ void fetch_others(const JoinOptions& options, const fleet::SessionName& session,
   for (const auto& [segment, http] : found.value().segments) {
     const std::string folder = folder_of(session.session_id, segment);
     if (!parse_address(http) && !has_segment(local, folder)) {
-      spdlog::warn("{}: is at {}, whose page is not there; give its files.path, or begin it",
-                   folder, segment.server);
+      log_warn("{}: is at {}, whose page is not there; give its files.path, or begin it", folder,
+               segment.server);
     }
     wanted.emplace(segment.server, folder);
   }
@@ -119,7 +111,7 @@ void fetch_others(const JoinOptions& options, const fleet::SessionName& session,
       const auto error = fleet::fetch_segment(page.value(), session.robot_id, folder, to);
       if (error) throw std::runtime_error(error->text);
       if (!fs::exists(to)) continue;
-      spdlog::info("{}: fetched from {}, {}", folder, server.name, server.http);
+      log_info("{}: fetched from {}, {}", folder, server.name, server.http);
       folders.push_back(to);
     }
   }
@@ -140,8 +132,7 @@ int join(const JoinOptions& options) {
     std::cout << out.string() << ": " << problem << '\n';
   }
   std::cout << out.string() << ": " << report.segments << " segments, " << report.frames
-            << " frames; in two segments: " << report.repeats
-            << ", drop records of frames that are there: " << report.settled << '\n';
+            << " frames; in two segments: " << report.repeats << '\n';
   const auto checked = check_session(out);
   if (!checked) throw std::runtime_error(checked.error().text);
   for (const std::string& problem : checked.value().problems) {
@@ -151,55 +142,54 @@ int join(const JoinOptions& options) {
   return report.problems.empty() && checked.value().problems.empty() ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
-void add_join(CLI::App& app, std::function<int()>& command) {
-  CLI::App& join_app = *app.add_subcommand(
-      "join", "Make one session of the parts that several servers of a fleet have recorded");
+void add_join(CommandLine& app, std::function<int()>& command) {
   const auto options = std::make_shared<JoinOptions>();
-  join_app.add_option("SESSION", options->session, "ROBOT/SESSION")->required()->type_name("");
+  auto join_app = app.add_subcommand(
+      "join", "Make one session of the parts that several servers of a fleet have recorded",
+      [&command, options] { command = [options] { return join(*options); }; });
+  join_app.add_option("SESSION", options->session, "ROBOT/SESSION").required().value_name("");
   join_app.add_option("PATH", options->paths, "files.path of a server, as it is on this machine")
-      ->type_name("");
+      .value_name("");
   join_app
       .add_option("--etcd", options->etcd,
                   "The fleet's etcd, to fetch the parts of other servers from their pages; "
                   "repeatable")
-      ->type_name("HOST:PORT")
-      ->allow_extra_args(false);
+      .value_name("HOST:PORT")
+      .one_by_one();
   join_app.add_option("--output", options->output, "Folder to make; without one, SESSION")
-      ->type_name("DIR");
-  join_app.footer("Then it checks what it has made, as `check` does.");
-  join_app.callback([&command, options] { command = [options] { return join(*options); }; });
+      .value_name("DIR");
+  join_app.add_footer("Then it checks what it has made, as `check` does.");
 }
 
 int drain(const std::string& setting, int patience_s) {
-  const auto path = fleet::drain_socket_of(status_socket_path(setting));
-  const auto error = fleet::ask_drain(path, std::chrono::seconds(patience_s));
-  if (!error) return EXIT_SUCCESS;
-  spdlog::error("drain: {}", error->text);
+  const auto answer = ask_server(setting, "drain", std::chrono::seconds(patience_s));
+  if (answer) return EXIT_SUCCESS;
+  log_error("drain: {}", answer.error().text);
   return EXIT_FAILURE;
 }
 
-void add_drain(CLI::App& app, std::function<int()>& command) {
+void add_drain(CommandLine& app, std::function<int()>& command) {
   constexpr int kPatience = 60;
-  CLI::App& drain_app = *app.add_subcommand(
-      "drain", "Have the server that runs send its robots to other servers of its fleet, and wait");
   const auto socket = std::make_shared<std::string>(kAutomaticSocket);
   const auto patience = std::make_shared<int>(kPatience);
+  auto drain_app = app.add_subcommand(
+      "drain", "Have the server that runs send its robots to other servers of its fleet, and wait",
+      [&command, socket, patience] {
+        command = [socket, patience] { return drain(*socket, *patience); };
+      });
   drain_app.add_option("SOCKET", *socket, "Its status.socket; without one, this user's server")
-      ->type_name("");
+      .value_name("");
   drain_app.add_option("--timeout", *patience, "Wait so long at most, in seconds")
-      ->type_name("SECONDS")
-      ->check(CLI::PositiveNumber);
-  drain_app.footer(
+      .value_name("SECONDS")
+      .in_range(1, 1e6);
+  drain_app.add_footer(
       "Exit status 0: no robot is there any more, and the server can be stopped. It takes none\n"
       "until it is started again.");
-  drain_app.callback([&command, socket, patience] {
-    command = [socket, patience] { return drain(*socket, *patience); };
-  });
 }
 
 }  // namespace
 
-void add_fleet_commands(CLI::App& app, std::function<int()>& command) {
+void add_fleet_commands(CommandLine& app, std::function<int()>& command) {
   add_join(app, command);
   add_drain(app, command);
 }

@@ -1,24 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <spdlog/spdlog.h>
-
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdlib>
 #include <exception>
+#include <filesystem>
 #include <functional>
 #include <iostream>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
+#include "common/command_line.hpp"
 #include "common/config.hpp"
 #include "common/log.hpp"
 #include "server/dataset/check_session.hpp"
 #include "server/dataset/export_session.hpp"
 #include "server/fleet_commands.hpp"
-#include "server/live/status_socket.hpp"
+#include "server/live/control_socket.hpp"
+#include "server/runtime/lock_folder.hpp"
 #include "server/serve.hpp"
+#include "server/session/views.hpp"
 #include "server/settings.hpp"
 #include "server/sink/make_sinks.hpp"
 
@@ -40,7 +42,7 @@ int serve(const ServeOptions& options) {
     std::cout << (options.config.empty() ? "defaults" : options.config) << ": OK\n";
     return EXIT_SUCCESS;
   }
-  spdlog::set_level(spdlog::level::from_str(settings.log_level));
+  orbbuf::set_log_level(settings.log_level);
   orbbuf::serve(settings, [&options] {
     orbbuf::ConfigReader again(options.config, options.overrides);
     return orbbuf::load_settings(again).listen.robots;
@@ -50,14 +52,14 @@ int serve(const ServeOptions& options) {
 }
 
 /// Without a subcommand.
-void add_serve(CLI::App& app, Command& command) {
+void add_serve(orbbuf::CommandLine& app, Command& command) {
   const auto options = std::make_shared<ServeOptions>();
   app.add_option("--config", options->config,
                  "Configuration file (TOML); without one, the defaults")
-      ->type_name("FILE");
+      .value_name("FILE");
   app.add_option("--set", options->overrides, "Override a configuration value; repeatable")
-      ->type_name("TABLE.KEY=VALUE")
-      ->allow_extra_args(false);
+      .value_name("TABLE.KEY=VALUE")
+      .one_by_one();
   app.add_flag("--check-config", options->is_check, "Check the configuration and exit");
   command = [options] { return serve(*options); };
 }
@@ -67,7 +69,7 @@ int check(const std::vector<std::string>& sessions) {
   for (const std::string& session : sessions) {
     const auto report = orbbuf::check_session(session);
     if (!report) {
-      spdlog::error("{}", report.error().text);
+      orbbuf::log_error("{}", report.error().text);
       is_good = false;
       continue;
     }
@@ -83,15 +85,49 @@ int check(const std::vector<std::string>& sessions) {
   return is_good ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
-void add_check(CLI::App& app, Command& command) {
-  CLI::App& check_app = *app.add_subcommand(
-      "check", "Compare recorded sessions with what was received: checksums, order, times, drops");
+void add_check(orbbuf::CommandLine& app, Command& command) {
   const auto sessions = std::make_shared<std::vector<std::string>>();
+  auto check_app = app.add_subcommand(
+      "check", "Compare recorded sessions with what was received: checksums, order, times, drops",
+      [&command, sessions] { command = [sessions] { return check(*sessions); }; });
   check_app.add_option("SESSION", *sessions, "Folder of a session, PATH/ROBOT/SESSION")
-      ->required()
-      ->type_name("");
-  check_app.footer("A line for each problem and one for each session; exit status 0: no problem.");
-  check_app.callback([&command, sessions] { command = [sessions] { return check(*sessions); }; });
+      .required()
+      .value_name("");
+  check_app.add_footer(
+      "A line for each problem and one for each session; exit status 0: no problem.");
+}
+
+/// While a server uses the folder of all sessions it keeps times.txt up itself.
+std::optional<orbbuf::Error> make_views(const std::filesystem::path& session) {
+  orbbuf::UniqueFd lock;
+  auto views = orbbuf::Views::kAll;
+  try {
+    lock = orbbuf::lock_folder(std::filesystem::absolute(session / ".." / ".."));
+  } catch (const std::runtime_error&) {
+    orbbuf::log_info("{}: a server uses its folder, so times.txt stays as it is", session.string());
+    views = orbbuf::Views::kAllButTimes;
+  }
+  return orbbuf::make_views(session, views);
+}
+
+int make_all_views(const std::vector<std::string>& sessions) {
+  bool is_good = true;
+  for (const std::string& session : sessions) {
+    const auto error = make_views(session);
+    if (error) orbbuf::log_error("{}", error->text);
+    is_good = is_good && !error;
+  }
+  return is_good ? EXIT_SUCCESS : EXIT_FAILURE;
+}
+
+void add_views(orbbuf::CommandLine& app, Command& command) {
+  const auto sessions = std::make_shared<std::vector<std::string>>();
+  auto views_app = app.add_subcommand(
+      "views", "Make the text files of recorded sessions again from their journals",
+      [&command, sessions] { command = [sessions] { return make_all_views(*sessions); }; });
+  views_app.add_option("SESSION", *sessions, "Folder of a session, PATH/ROBOT/SESSION")
+      .required()
+      .value_name("");
 }
 
 struct ExportOptions {
@@ -107,77 +143,77 @@ int export_session(const ExportOptions& options) {
       orbbuf::export_session(options.session, options.out, static_cast<orbbuf::Layout>(at),
                              options.has_png_names ? "png" : "jpg");
   if (!report) throw std::runtime_error(report.error().text);
-  for (const std::string& note : report.value().notes) spdlog::warn("{}", note);
+  for (const std::string& note : report.value().notes) orbbuf::log_warn("{}", note);
   std::cout << options.out << ": " << options.layout << ", " << report.value().frames
             << " frames; images linked: " << report.value().linked
             << ", copied: " << report.value().copied << '\n';
   return EXIT_SUCCESS;
 }
 
-void add_export(CLI::App& app, Command& command) {
-  CLI::App& export_app = *app.add_subcommand(
-      "export", "Make a data set of a recorded session: EuRoC, KITTI, TUM RGB-D, TUM monoVO");
+void add_export(orbbuf::CommandLine& app, Command& command) {
   const auto options = std::make_shared<ExportOptions>();
+  auto export_app = app.add_subcommand(
+      "export", "Make a data set of a recorded session: EuRoC, KITTI, TUM RGB-D, TUM monoVO, MCAP",
+      [&command, options] { command = [options] { return export_session(*options); }; });
   const std::vector<std::string> layouts(orbbuf::kLayouts.begin(), orbbuf::kLayouts.end());
-  export_app.add_option("--layout", options->layout, "tum-mono, euroc, kitti or tum-rgbd")
-      ->required()
-      ->type_name("LAYOUT")
-      ->check(CLI::IsMember(layouts).description(""));
+  export_app.add_option("--layout", options->layout, "tum-mono, euroc, kitti, tum-rgbd or mcap")
+      .required()
+      .value_name("LAYOUT")
+      .one_of(layouts);
   export_app.add_flag("--png-names", options->has_png_names,
                       "Name the images .png, JPEG as they are: for loaders that look for nothing "
                       "else and open them with OpenCV, which goes by the content");
   export_app.add_option("SESSION", options->session, "Folder of a session, PATH/ROBOT/SESSION")
-      ->required()
-      ->type_name("");
+      .required()
+      .value_name("");
   export_app.add_option("OUT", options->out, "Folder to make; it must not be there, or be empty")
-      ->required()
-      ->type_name("");
-  export_app.footer(
+      .required()
+      .value_name("");
+  export_app.add_footer(
       "Images are hard links to the session's where the file system allows it, else copies; do "
       "not\n"
       "edit them in place. The session may still be recorded: what it has by then is exported.");
-  export_app.callback(
-      [&command, options] { command = [options] { return export_session(*options); }; });
 }
 
 int status(const std::string& socket) {
-  const auto table = orbbuf::ask_status(socket);
+  const auto table = orbbuf::ask_server(socket, "status", std::chrono::seconds(5));
   if (!table) {
-    spdlog::error("{}", table.error().text);
+    orbbuf::log_error("{}", table.error().text);
     return EXIT_FAILURE;
   }
   std::cout << table.value();
   return EXIT_SUCCESS;
 }
 
-void add_status(CLI::App& app, Command& command) {
-  CLI::App& status_app =
-      *app.add_subcommand("status", "Show the robots of the server that runs, and how they do");
+void add_status(orbbuf::CommandLine& app, Command& command) {
   const auto socket = std::make_shared<std::string>(orbbuf::kAutomaticSocket);
+  auto status_app =
+      app.add_subcommand("status", "Show the robots of the server that runs, and how they do",
+                         [&command, socket] { command = [socket] { return status(*socket); }; });
   status_app
       .add_option("SOCKET", *socket,
                   "Its status.socket; without one, this user's server, or the machine's service")
-      ->type_name("");
-  status_app.callback([&command, socket] { command = [socket] { return status(*socket); }; });
+      .value_name("");
 }
 
 }  // namespace
 
 int main(int argc, char** argv) try {
-  CLI::App app("Receives frames from robots and hands them to SLAM programs.", "orbbuf-server");
-  app.set_version_flag("--version", "orbbuf-server " ORBBUF_VERSION);
-  app.require_subcommand(0, 1);
+  orbbuf::CommandLine app("Receives frames from robots and hands them to SLAM programs.",
+                          "orbbuf-server");
+  app.add_version("orbbuf-server " ORBBUF_VERSION);
   Command command;
   add_serve(app, command);
   add_check(app, command);
+  add_views(app, command);
   add_export(app, command);
   add_status(app, command);
   orbbuf::add_fleet_commands(app, command);
-  CLI11_PARSE(app, argc, argv);
+  if (const auto status = app.parse(argc, argv)) return *status;
 
   orbbuf::set_up_log("info");
   return command();
 } catch (const std::exception& error) {
-  spdlog::error("{}", error.what());
+  orbbuf::log_error("{}", error.what());
   return EXIT_FAILURE;
 }

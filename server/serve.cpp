@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/serve.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/signal_set.hpp>
@@ -11,6 +9,7 @@
 #include <csignal>
 #include <cstdlib>
 #include <latch>
+#include <map>
 #include <memory>
 #include <optional>
 #include <stdexcept>
@@ -18,12 +17,13 @@
 
 #include "common/log.hpp"
 #include "common/service_status.hpp"
-#include "server/fleet/drain_socket.hpp"
-#include "server/fleet/fleet.hpp"
+#include "server/dataset/mcap/recording_parts.hpp"
+#include "server/fleet_member.hpp"
 #include "server/health.hpp"
 #include "server/http/http_server.hpp"
 #include "server/link/listener.hpp"
-#include "server/live/status_socket.hpp"
+#include "server/live/control_socket.hpp"
+#include "server/live/status_table.hpp"
 #include "server/retention/retention.hpp"
 #include "server/runtime/descriptors.hpp"
 #include "server/runtime/lock_folder.hpp"
@@ -47,6 +47,19 @@ std::shared_ptr<Retention> make_retention(asio::io_context& main, asio::thread_p
         return listener.is_in_use(robot_id, session_id);
       });
 }
+
+std::unique_ptr<RecordingParts> make_parts(asio::io_context& main, asio::thread_pool& files,
+                                           const SinkSettings& sinks, Listener& listener) {
+  if (!sinks.mcap_enabled) return nullptr;
+  return std::make_unique<RecordingParts>(
+      main, files, *listener.stores(),
+      RecordingParts::Options{sinks.files_path, sinks.mcap_split, !sinks.files_enabled});
+}
+
+struct JoinAtEnd {
+  asio::thread_pool& pool;
+  ~JoinAtEnd() { pool.join(); }
+};
 
 void name_threads(asio::thread_pool& files) {
   const auto all_there = std::make_shared<std::latch>(kFilesThreads);
@@ -72,47 +85,40 @@ void reload_robots(Listener& listener,
                    const std::function<std::vector<std::string>()>& read_robots) {
   try {
     auto robots = read_robots();
-    spdlog::info("SIGHUP: read listen.robots again: {}",
-                 robots.empty() ? "all robots" : fmt::format("{} robots", robots.size()));
+    log_info("SIGHUP: read listen.robots again: {}",
+             robots.empty() ? "all robots" : fmt::format("{} robots", robots.size()));
     listener.allow(std::move(robots));
   } catch (const std::runtime_error& error) {
-    spdlog::error("SIGHUP: listen.robots stays as it was: {}", error.what());
+    log_error("SIGHUP: listen.robots stays as it was: {}", error.what());
   }
-}
-
-/// Sends the robots away, for `orbbuf-server drain`.
-std::function<void(fleet::DrainSocket::Done)> drain_of(fleet::Fleet& fleet, Listener& listener) {
-  return [&](fleet::DrainSocket::Done done) {
-    fleet.async_drain([&listener, done = std::move(done)](const std::optional<Error>& error) {
-      if (error) return done(error);
-      spdlog::info("draining: the robots are sent to other servers");
-      listener.move_all([done] {
-        spdlog::info("drained: no robot is here any more");
-        done(std::nullopt);
-      });
-    });
-  };
-}
-
-std::unique_ptr<fleet::DrainSocket> open_drain(asio::io_context& main, const std::string& setting,
-                                               fleet::Fleet& fleet, Listener& listener) {
-  const auto path = fleet::drain_socket_of(status_socket_path(setting));
-  if (path.empty()) return nullptr;
-  return std::make_unique<fleet::DrainSocket>(main, path, drain_of(fleet, listener));
 }
 
 /// Where the place is ours to choose, that it is taken is no reason not to serve.
-std::unique_ptr<StatusSocket> open_status(asio::io_context& main, const std::string& setting,
-                                          const Metrics& metrics) {
-  const auto path = status_socket_path(setting);
+std::unique_ptr<ControlSocket> open_control(
+    asio::io_context& main, const std::string& setting,
+    std::map<std::string, ControlSocket::Command> commands) {
+  const auto path = control_socket_path(setting);
   if (path.empty()) return nullptr;
   try {
-    return std::make_unique<StatusSocket>(main, path, metrics);
+    return std::make_unique<ControlSocket>(main, path, std::move(commands));
   } catch (const std::runtime_error& error) {
     if (setting != kAutomaticSocket) throw;
-    spdlog::info("`orbbuf-server status` will not show this server: {}", error.what());
+    log_info("`orbbuf-server status` will not show this server: {}", error.what());
     return nullptr;
   }
+}
+
+/// What `orbbuf-server status` and `drain` ask for. `fleet` may be null.
+std::map<std::string, ControlSocket::Command> commands_of(const Metrics& metrics,
+                                                          FleetMember* fleet) {
+  std::map<std::string, ControlSocket::Command> commands;
+  commands["status"] = [&metrics](const ControlSocket::Answer& answer) {
+    answer(to_table(metrics, RobotMetrics::Clock::now()));
+  };
+  if (fleet != nullptr) {
+    commands["drain"] = [fleet](ControlSocket::Answer answer) { fleet->drain(std::move(answer)); };
+  }
+  return commands;
 }
 
 }  // namespace
@@ -125,33 +131,26 @@ void serve(const Settings& settings, const std::function<std::vector<std::string
       settings.sinks.is_kept() ? lock_folder(settings.sinks.files_path) : UniqueFd();
   allow_descriptors_for(settings.listen.max_connections + HttpServer::kMaxConnections +
                         FoxgloveServer::kMaxViewers);
+  asio::thread_pool files(kFilesThreads);  // outlives `main`, whose queue has strands of it
   asio::io_context main(1);
-  asio::thread_pool files(kFilesThreads);  // ends before `main`, to which its work reports
+  const JoinAtEnd end_of_files{files};  // its work reports to `main`
   name_threads(files);
   begin_sinks(settings.sinks);
   Metrics metrics(settings.listen.max_robots, settings.http_address.has_value());
-  const auto status = open_status(main, settings.status_socket, metrics);
+  const auto fleet = make_fleet_member(main, files, settings);
+  const auto control =
+      open_control(main, settings.status_socket, commands_of(metrics, fleet.get()));
   std::optional<HttpServer> http;
-  const Listener* counted = nullptr;
-  std::optional<fleet::Fleet> fleet;
-  if (settings.fleet.is_on()) {
-    fleet.emplace(main, settings.fleet,
-                  [&counted] { return counted == nullptr ? 0 : counted->robots(); });
-  }
   if (settings.http_address) {
-    http.emplace(main, files, settings, metrics, fleet ? &*fleet : nullptr);
+    http.emplace(main, files, settings, metrics, fleet ? fleet->page() : FleetPage{});
   }
-  Listener listener(main, files, settings, http || status ? &metrics : nullptr);
-  counted = &listener;
-  std::unique_ptr<fleet::DrainSocket> drain;
-  if (fleet) {
-    listener.join(*fleet);
-    drain = open_drain(main, status ? settings.status_socket : "", *fleet, listener);
-  }
+  Listener listener(main, files, settings, http || control ? &metrics : nullptr);
+  if (fleet) fleet->share(listener);
   ServiceStatus service;
   Health health(main, files, service, listener);
   const auto retention = make_retention(main, files, settings, listener);
   listener.on_sink_failed([&] { retention->wake(); });
+  const auto parts = make_parts(main, files, settings.sinks, listener);
 
   asio::signal_set reload(main, SIGHUP);
   const std::function<void()> on_reload = [&] {
@@ -163,28 +162,28 @@ void serve(const Settings& settings, const std::function<std::vector<std::string
   asio::signal_set signals(main, SIGINT, SIGTERM);
   signals.async_wait([&](const error_code& failed, int signal) {
     if (failed) return;
-    spdlog::info("stopping on signal {}", signal);
+    log_info("stopping on signal {}", signal);
     service.stopping();
     signals.async_wait([](const error_code& aborted, int /*signal*/) {
       if (!aborted) std::_Exit(EXIT_FAILURE);
     });
-    listener.stop([&] {
+    const auto end = [&] {
       signals.clear();  // from here on a signal ends the process as usual
       signals.cancel();
       reload.cancel();
       health.stop();
       retention->stop();
       if (http) http->stop();
-      if (status) status->stop();
-      if (drain) drain->stop();
+      if (control) control->stop();
       if (!fleet) return main.stop();
       fleet->async_stop([&main] { main.stop(); });
-    });
+    };
+    listener.stop([&parts, end] { parts ? parts->stop(end) : end(); });
   });
   if (http) http->start();
-  if (status) status->start();
+  if (control) control->start();
   if (fleet) fleet->start();
-  if (drain) drain->start();
+  if (parts) parts->start();
   listener.start();
   health.start();
   if (settings.quota.is_set()) retention->start();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/settings.hpp"
 
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -169,6 +169,8 @@ void load_sinks(ConfigReader& reader, SinkSettings& sinks) {
   if (sinks.files_path.empty()) reader.fail("files.path", "must not be empty");
   sinks.files_sync = load_choice(reader, "files.sync", sinks.files_sync, kSyncs);
   sinks.mcap_enabled = reader.flag("mcap.enabled", sinks.mcap_enabled);
+  sinks.mcap_split =
+      reader.duration("mcap.split", sinks.mcap_split, milliseconds(0), hours(24 * 365));
   load_ros(reader, sinks.ros);
   sinks.dds_frame_id = load_frame_id(reader, "dds.frame_id", sinks.dds_frame_id);
   sinks.dds_enabled = reader.flag("dds.enabled", sinks.dds_enabled);
@@ -233,7 +235,7 @@ void load_fleet(ConfigReader& reader, Settings& settings) {
   if (settings.http_address) {
     fleet.http = load_public(reader, "fleet.http", *settings.http_address);
   }
-  if (!settings.sinks.files_enabled || settings.sinks.files_sync != FilesSync::kAck) {
+  if (!settings.sinks.files_enabled || settings.sinks.files_sync != Durability::kAck) {
     reader.fail("fleet.etcd", "needs files.enabled = true and files.sync = \"ack\"");
   }
   if (settings.sinks.mcap_enabled) {

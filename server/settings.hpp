@@ -12,7 +12,7 @@
 #include "common/config.hpp"
 #include "common/net/tls.hpp"
 #include "server/fleet/fleet_settings.hpp"
-#include "server/live/status_socket.hpp"
+#include "server/live/control_socket.hpp"
 #include "server/retention/quota.hpp"
 #include "server/sink/make_sinks.hpp"
 

@@ -7,6 +7,7 @@
 #include <sys/socket.h>
 #include <sys/time.h>
 
+#include <algorithm>
 #include <array>
 #include <stdexcept>
 #include <utility>
@@ -49,6 +50,26 @@ void RobotClient::send_frame(const EncodedFrame& frame) const {
   send(frame.jpeg);
 }
 
+void RobotClient::send_drops(std::uint64_t first, const std::vector<DropRecord>& records) const {
+  send(wire::encode(wire::Items{wire::kDrops, first, wire::encode_drops(records)}));
+}
+
+void RobotClient::send_late(std::uint64_t number, const std::string& session,
+                            const EncodedFrame& frame) const {
+  const auto record = wire::encode_late_record(session, frame);
+  const auto bytes = static_cast<std::uint32_t>(record.size());
+  constexpr std::uint32_t kPartBytes = 16'000;
+  for (std::uint32_t offset = 0; offset < bytes; offset += kPartBytes) {
+    const auto part = std::span(record).subspan(offset, std::min(kPartBytes, bytes - offset));
+    send(wire::encode(
+        wire::Items{wire::kLate, number, wire::encode_late_part({offset, bytes, part})}));
+  }
+}
+
+void RobotClient::send_account(std::uint64_t number, const wire::Account& account) const {
+  send(wire::encode(wire::Items{wire::kAccounts, number, wire::encode_account(account)}));
+}
+
 void RobotClient::send_hello(const std::string& robot, const std::string& session) const {
   wire::Hello hello;
   hello.robot_id = robot;
@@ -81,13 +102,6 @@ std::optional<wire::Ack> RobotClient::whole_ack() const {
   return wire::parse_ack(message->header, message->body).value();
 }
 
-std::optional<wire::LateAck> RobotClient::late_ack() const {
-  auto message = read();
-  while (message && message->header.type == wire::Type::kAck) message = read();
-  if (!message || message->header.type != wire::Type::kLateAck) return std::nullopt;
-  return wire::parse_late_ack(message->header, message->body).value();
-}
-
 std::optional<wire::Position> RobotClient::bye() const {
   const auto message = read(wire::Type::kBye);
   if (!message) return std::nullopt;
@@ -100,10 +114,10 @@ std::optional<wire::ErrorMessage> RobotClient::error() const {
   return wire::parse_error(message->header, message->body).value();
 }
 
-bool RobotClient::acked(Sequence next) const {
+bool RobotClient::acked(std::uint64_t next, wire::StreamId stream) const {
   auto position = ack();
-  while (position && position->next_sequence < next) position = ack();
-  return position && position->next_sequence == next;
+  while (position && (*position)[stream] < next) position = ack();
+  return position && (*position)[stream] == next;
 }
 
 bool RobotClient::is_closed() const {

@@ -23,6 +23,10 @@ class RobotClient {
   void send(std::span<const std::uint8_t> bytes) const;
   void send_text(std::string_view text) const;
   void send_frame(const EncodedFrame& frame) const;
+  /// Numbered from `first` on.
+  void send_drops(std::uint64_t first, const std::vector<DropRecord>& records) const;
+  void send_late(std::uint64_t number, const std::string& session, const EncodedFrame& frame) const;
+  void send_account(std::uint64_t number, const wire::Account& account) const;
   void send_hello(const std::string& robot, const std::string& session) const;
   /// Says hello and returns where the welcome puts the robot; nothing if there was none.
   std::optional<wire::Position> hello(const std::string& robot, const std::string& session) const;
@@ -31,12 +35,10 @@ class RobotClient {
   std::optional<wire::Position> welcome() const;
   std::optional<wire::Position> ack() const;
   std::optional<wire::Ack> whole_ack() const;
-  /// The next late ack; acks before it are read and forgotten.
-  std::optional<wire::LateAck> late_ack() const;
   std::optional<wire::Position> bye() const;
   std::optional<wire::ErrorMessage> error() const;
-  /// Reads acks until one covers `next` frames. False if something else comes.
-  bool acked(Sequence next) const;
+  /// Reads acks until one covers `next` items of that stream. False if something else comes.
+  bool acked(std::uint64_t next, wire::StreamId stream = wire::kFrames) const;
 
   /// True when the server has closed its side and nothing is left to read.
   bool is_closed() const;

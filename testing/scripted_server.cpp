@@ -6,16 +6,34 @@
 #include <boost/asio/read.hpp>
 #include <boost/asio/write.hpp>
 #include <stdexcept>
+#include <utility>
 
 namespace orbbuf::test {
 namespace asio = boost::asio;
 
+namespace {
+
+template <class T>
+T value(wire::Parsed<T> parsed) {
+  if (!parsed) throw std::runtime_error(parsed.error().text);
+  return std::move(parsed).value();
+}
+
+}  // namespace
+
 EncodedFrame Message::frame() const {
   const std::span<const std::uint8_t> bytes(body);
-  auto frame = wire::parse_frame(header, bytes.first<wire::kFrameMetaBytes>(),
-                                 {body.begin() + wire::kFrameMetaBytes, body.end()});
-  if (!frame) throw std::runtime_error(frame.error().text);
-  return std::move(frame.value());
+  return value(wire::parse_frame(header, bytes.first<wire::kFrameMetaBytes>(),
+                                 {body.begin() + wire::kFrameMetaBytes, body.end()}));
+}
+
+wire::Items Message::items() const { return value(wire::parse_items(header, body)); }
+
+wire::Welcome welcome_at(const wire::Position& position) {
+  wire::Welcome welcome;
+  welcome.position = position;
+  welcome.takes.set(wire::kFrames).set(wire::kDrops);
+  return welcome;
 }
 
 ScriptedServer::ScriptedServer()
@@ -36,14 +54,12 @@ wire::Hello ScriptedServer::accept_hello() {
     accept();
     message = read_any();
   }
-  auto hello = wire::parse_hello(message->header, message->body);
-  if (!hello) throw std::runtime_error(hello.error().text);
-  return hello.value();
+  return value(wire::parse_hello(message->header, message->body));
 }
 
 wire::Hello ScriptedServer::welcome(const wire::Position& position) {
   wire::Hello hello = accept_hello();
-  send(wire::encode(wire::Welcome{wire::kProtocolVersion, position}));
+  send(wire::encode(welcome_at(position)));
   return hello;
 }
 
@@ -52,9 +68,8 @@ std::optional<Message> ScriptedServer::read_any() {
   boost::system::error_code error;
   asio::read(socket_, asio::buffer(bytes), error);
   if (error) return std::nullopt;
-  const auto header = wire::parse_header(bytes, 1 << 24);
-  if (!header) throw std::runtime_error(header.error().text);
-  Message message{header.value(), std::vector<std::uint8_t>(header.value().body_bytes)};
+  const auto header = value(wire::parse_header(bytes, 1 << 24));
+  Message message{header, std::vector<std::uint8_t>(header.body_bytes)};
   asio::read(socket_, asio::buffer(message.body), error);
   if (error) return std::nullopt;
   return message;
@@ -73,13 +88,24 @@ Message ScriptedServer::read(wire::Type type) {
   throw std::runtime_error("the robot closed the connection");
 }
 
+wire::Items ScriptedServer::read_items(wire::StreamId stream) {
+  wire::Items items = read(wire::Type::kItems).items();
+  while (items.stream != stream) items = read(wire::Type::kItems).items();
+  return items;
+}
+
+NumberedDrops ScriptedServer::read_drops() {
+  const wire::Items items = read_items(wire::kDrops);
+  return {items.first, value(wire::parse_drops(items.payload))};
+}
+
 void ScriptedServer::send(const std::vector<std::uint8_t>& bytes) {
   boost::system::error_code ignored;  // a robot that has gone is a case of its own
   asio::write(socket_, asio::buffer(bytes), ignored);
 }
 
 void ScriptedServer::ack(const wire::Position& position, std::optional<Sequence> received) {
-  send(wire::encode(wire::Ack{position, received.value_or(position.next_sequence)}));
+  send(wire::encode(wire::Ack{position, received.value_or(position[wire::kFrames])}));
 }
 
 void ScriptedServer::close() { socket_.close(); }

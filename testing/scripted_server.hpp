@@ -18,7 +18,17 @@ struct Message {
 
   wire::Type type() const { return header.type; }
   EncodedFrame frame() const;
+  wire::Items items() const;
 };
+
+/// Drop records as they came, the first of them with its number.
+struct NumberedDrops {
+  std::uint64_t first = 0;
+  std::vector<DropRecord> records;
+};
+
+/// That of a server that takes frames and drop records.
+wire::Welcome welcome_at(const wire::Position& position);
 
 /// A server's side of the link, each step of which a test writes out, over a real loopback socket.
 /// Every call blocks until it is done; ctest's time-out guards against a peer that stays silent.
@@ -43,6 +53,9 @@ class ScriptedServer {
   std::optional<Message> read();
   /// The next message of that type; others before it are read and forgotten.
   Message read(wire::Type type);
+  /// The next items of that stream.
+  wire::Items read_items(wire::StreamId stream);
+  NumberedDrops read_drops();
   void send(const std::vector<std::uint8_t>& bytes);
   /// received: all that is acknowledged, unless the test says more.
   void ack(const wire::Position& position, std::optional<Sequence> received = std::nullopt);

@@ -10,6 +10,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 allowed() {
   cat <<'ALLOWED'
 common:
+common/journal: common
 common/net: common
 daemon/mailbox: common
 daemon/buffer: common
@@ -21,30 +22,31 @@ daemon/capture/v4l2: common daemon/capture
 daemon/capture/list_cameras: daemon/capture/libcamera daemon/capture/v4l2
 daemon/capture/make_source: daemon/capture daemon/capture/libcamera daemon/capture/replay daemon/capture/stereo daemon/capture/v4l2
 daemon/image: common daemon/buffer daemon/capture
-daemon/spool: common
-daemon/net: common common/net daemon/buffer daemon/spool
-daemon/settings: common daemon/buffer daemon/capture daemon/image daemon/net daemon/spool
+daemon/record: common common/journal
+daemon/net: common common/net daemon/buffer daemon/record
+daemon/settings: common daemon/buffer daemon/capture daemon/image daemon/net daemon/record
 daemon: common daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/net daemon/settings daemon/capture/list_cameras daemon/capture/make_source
+server/fleet/fleet_settings: common common/net
 server/runtime: common
 server/calibration: common
-server/recording: common
-server/recording/mcap/foxglove: common server/calibration
-server/recording/mcap: common server/calibration server/recording server/recording/mcap/foxglove
-server/recording/late_merge: common server/recording server/recording/mcap
-server/dataset: common server/calibration server/recording
-server/retention: common server/runtime server/recording
-server/live: common server/runtime server/recording
-server/fleet: common common/net server/runtime server/recording
-server/sink: common server/runtime server/recording
-server/sink/pipe: common server/runtime server/recording server/sink
+server/session: common common/journal server/runtime
+server/foxglove: common server/calibration
+server/dataset/mcap: common server/runtime server/session server/calibration server/foxglove
+server/dataset: common common/journal server/calibration server/session server/dataset/mcap
+server/retention: common common/journal server/runtime server/session
+server/live: common server/runtime server/session
+server/link/session_claim: common server/session
+server/fleet: common common/journal common/net server/fleet/fleet_settings server/runtime server/session server/link/session_claim
+server/sink: common server/session
+server/sink/pipe: common server/runtime server/session server/sink
 server/sink/losses: common
 server/sink/ros_name:
-server/sink/dds: common server/calibration server/recording server/sink server/sink/losses server/sink/ros_name
-server/sink/ros: common server/calibration server/recording server/sink server/sink/losses server/sink/ros_name
-server/sink/make_sinks: common server/runtime server/recording server/recording/mcap server/sink server/sink/pipe server/sink/dds server/sink/ros
-server/settings: common common/net server/fleet server/live server/retention server/sink/make_sinks
-server/http: common common/net server/fleet server/runtime server/calibration server/recording server/recording/mcap/foxglove server/live server/settings
-server/link: common common/net server/fleet server/runtime server/recording server/recording/late_merge server/live server/sink server/sink/make_sinks server/settings
+server/sink/dds: common server/calibration server/session server/sink server/sink/losses server/sink/ros_name
+server/sink/ros: common server/calibration server/session server/sink server/sink/losses server/sink/ros_name
+server/sink/make_sinks: common server/runtime server/session server/sink server/sink/pipe server/sink/dds server/sink/ros
+server/settings: common common/net server/fleet/fleet_settings server/live server/retention server/sink/make_sinks
+server/http: common common/journal common/net server/runtime server/calibration server/session server/foxglove server/live server/settings
+server/link: common common/net server/link/session_claim server/runtime server/session server/live server/sink server/sink/make_sinks server/settings
 bench:
 bench/sim:
 evaluation: server/calibration
@@ -54,7 +56,7 @@ evaluation/trial: common bench daemon/buffer daemon/image bench/sim evaluation e
 evaluation/outages: common bench daemon/buffer daemon/capture/make_source daemon/image bench/sim evaluation/odometry evaluation/trial
 evaluation/real: common bench bench/sim
 evaluation/quality: common bench daemon/buffer daemon/image bench/sim evaluation evaluation/odometry evaluation/trial
-server: common server/fleet server/runtime server/recording server/dataset server/retention server/live server/sink/make_sinks server/settings server/http server/link
+server: common common/journal server/fleet server/runtime server/session server/dataset server/dataset/mcap server/retention server/live server/sink/make_sinks server/settings server/http server/link
 ALLOWED
 }
 

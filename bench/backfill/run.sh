@@ -87,23 +87,25 @@ one_side() {
   if [ "$side" = with ]; then
     # What the first session gave up at its end is there by then.
     start_robot later 1 "${spool[@]}"
-    until [ -e "$session/late.csv" ] && [ ! -e "$session/late" ]; do sleep 0.2; done
+    until grep -qsx 'on_robot 0' "$session/session.txt"; do sleep 0.2; done
     awk -v a="$ended" -v b="$EPOCHREALTIME" 'BEGIN { printf "%.0f\n", b - a }' >"$work/done_after"
   fi
   stop_from 0
   mkdir "$shared/$side"
   cp -r "$session" "$shared/$side/session"
   cp "$work"/{robot.err,watch.out,cuts} "$shared/$side"
+  echo "$ended" >"$shared/$side/ended"
   cp "$work/done_after" "$shared/$side" 2>/dev/null || true
 }
 
 # lateness SIDE: lines NUMBER SECONDS of the live frames: from capture to the file. The replay's clock begins with its
-# first frame; what the robot hands to the kernel at once says when that was.
+# first frame; what the robot hands to the kernel at once says when that was. Live frames come by their numbers; one that
+# comes behind a later one, or when the robot has ended, is late.
 lateness() {
-  awk -v fps=$FPS -v drops="$shared/$1/session/drops.csv" '
-    BEGIN { FS = "[ ,]"; while ((getline line < drops) > 0) if (split(line, word, ",") > 1 && word[2] == "late") is_late[word[1] + 0] = 1 }
+  awk -v fps=$FPS -v ended="$(cat "$shared/$1/ended")" '
+    BEGIN { newest = -1 }
     FNR == NR { begin = $1 - $2 / fps; if (!anchor || begin < anchor) anchor = begin; next }
-    { n = $3 + 0; if (!is_late[n] && !(n in seen)) { seen[n] = 1; printf "%d %.4f %.3f\n", n, $1 - anchor - n / fps, $1 } }
+    { n = $3 + 0; if (n > newest && $1 <= ended) { newest = n; printf "%d %.4f %.3f\n", n, $1 - anchor - n / fps, $1 } }
   ' "$shared/$1/chosen" "$shared/$1/watch.out"
 }
 
@@ -133,7 +135,7 @@ crcs_of() {
 }
 
 # account: what became of each frame of the robot with a spool. An image is what was captured, or quality.csv names its
-# size and CRC-32. A frame that was not dropped and comes late is the whole JPEG of one that came reduced.
+# size and CRC-32.
 account() {
   local session=$shared/with/session wrong
   wrong=$(awk -v n=$IMAGES -F '[ ,]' '
@@ -142,19 +144,21 @@ account() {
     file == 2 { if ($4 == sum[$1 % n]) reduced[$1] = 1; next }
     $1 != sum[$3 % n] && !reduced[$3] { ++wrong } END { print wrong + 0 }
     ' <(crcs_of "$shared/images") "$session/quality.csv" <(crcs_of "$session/images"))
-  awk -F '[ ,]' -v wrong="$wrong" -v captured="$(sed -n 2p "$session/end.csv" | cut -d , -f 2)" '
+  awk -F '[ ,]' -v wrong="$wrong" '
+    FILENAME ~ /session.txt/ { of[$1] = $2; next }
     FILENAME ~ /times.txt/ { if ($1 in there) ++repeated; there[$1] = 1; ++delivered; next }
-    FILENAME ~ /late.csv/ && /^[0-9]/ { if ($1 in late) ++repeated; late[$1] = 1; next }
-    FILENAME ~ /drops.csv/ && /^[0-9]/ {
-      if ($2 == "busy" || $2 == "failed") { named[$1] = 1; ++not_encoded } else if (!($1 in there)) { named[$1] = 1; ++lost }
-      if ($2 == "late") ++n_late; else if ($1 in there) ++unexplained
+    /^[0-9]/ {
+      if ($2 == "busy" || $2 == "failed") ++not_encoded; else ++lost
+      if ($1 in there) ++unexplained
+      named[$1] = 1
     }
     END {
-      for (i = 0; i < captured; ++i) if (!(i in there) && !(i in named)) ++unexplained
-      printf "RESULT backfill.captured %d\nRESULT backfill.live %d\nRESULT backfill.late %d\n", captured, delivered - n_late, n_late
+      for (i = 0; i < of["captured"]; ++i) if (!(i in there) && !(i in named)) ++unexplained
+      if (of["live"] + of["late"] != delivered) ++unexplained
+      printf "RESULT backfill.captured %d\nRESULT backfill.live %d\nRESULT backfill.late %d\n", of["captured"], of["live"], of["late"]
       printf "RESULT backfill.not_encoded %d\nRESULT backfill.lost %d\nRESULT backfill.repeated %d\n", not_encoded, lost, repeated
       printf "RESULT backfill.unexplained %d\nRESULT backfill.wrong_bytes %d\n", unexplained, wrong
-    }' "$session/times.txt" "$session/late.csv" "$session/drops.csv"
+    }' "$session/session.txt" "$session/times.txt" "$session/drops.csv"
 }
 
 if [ -n "$side" ]; then

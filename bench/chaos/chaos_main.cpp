@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Two real robots and a real server on a link that is cut, slowed and reset while all of them are
 // killed, paused and restarted, by a seeded plan; then what became of every frame.
-#include <CLI/CLI.hpp>
 #include <chrono>
 #include <cstdio>
 #include <fstream>
@@ -11,6 +10,7 @@
 #include "bench/chaos/plan.hpp"
 #include "bench/chaos/stage.hpp"
 #include "bench/run_program.hpp"
+#include "common/command_line.hpp"
 
 namespace {
 
@@ -101,23 +101,23 @@ int run(Options options) {
 
 int main(int argc, char** argv) {
   Options options;
-  CLI::App app("Chaos on the link, and what became of every frame");
-  app.add_option("--robot", options.programs.robot, "orbbufd")->required();
-  app.add_option("--server", options.programs.server, "orbbuf-server")->required();
-  app.add_option("--work", options.work, "an empty folder for all that is written")->required();
+  orbbuf::CommandLine app("Chaos on the link, and what became of every frame");
+  app.add_option("--robot", options.programs.robot, "orbbufd").required();
+  app.add_option("--server", options.programs.server, "orbbuf-server").required();
+  app.add_option("--work", options.work, "an empty folder for all that is written").required();
   app.add_option("--traces", options.traces, "recorded rates; else random ones");
   app.add_option("--seed", options.plan.seed);
-  app.add_option("--events", options.plan.events)->check(CLI::Range(1, 1'000'000));
+  app.add_option("--events", options.plan.events).in_range(1, 1'000'000);
   app.add_option("--longest-outage", options.plan.longest_outage_s, "in seconds");
   app.add_flag("--long", options.plan.has_minute_outages, "outages of 60 s among them");
-  app.add_option("--control", options.control)->check(CLI::IsMember({"both", "cubic", "bbr"}));
+  app.add_option("--control", options.control).one_of({"both", "cubic", "bbr"});
   app.add_flag("--two-links", options.has_two_links,
                "link.interfaces; cuts take one, the other, both");
   app.add_flag("--tls", options.has_tls, "the link under TLS");
   app.add_flag("--spool", options.has_spool, "robots with spools: no frame is given up");
   app.add_flag("--power-cuts", options.has_power_cuts,
                "each second robot that is killed loses its disk's power, too (root)")
-      ->needs("--spool");
-  CLI11_PARSE(app, argc, argv);
+      .needs("--spool");
+  if (const auto status = app.parse(argc, argv)) return *status;
   return orbbuf::bench::run_program("chaos", [&] { return run(options); });
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/chaos/check.hpp"
 
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 #include <zlib.h>
 
 #include <algorithm>
@@ -39,13 +39,9 @@ std::vector<fs::path> sorted_files(const fs::path& folder) {
   return files;
 }
 
-/// The records of a drops file, whole lines, without the head, up to the zeros that a power cut has
-/// left at its end.
-std::vector<std::string> drop_lines(const fs::path& file) {
+/// Of a list, without the head.
+std::vector<std::string> records(const fs::path& file) {
   std::vector<std::string> all = lines(file);
-  const auto torn = std::ranges::find_if(
-      all, [](const std::string& line) { return line.find('\0') != std::string::npos; });
-  all.erase(torn, all.end());
   if (!all.empty()) all.erase(all.begin());
   return all;
 }
@@ -86,7 +82,7 @@ bool parse(const std::string& line, Stats& stats) {
 /// Of each reduced frame, what quality.csv says of the JPEG that was captured: "BYTES,CRC".
 std::map<Frame, std::string> read_reduced(const fs::path& file) {
   std::map<Frame, std::string> reduced;
-  for (const std::string& line : drop_lines(file)) {
+  for (const std::string& line : records(file)) {
     const std::string whole = line.substr(line.find(',', line.find(',') + 1) + 1);
     if (!whole.starts_with("0,")) reduced[std::stoull(line)] = whole;
   }
@@ -110,11 +106,10 @@ class SessionCheck {
     read_delivered();
     read_dropped();
     compare_images();
-    compare_drop_logs();
     session_.was_killed ? check_killed() : check_ended();
     result_.captured += captured_;
     result_.delivered += delivered_.size();
-    result_.late += late_.size();
+    result_.late += late_;
     result_.dropped += dropped_.size();
   }
 
@@ -148,21 +143,15 @@ class SessionCheck {
   }
 
   void read_late() {
-    for (const std::string& line : drop_lines(session_.files / "late.csv")) {
-      if (!late_.insert(std::stoull(line)).second) problem(result_.repeated, "late again: " + line);
+    for (const std::string& line : lines(session_.files / "session.txt")) {
+      if (line.starts_with("late ")) late_ = std::stoull(line.substr(5));
     }
   }
 
   void read_dropped() {
-    for (const std::string& line : drop_lines(session_.files / "drops.csv")) {
+    for (const std::string& line : records(session_.files / "drops.csv")) {
       const Frame frame = std::stoull(line);
-      if (!named_.insert(frame).second) problem(result_.repeated, "dropped again: " + line);
-      const bool is_late = line.find(",late,") != std::string::npos;
-      if (is_late != (late_.contains(frame) && delivered_.contains(frame))) {
-        problem(result_.unexplained, "late and not, or the reverse: " + line);
-      }
-      if (is_late) continue;
-      dropped_.insert(frame);
+      if (!dropped_.insert(frame).second) problem(result_.repeated, "dropped again: " + line);
       if (delivered_.contains(frame)) problem(result_.repeated, "delivered, dropped: " + line);
       const bool was_encoded =
           line.find(",busy,") == std::string::npos && line.find(",failed,") == std::string::npos;
@@ -201,24 +190,6 @@ class SessionCheck {
     }
   }
 
-  /// The server's record is the robot's own, or one is the beginning of the other if the robot
-  /// died: it writes its own beside the sending.
-  void compare_drop_logs() {
-    const std::vector<std::string> ours = drop_lines(session_.files / "drops.csv");
-    const std::vector<std::string> robots = drop_lines(session_.drop_log);
-    const auto shorter = static_cast<std::ptrdiff_t>(std::min(ours.size(), robots.size()));
-    const auto is_same = [](const std::string& our, const std::string& robots_own) {
-      const bool is_late = our.find(",late,") != std::string::npos;  // the server has changed that
-      return is_late ? std::stoull(our) == std::stoull(robots_own) : our == robots_own;
-    };
-    const bool is_prefix =
-        std::equal(ours.begin(), ours.begin() + shorter, robots.begin(), is_same);
-    if (!is_prefix || (!session_.was_killed && ours.size() != robots.size())) {
-      problem(result_.unexplained, "the drop records of robot and server differ");
-    }
-    for (const std::string& line : robots) robots_drops_.insert(std::stoull(line));
-  }
-
   bool is_recorded(Frame frame) const {
     return delivered_.contains(frame) || dropped_.contains(frame);
   }
@@ -232,49 +203,31 @@ class SessionCheck {
     for (const Frame frame : not_late_) {
       problem(result_.lost, fmt::format("frame {} was dropped and never came", frame));
     }
-    // A late frame that was not dropped is the whole JPEG of one that came reduced: what is on the
-    // disk of a killed robot may have come live.
-    const auto is_named = [this](Frame frame) { return named_.contains(frame); };
-    const auto late = static_cast<std::size_t>(std::ranges::count_if(late_, is_named));
-    if (last_.acknowledged + late != delivered_.size() || last_.waiting != 0 ||
-        last_.in_flight != 0 || last_.skipped + last_.failed + last_.dropped != named_.size()) {
+    if (last_.acknowledged + late_ != delivered_.size() || last_.waiting != 0 ||
+        last_.in_flight != 0 ||
+        last_.skipped + last_.failed + last_.dropped != dropped_.size() + late_) {
       problem(result_.unexplained, "the closing stats are not the server's record");
     }
   }
 
-  /// Frames reach the server in order: whatever is older than the last one delivered must be in the
-  /// drop record, at least in the robot's own, which it writes before it sends, and which has not
-  /// been synced yet if the power is lost.
+  /// What became of a frame that is not delivered is in the drop record, by what the robot's next
+  /// start has told, but for the last frames, which no disk had yet.
   void check_killed() {
     captured_ = std::max(captured_, frames_seen());
     const Frame at_risk = session_.lost_power ? kAtRiskOfPowerCut : kAtRiskOfKill;
-    Frame reach = 0;  // of the live stream
-    for (const Frame frame : delivered_) {
-      if (!late_.contains(frame)) reach = frame + 1;
-    }
     for (Frame frame = 0; frame < captured_; ++frame) {
-      if (not_late_.contains(frame)) {
-        // In the memory of the process, and not yet on its disk.
-        if (frame + at_risk >= captured_) {
-          ++result_.died_with_robot;
-        } else {
-          problem(result_.lost, fmt::format("frame {} was dropped and never came", frame));
-        }
-      }
-      if (is_recorded(frame)) continue;
-      const bool should_be_spooled = session_.has_spool && frame + at_risk < captured_;
-      if (should_be_spooled ||
-          (frame < reach && !session_.lost_power && !robots_drops_.contains(frame))) {
-        problem(result_.lost, "frame " + std::to_string(frame));
-      } else {
+      if (is_recorded(frame) && !not_late_.contains(frame)) continue;
+      if (frame + at_risk >= captured_) {
         ++result_.died_with_robot;
+      } else {
+        problem(result_.lost, fmt::format("frame {} is nowhere, or never came", frame));
       }
     }
   }
 
   Frame frames_seen() const {
     Frame seen = 0;
-    for (const auto* frames : {&delivered_, &dropped_, &robots_drops_}) {
+    for (const auto* frames : {&delivered_, &dropped_}) {
       if (!frames->empty()) seen = std::max(seen, *frames->rbegin() + 1);
     }
     return seen;
@@ -285,12 +238,10 @@ class SessionCheck {
   CheckResult& result_;
   Stats last_;
   Frame captured_ = 0;
+  std::uint64_t late_ = 0;  // frames of those delivered
   std::set<Frame> delivered_;
-  std::set<Frame> late_;
-  std::set<Frame> named_;     // in the drop record, those that came late as well
-  std::set<Frame> dropped_;   // for good
+  std::set<Frame> dropped_;
   std::set<Frame> not_late_;  // of these, the ones that the spool should have had
-  std::set<Frame> robots_drops_;
   int unfinished_ = 0;
 };
 

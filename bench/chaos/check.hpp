@@ -10,13 +10,14 @@ namespace orbbuf::chaos {
 
 /// One run of a robot's daemon: what it left behind, and what the server did.
 struct Session {
-  std::string name;                ///< for messages
-  std::filesystem::path files;     ///< the server's folder of it; may be missing
-  std::filesystem::path log;       ///< all that the robot printed
-  std::filesystem::path drop_log;  ///< the robot's own record of dropped frames
-  bool was_killed = false;         ///< by -9; otherwise it ended in peace, everything said
-  bool lost_power = false;         ///< with that: of its own files only what was synced is there
-  bool has_spool = false;          ///< then every frame that was dropped must have come late
+  std::string name;             ///< for messages
+  std::filesystem::path files;  ///< the server's folder of it; may be missing
+  std::filesystem::path log;    ///< all that the robot printed
+  /// By -9; otherwise it ended in peace, everything said. A robot with a record of its own has been
+  /// started again since.
+  bool was_killed = false;
+  bool lost_power = false;  ///< with that: of its own files only what was synced is there
+  bool has_spool = false;   ///< then every frame that was dropped must have come late
 };
 
 /// Frames of all sessions, each counted once.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/chaos/stage.hpp"
 
-#include <spdlog/fmt/fmt.h>
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <array>
@@ -180,7 +180,6 @@ void Stage::start_robot(Robot& robot, double fps) {
   session.name = robot.id + " " + id.substr(0, id.find(','));
   session.files = work_ / "out" / robot.id / id.substr(0, id.find(','));
   session.has_spool = has_spool_;
-  session.drop_log = drops / (id.substr(0, id.find(',')) + ".csv");
   robot.session = n;
   sessions_.push_back(session);
 }

@@ -3,7 +3,7 @@
 // run; and what reducing a JPEG costs, as a ratio to encoding one. Everything on one thread, in
 // that thread's own time.
 #include <benchmark/benchmark.h>
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
 #include <algorithm>
 #include <cstddef>

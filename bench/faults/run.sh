@@ -26,7 +26,7 @@ serve() {
   port=$(grep -o 'listening on .*' "$work/$1-server.err" | grep -o '[0-9]*$')
 }
 
-# stream FAULT [SETTING...]: orbbufd, its log in $work/FAULT-robot.err, its drop log in $work/FAULT-drops.
+# stream FAULT [SETTING...]: orbbufd, its log in $work/FAULT-robot.err, its record in $work/FAULT-drops.
 stream() {
   local fault=$1 setting settings=()
   for setting in "${@:2}"; do settings+=(--set "$setting"); done
@@ -52,7 +52,7 @@ account() {
   session=$(grep -o ', session [^,]*' "$log" | head -n 1)
   session=${session#, session }
   line=$("$build/bench/orbbuf-audit" --session "${disk:-$work/$served}/r/$session" --log "$log" \
-    --drop-log "$work/$served-drops/$session.csv" --source "$work/images" "${@:3}") || failed=1
+    --source "$work/images" "${@:3}") || failed=1
   say "$name: ${line//$'\n'/$'\n'  }"
   while read -r what value; do
     results+=("RESULT faults.$name.$what $value")

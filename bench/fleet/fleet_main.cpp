@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Servers of a fleet that are killed, paused and cut off, etcd's leader too, by a seeded plan,
 // while robots stream; then what became of every frame, from the joined sessions.
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
@@ -18,6 +17,8 @@
 #include "bench/load/content.hpp"
 #include "bench/run_program.hpp"
 #include "bench/watched_process.hpp"
+#include "common/command_line.hpp"
+#include "server/session/session_reader.hpp"
 #include "testing/process.hpp"
 
 namespace {
@@ -158,13 +159,10 @@ struct Audit {
 
 /// Frames of a segment below its beginning, or twice in it.
 std::uint64_t count_repeats(const fs::path& segment) {
-  std::uint64_t from = 0;
-  std::string line;
-  std::ifstream info(segment / "segment.csv");
-  if (std::getline(info, line) && std::getline(info, line)) {
-    from = std::stoull(line.substr(line.find(',') + 1));
-  }
+  const auto summary = orbbuf::read_summary(segment);
+  const std::uint64_t from = summary ? summary->info.segment.from[orbbuf::wire::kFrames] : 0;
   std::uint64_t repeats = 0;
+  std::string line;
   std::set<std::uint64_t> seen;
   std::ifstream times(segment / "times.txt");
   while (std::getline(times, line)) {
@@ -333,18 +331,18 @@ int run(const Options& options) {
 
 int main(int argc, char** argv) {
   Options options;
-  CLI::App app("Chaos among the servers of a fleet, and what became of every frame");
-  app.add_option("--server", options.server, "orbbuf-server")->required();
-  app.add_option("--work", options.work, "an empty folder for all that is written")->required();
+  orbbuf::CommandLine app("Chaos among the servers of a fleet, and what became of every frame");
+  app.add_option("--server", options.server, "orbbuf-server").required();
+  app.add_option("--work", options.work, "an empty folder for all that is written").required();
   app.add_option("--seed", options.seed);
-  app.add_option("--minutes", options.minutes)->check(CLI::PositiveNumber);
-  app.add_option("--robots", options.robots)->check(CLI::PositiveNumber);
-  app.add_option("--servers", options.servers)->check(CLI::Range(2, 9));
-  app.add_option("--fps", options.fps)->check(CLI::PositiveNumber);
-  app.add_option("--bytes", options.bytes)->check(CLI::PositiveNumber);
+  app.add_option("--minutes", options.minutes).in_range(0.01, 1e6);
+  app.add_option("--robots", options.robots).in_range(1, 1e9);
+  app.add_option("--servers", options.servers).in_range(2, 9);
+  app.add_option("--fps", options.fps).in_range(0.01, 1e6);
+  app.add_option("--bytes", options.bytes).in_range(1, 1e9);
   app.add_flag("--alone", options.is_alone, "in a network of its own, so that it can be cut");
   app.add_flag("--calm", options.is_calm,
                "no chaos: what coordination costs, beside one server that is in no fleet");
-  CLI11_PARSE(app, argc, argv);
+  if (const auto status = app.parse(argc, argv)) return *status;
   return orbbuf::bench::run_program("fleet", [&] { return run(options); });
 }

@@ -182,7 +182,7 @@ void Robot::take(const std::shared_ptr<Link>& link, const wire::Header& header) 
 
 void Robot::take_welcome(const std::shared_ptr<Link>& link, const wire::Welcome& welcome) {
   if (link != attempt_) return;
-  const Sequence begins = welcome.position.next_sequence;
+  const Sequence begins = welcome.position[wire::kFrames];
   if (link_) {
     link_->successor_begins = begins;
     former_.push_back(link_);
@@ -205,7 +205,7 @@ void Robot::take_welcome(const std::shared_ptr<Link>& link, const wire::Welcome&
 }
 
 void Robot::take_ack(const std::shared_ptr<Link>& link, const wire::Ack& ack) {
-  const Sequence next = ack.position.next_sequence;
+  const Sequence next = ack.position[wire::kFrames];
   if (link->successor_begins) {
     if (next > *link->successor_begins) counts_.split_brain += next - *link->successor_begins;
     return;

@@ -10,7 +10,7 @@
 
 #include "common/jpeg.hpp"
 #include "common/wire.hpp"
-#include "server/recording/session_names.hpp"
+#include "server/session/session_names.hpp"
 
 namespace orbbuf::load {
 namespace {

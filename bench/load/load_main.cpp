@@ -4,10 +4,9 @@
 // they are there. Then one that comes back to a session of many frames, while another streams.
 // Then some whose images a program reads decoded, and one without a program.
 // Then one that many viewers look at.
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <boost/asio/io_context.hpp>
 #include <csignal>
@@ -24,8 +23,8 @@
 #include "bench/watched_process.hpp"
 #include "common/address.hpp"
 #include "common/as_bytes.hpp"
-#include "server/recording/session_lines.hpp"
-#include "server/recording/session_names.hpp"
+#include "common/command_line.hpp"
+#include "server/session/session_store.hpp"
 #include "testing/process.hpp"
 #include "testing/robot_client.hpp"
 
@@ -278,23 +277,22 @@ void idle(const Options& options) {
   server.end();
 }
 
-/// The folder of a session as a server has left it, with images of one byte.
+/// A session as a server has left it, with images of one byte.
 void make_session(const fs::path& folder, std::size_t frames) {
-  namespace names = orbbuf::session_names;
-  namespace lines = orbbuf::session_lines;
-  const std::string image = "i";
-  const auto crc = orbbuf::wire::crc32(orbbuf::as_bytes(image));
-  fs::create_directories(folder / names::kImages);
-  std::ofstream times(folder / names::kTimes);
-  std::ofstream checksums(folder / names::kChecksums);
-  for (orbbuf::Sequence i = 0; i < frames; ++i) {
-    std::ofstream(folder / names::left_image(i)) << image;
-    const auto time = static_cast<std::int64_t>(i) * 40'000'000;
-    times << lines::to_text({i, time, "0.000000"}) << '\n';
-    checksums << lines::checksum(names::left_image(i), crc) << '\n';
+  const auto must = [&](const auto& done) {
+    if (!done) throw std::runtime_error("cannot write to " + folder.string());
+  };
+  auto store = orbbuf::SessionStore::open(folder, {"back", Robot::kSession, "", {}},
+                                          orbbuf::Durability::kOff);
+  must(store);
+  orbbuf::EncodedFrame frame;
+  frame.jpeg = {'i'};
+  frame.jpeg_crc = orbbuf::crc32(frame.jpeg);
+  for (frame.sequence = 0; frame.sequence < frames; ++frame.sequence) {
+    frame.capture_time_ns = static_cast<std::int64_t>(frame.sequence) * 40'000'000;
+    must(!store.value()->write(frame, 0));
   }
-  if (!times.flush() || !checksums.flush())
-    throw std::runtime_error("cannot write to " + folder.string());
+  must(!store.value()->finish(false));
   ::sync();  // else the first commit of the server would bring all of it onto the disk
 }
 
@@ -310,7 +308,7 @@ void resume(const Options& options) {
     const orbbuf::test::RobotClient robot(server.endpoint().port());
     const auto begin = Clock::now();
     const auto position = robot.hello("back", Robot::kSession);
-    if (!position || position->next_sequence != kResumedFrames) {
+    if (!position || (*position)[orbbuf::wire::kFrames] != kResumedFrames) {
       throw std::runtime_error("the session was not resumed");
     }
     return Seconds(Clock::now() - begin).count();
@@ -414,24 +412,24 @@ void run(const Options& options) {
 
 int main(int argc, char** argv) {
   Options options;
-  CLI::App app("Many robots and one server");
-  app.add_option("--server", options.server, "orbbuf-server")->required();
-  app.add_option("--work", options.work, "an empty folder for all that is written")->required();
-  app.add_option("--robots", options.robots)->check(CLI::PositiveNumber);
-  app.add_option("--fps", options.fps, "of each robot")->check(CLI::PositiveNumber);
-  app.add_option("--bytes", options.bytes, "of each frame")->check(CLI::PositiveNumber);
-  app.add_option("--seconds", options.seconds)->check(CLI::PositiveNumber);
-  app.add_option("--idle-robots", options.idle_robots, "0: none")->check(CLI::NonNegativeNumber);
-  app.add_option("--idle-seconds", options.idle_seconds)->check(CLI::PositiveNumber);
+  orbbuf::CommandLine app("Many robots and one server");
+  app.add_option("--server", options.server, "orbbuf-server").required();
+  app.add_option("--work", options.work, "an empty folder for all that is written").required();
+  app.add_option("--robots", options.robots).in_range(1, 1e9);
+  app.add_option("--fps", options.fps, "of each robot").in_range(1, 1e9);
+  app.add_option("--bytes", options.bytes, "of each frame").in_range(1, 1e9);
+  app.add_option("--seconds", options.seconds).in_range(1, 1e9);
+  app.add_option("--idle-robots", options.idle_robots, "0: none");
+  app.add_option("--idle-seconds", options.idle_seconds).in_range(1, 1e9);
   app.add_option("--seed", options.seed, "of the images");
   app.add_option("--sync", options.sync, "files.sync of the server");
   app.add_option("--only", options.only, "one part")
-      ->check(CLI::IsMember({"stream", "idle", "resume", "pipes", "viewers"}));
+      .one_of({"stream", "idle", "resume", "pipes", "viewers"});
   const auto quick = [&] {
     options.seconds = 10;
     options.idle_seconds = 5;
   };
-  app.add_flag_callback("--quick", quick, "10 s, and 5 s idle");
-  CLI11_PARSE(app, argc, argv);
+  app.add_flag("--quick", quick, "10 s, and 5 s idle");
+  if (const auto status = app.parse(argc, argv)) return *status;
   return orbbuf::bench::run_program("load", [&] { run(options); });
 }

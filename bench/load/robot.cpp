@@ -151,7 +151,7 @@ void Robot::take_ack(const wire::Ack& ack) {
   for (; received_latencies_.size() < ack.received; ++received_) {
     received_latencies_.push_back(now - kept_[received_].captured);
   }
-  while (!kept_.empty() && kept_.front().frame->sequence < ack.position.next_sequence) {
+  while (!kept_.empty() && kept_.front().frame->sequence < ack.position[wire::kFrames]) {
     latencies_.push_back(now - kept_.front().captured);
     kept_.pop_front();
     --sent_;

@@ -3,26 +3,29 @@
 //   orbbuf-powercut --server PROGRAM --work FOLDER [--cuts N] [--seed N] [--sync ack] [--mcap]
 // Exit status 77: this machine cannot mount a loop device.
 #include <poll.h>
-#include <spdlog/spdlog.h>
 
-#include <CLI/CLI.hpp>
 #include <atomic>
 #include <chrono>
 #include <csignal>
+#include <cstdint>
 #include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <map>
 #include <random>
+#include <stdexcept>
+#include <string>
 #include <thread>
 
 #include "bench/power_disk.hpp"
+#include "common/command_line.hpp"
+#include "common/file_io.hpp"
+#include "common/log.hpp"
 #include "common/wire.hpp"
-#include "server/recording/file_io.hpp"
-#include "server/recording/mcap/scan.hpp"
-#include "server/recording/recorded_session.hpp"
-#include "server/recording/session_names.hpp"
+#include "server/session/session_names.hpp"
+#include "server/session/session_reader.hpp"
 #include "testing/process.hpp"
 #include "testing/robot_client.hpp"
 
@@ -94,6 +97,35 @@ std::uint64_t drops_before(Sequence sequence) {
   return drops;
 }
 
+/// Adds those of a complete MCAP file, by channel, as the statistics in its summary have them
+/// (https://mcap.dev/spec). Throws if it is not complete.
+void count_messages(const fs::path& path, std::map<std::uint16_t, std::uint64_t>& counts) {
+  constexpr std::string_view kMagic = "\x89MCAP0\r\n";
+  constexpr std::size_t kPrefix = 9;  // opcode, length
+  constexpr std::size_t kFooter = kPrefix + 20;
+  constexpr char kStatistics = 0x0B;
+  constexpr std::size_t kBeforeMap = 42;  // of the fields of statistics
+  const auto content = read_text(path);
+  if (!content) throw std::runtime_error(content.error().text);
+  const std::string& file = content.value();
+  const auto number = [&](std::size_t at, auto value) {
+    if (at + sizeof value > file.size()) throw std::runtime_error(path.string() + ": cut off");
+    std::memcpy(&value, file.data() + at, sizeof value);
+    return value;
+  };
+  if (!file.ends_with(kMagic)) throw std::runtime_error(path.string() + ": not complete");
+  const std::size_t footer = file.size() - kMagic.size() - kFooter;
+  for (std::size_t at = number(footer + kPrefix, std::uint64_t{}); at < footer;
+       at += kPrefix + number(at + 1, std::uint64_t{})) {
+    if (file[at] != kStatistics) continue;
+    const std::size_t map = at + kPrefix + kBeforeMap;
+    const auto bytes = number(map, std::uint32_t{});
+    for (std::size_t entry = map + 4; entry < map + 4 + bytes; entry += 10) {
+      counts[number(entry, std::uint16_t{})] += number(entry + 2, std::uint64_t{});
+    }
+  }
+}
+
 /// One robot of the load, which remembers what was acknowledged.
 class Robot {
  public:
@@ -117,16 +149,14 @@ class Robot {
     bool is_alive = true;
     while (is_alive && !has_ended) {
       // The next that the server lacks: numbers of frames and records go up together.
-      if (is_dropped(next(sent))) {
-        link.send(wire::encode(wire::Dropped{
-            sent.next_drop, {{next(sent), 0, DropReason::kPolicy, kUnknownSimilarity}}}));
-        ++sent.next_drop;
+      if (const Sequence dropped = next(sent); is_dropped(dropped)) {
+        link.send_drops(sent[wire::kDrops]++, {{dropped, 0, DropReason::kPolicy}});
       } else {
         link.send_frame(frame_of(number_, next(sent)));
-        sent.next_sequence = next(sent) + 1;
+        sent[wire::kFrames] = next(sent) + 1;
       }
-      end_ = std::max(end_, std::max(sent.next_sequence, next(sent)));
-      const bool is_full = sent.next_sequence > acknowledged_.next_sequence + kWindow;
+      end_ = std::max(end_, std::max(sent[wire::kFrames], next(sent)));
+      const bool is_full = sent[wire::kFrames] > acknowledged_[wire::kFrames] + kWindow;
       is_alive = read_acks(link, is_full ? 200 : 0);
       std::this_thread::sleep_for(std::chrono::milliseconds(4));
     }
@@ -138,18 +168,18 @@ class Robot {
     const test::RobotClient link(port);
     const auto welcome = link.hello(name(), session_);
     if (!welcome) return std::nullopt;
-    std::uint64_t drop = welcome->next_drop;
+    std::uint64_t drop = (*welcome)[wire::kDrops];
     for (Sequence i = 0; i < end_; ++i) {
       if (is_dropped(i) && drops_before(i) == drop) {
-        link.send(
-            wire::encode(wire::Dropped{drop++, {{i, 0, DropReason::kPolicy, kUnknownSimilarity}}}));
-      } else if (!is_dropped(i) && i >= welcome->next_sequence) {
+        link.send_drops(drop++, {{i, 0, DropReason::kPolicy}});
+      } else if (!is_dropped(i) && i >= (*welcome)[wire::kFrames]) {
         link.send_frame(frame_of(number_, i));
       }
     }
     wire::Position last{0, drop};
-    for (Sequence i = 0; i < end_; ++i)
-      last.next_sequence = is_dropped(i) ? last.next_sequence : i + 1;
+    for (Sequence i = 0; i < end_; ++i) {
+      if (!is_dropped(i)) last[wire::kFrames] = i + 1;
+    }
     link.send(wire::encode(wire::Bye{last}));
     while (link.ack()) {  // until bye
     }
@@ -158,10 +188,10 @@ class Robot {
 
   /// What is wrong on disk, all that the robot had being delivered.
   void audit(const fs::path& data, const Options& options, Counts& counts) const {
-    const auto session = read_recorded_session(data / name() / session_);
+    const auto session = read_session(data / name() / session_);
     if (!session) {
       counts.unexplained += end_;
-      spdlog::error("{}", session.error().text);
+      log_error("{}", session.error().text);
       return;
     }
     std::map<Sequence, int> seen;
@@ -171,44 +201,45 @@ class Robot {
           read_file(session.value().folder / session_names::left_image(frame.sequence));
       if (!image || image.value() != frame_of(number_, frame.sequence).jpeg) ++counts.named_but_bad;
     }
-    for (const DropRecord& drop : session.value().drops) ++seen[drop.sequence];
+    for (const DropRecord& drop : session.value().drops) {
+      for (Sequence i = drop.sequence; i < drop.end(); ++i) ++seen[i];
+    }
     for (Sequence i = 0; i < end_; ++i) {
       if (seen[i] == 0) ++counts.unexplained;
       if (seen[i] > 1) ++counts.repeated;
     }
     counts.unexplained += session.value().problems.size();
-    for (const std::string& problem : session.value().problems) spdlog::error("{}", problem);
+    for (const std::string& problem : session.value().problems) log_error("{}", problem);
     if (options.has_mcap) audit_recording(session.value(), options.sync == "ack", counts);
   }
 
  private:
-  /// The recording has each frame and drop record once; all of them if `is_whole`.
+  /// The parts together have each frame and drop record once; all of them if `is_whole`.
   void audit_recording(const RecordedSession& session, bool is_whole, Counts& counts) const {
     constexpr std::uint16_t kImages = 1;  // channels of mcap::Recording
     constexpr std::uint16_t kDrops = 7;
-    const auto contents = mcap::scan(session.folder / session_names::recording(session_),
-                                     "orbbuf-server", [](const auto&) { return false; });
-    if (!contents) {
-      ++counts.unexplained;
-      return spdlog::error("{}", contents.error().text);
+    std::map<std::uint16_t, std::uint64_t> messages;
+    for (const auto& entry : fs::directory_iterator(session.folder)) {
+      if (entry.path().extension() == ".mcap") count_messages(entry.path(), messages);
+      if (entry.path().extension() == ".tmp") ++counts.unexplained;
     }
-    auto messages = contents.value().closed.messages;
-    for (const auto& message : contents.value().open) ++messages[message.head.channel_id];
+    std::uint64_t named = 0;
+    for (const DropRecord& drop : session.drops) named += drop.frames;
     const auto compare = [&](const char* what, std::uint64_t has, std::uint64_t listed) {
       if (has != listed) {
-        spdlog::warn("{}: {} {} in the recording, {} in the files", name(), has, what, listed);
+        log_warn("{}: {} {} in the recording, {} in the files", name(), has, what, listed);
       }
       if (has > listed) counts.repeated += has - listed;
       if (has < listed && is_whole) counts.unexplained += listed - has;
     };
     compare("frames", messages[kImages], session.frames.size());
-    compare("drop records", messages[kDrops], session.drops.size());
+    compare("drop records", messages[kDrops], named);
   }
 
   /// The first frame that is neither sent nor in a record that was.
   Sequence next(const wire::Position& sent) const {
-    Sequence sequence = sent.next_sequence;
-    while (is_dropped(sequence) && drops_before(sequence) < sent.next_drop) ++sequence;
+    Sequence sequence = sent[wire::kFrames];
+    while (is_dropped(sequence) && drops_before(sequence) < sent[wire::kDrops]) ++sequence;
     return sequence;
   }
 
@@ -275,7 +306,8 @@ std::optional<Clock::time_point> cut_under_load(const Options& options, const Po
 /// How much of `had` is not in `has`.
 std::uint64_t lack(const wire::Position& had, const wire::Position& has) {
   const auto beyond = [](std::uint64_t a, std::uint64_t b) { return a > b ? a - b : 0; };
-  return beyond(had.next_sequence, has.next_sequence) + beyond(had.next_drop, has.next_drop);
+  return beyond(had[wire::kFrames], has[wire::kFrames]) +
+         beyond(had[wire::kDrops], has[wire::kDrops]);
 }
 
 void finish_and_audit(const Options& options, const PowerDisk& disk, std::vector<Robot>& robots,
@@ -284,7 +316,7 @@ void finish_and_audit(const Options& options, const PowerDisk& disk, std::vector
   for (Robot& robot : robots) {
     const wire::Position acknowledged = robot.acknowledged();
     const auto welcome = robot.finish(server.port());
-    counts.acknowledged += acknowledged.next_sequence + acknowledged.next_drop;
+    counts.acknowledged += acknowledged[wire::kFrames] + acknowledged[wire::kDrops];
     const wire::Position position = welcome.value_or(wire::Position{});
     counts.acknowledged_lost += lack(acknowledged, position);
     counts.old_lost += lack(robot.acknowledged_by(cut - kOld), position);
@@ -299,7 +331,7 @@ void finish_and_audit(const Options& options, const PowerDisk& disk, std::vector
     const auto check = test::run(command);
     if (check.status != 0) {
       ++counts.unexplained;
-      spdlog::error("check: {}", check.output);
+      log_error("check: {}", check.output);
     }
   }
   if (wrong(options, counts) > 0) {
@@ -349,14 +381,15 @@ int run(const Options& options) {
 
 int main(int argc, char** argv) try {
   orbbuf::bench::Options options;
-  CLI::App app("Cuts the power of a server's file system under load, and audits what is left.");
-  app.add_option("--server", options.server, "orbbuf-server")->required();
-  app.add_option("--work", options.work, "Folder for the disk")->required();
+  orbbuf::CommandLine app(
+      "Cuts the power of a server's file system under load, and audits what is left.");
+  app.add_option("--server", options.server, "orbbuf-server").required();
+  app.add_option("--work", options.work, "Folder for the disk").required();
   app.add_option("--cuts", options.cuts, "How many");
   app.add_option("--seed", options.seed, "Of the instants");
   app.add_option("--sync", options.sync, "files.sync");
   app.add_flag("--mcap", options.has_mcap, "Record MCAP as well");
-  CLI11_PARSE(app, argc, argv);
+  if (const auto status = app.parse(argc, argv)) return *status;
   return orbbuf::bench::run(options);
 } catch (const std::exception& error) {
   std::cerr << "powercut: " << error.what() << '\n';

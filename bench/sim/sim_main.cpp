@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // orbbuf-sim: every policy over every sequence through many outages, and over recorded links, on a
 // virtual clock, beside oracles; and what M says of frames. Prints tables, then RESULT lines.
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <bit>
 #include <filesystem>
@@ -19,6 +18,7 @@
 #include "bench/sim/policy_report.hpp"
 #include "bench/sim/stage.hpp"
 #include "bench/sim/trial.hpp"
+#include "common/command_line.hpp"
 
 namespace orbbuf::sim {
 namespace {
@@ -191,14 +191,14 @@ void run_all(const Options& options) {
 
 int main(int argc, char** argv) {
   orbbuf::sim::Options options;
-  CLI::App app("Every drop policy over recorded sequences and simulated outages");
-  app.add_option("--data", options.data, "folder of sequences")->required();
+  orbbuf::CommandLine app("Every drop policy over recorded sequences and simulated outages");
+  app.add_option("--data", options.data, "folder of sequences").required();
   app.add_option("--sequence", options.sequences, "a folder of one more: images/, times.txt");
-  app.add_option("--traces", options.traces, "folder of recorded links")->required();
-  app.add_option("--plots", options.plots, "folder for what gnuplot reads")->required();
-  app.add_option("--outages", options.outages, "for each buffer and rate")->capture_default_str();
-  app.add_option("--seed", options.seed, "of the outages")->capture_default_str();
+  app.add_option("--traces", options.traces, "folder of recorded links").required();
+  app.add_option("--plots", options.plots, "folder for what gnuplot reads").required();
+  app.add_option("--outages", options.outages, "for each buffer and rate").with_default();
+  app.add_option("--seed", options.seed, "of the outages").with_default();
   app.add_flag("--quick", options.is_quick, "the policies only, not what M says of frames");
-  CLI11_PARSE(app, argc, argv);
+  if (const auto status = app.parse(argc, argv)) return *status;
   return orbbuf::bench::run_program("orbbuf-sim", [&] { orbbuf::sim::run_all(options); });
 }

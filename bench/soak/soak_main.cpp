@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A real robot that captures at four times the usual rate, and a real server, through one short
 // outage after the other: the memory of both, which must not grow, and what became of every frame.
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
 #include <csignal>
@@ -15,6 +14,7 @@
 #include "bench/chaos/check.hpp"
 #include "bench/run_program.hpp"
 #include "bench/watched_process.hpp"
+#include "common/command_line.hpp"
 #include "testing/namespaces.hpp"
 #include "testing/process.hpp"
 
@@ -165,7 +165,6 @@ Outcome soak(const Options& options, const Namespaces& hosts) {
            "source.frames=1000000000", "buffer.drop_log=" + drops.string()}));
   session.name = word_after(line_of(robot, ", session "), ", session ");
   session.files = options.work / "out" / "r" / session.name;
-  session.drop_log = drops / (session.name + ".csv");
   line_of(robot, "connected to ");
 
   Outages outages(hosts, options.seed);
@@ -215,15 +214,15 @@ int run(const Options& options) {
 
 int main(int argc, char** argv) {
   Options options;
-  CLI::App app("Memory and what became of every frame, over a long time");
-  app.add_option("--robot", options.robot, "orbbufd")->required();
-  app.add_option("--server", options.server, "orbbuf-server")->required();
-  app.add_option("--work", options.work, "an empty folder for all that is written")->required();
-  app.add_option("--minutes", options.minutes)->check(CLI::PositiveNumber);
-  app.add_option("--fps", options.fps)->check(CLI::PositiveNumber);
+  orbbuf::CommandLine app("Memory and what became of every frame, over a long time");
+  app.add_option("--robot", options.robot, "orbbufd").required();
+  app.add_option("--server", options.server, "orbbuf-server").required();
+  app.add_option("--work", options.work, "an empty folder for all that is written").required();
+  app.add_option("--minutes", options.minutes).in_range(0.01, 1e6);
+  app.add_option("--fps", options.fps).in_range(0.01, 1e6);
   app.add_option("--seed", options.seed, "of the outages");
-  app.add_flag_callback(
+  app.add_flag(
       "--long", [&] { options.minutes = 120; }, "two hours");
-  CLI11_PARSE(app, argc, argv);
+  if (const auto status = app.parse(argc, argv)) return *status;
   return orbbuf::bench::run_program("soak", [&] { return run(options); });
 }

@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "common/net/stream.hpp"
 
+#include <fmt/core.h>
 #include <openssl/err.h>
 #include <openssl/ssl.h>
 #include <openssl/x509.h>
 #include <openssl/x509v3.h>
-#include <spdlog/fmt/fmt.h>
 
 #include <boost/asio/error.hpp>
 #include <boost/asio/ip/address.hpp>
 #include <boost/asio/ssl/error.hpp>
+#include <boost/asio/ssl/stream.hpp>
 #include <memory>
 
 #include "common/log.hpp"
@@ -35,10 +36,14 @@ std::string common_name(const X509* certificate) {
 
 }  // namespace
 
+struct Stream::Tls {
+  boost::asio::ssl::stream<Tcp::socket&> stream;
+};
+
 Stream::Stream(Tcp::socket socket, TlsContext* tls) : socket_(std::move(socket)) {
   if (tls == nullptr) return;
-  tls_.emplace(socket_, *tls);
-  tls_->set_verify_callback([this](bool is_fine, boost::asio::ssl::verify_context& context) {
+  tls_ = std::make_unique<Tls>(Tls{{socket_, *tls}});
+  tls_->stream.set_verify_callback([this](bool is_fine, boost::asio::ssl::verify_context& context) {
     if (!is_host_expected_) {
       refused_ = "the name in a certificate cannot be compared with link.server";
       return false;
@@ -53,8 +58,35 @@ Stream::Stream(Tcp::socket socket, TlsContext* tls) : socket_(std::move(socket))
   });
 }
 
+Stream::~Stream() = default;
+
+void Stream::async_handshake_as_robot(const std::string& host, Handshaken handler) {
+  expect_host(host);
+  tls_->stream.async_handshake(boost::asio::ssl::stream_base::client, std::move(handler));
+}
+
+void Stream::async_handshake_as_server(Handshaken handler) {
+  tls_->stream.async_handshake(boost::asio::ssl::stream_base::server, std::move(handler));
+}
+
+void Stream::read_some(const Buffers<boost::asio::mutable_buffer>& buffers, Done done) {
+  if (tls_ && !is_bare_) {
+    tls_->stream.async_read_some(buffers, std::move(done));
+  } else {
+    socket_.async_read_some(buffers, std::move(done));
+  }
+}
+
+void Stream::write_some(const Buffers<boost::asio::const_buffer>& buffers, Done done) {
+  if (tls_) {
+    tls_->stream.async_write_some(buffers, std::move(done));
+  } else {
+    socket_.async_write_some(buffers, std::move(done));
+  }
+}
+
 void Stream::expect_host(const std::string& host) {
-  X509_VERIFY_PARAM* const expected = ::SSL_get0_param(tls_->native_handle());
+  X509_VERIFY_PARAM* const expected = ::SSL_get0_param(tls_->stream.native_handle());
   ::X509_VERIFY_PARAM_set_hostflags(expected, X509_CHECK_FLAG_NEVER_CHECK_SUBJECT);
   error_code is_name;
   boost::asio::ip::make_address(host, is_name);
@@ -67,14 +99,15 @@ void Stream::expect_host(const std::string& host) {
     is_host_expected_ =
         !host.empty() && ::X509_VERIFY_PARAM_set1_host(expected, host.c_str(), host.size()) == 1;
     // A server behind one address may have several names.
-    SSL_set_tlsext_host_name(tls_->native_handle(), host.c_str());  // NOLINT: OpenSSL's macro
+    SSL_set_tlsext_host_name(tls_->stream.native_handle(),
+                             host.c_str());  // NOLINT: OpenSSL's macro
   }
 }
 
 std::string Stream::peer_name() {
   if (!tls_) return "";
   const std::unique_ptr<X509, decltype(&::X509_free)> certificate(
-      ::SSL_get1_peer_certificate(tls_->native_handle()), &::X509_free);
+      ::SSL_get1_peer_certificate(tls_->stream.native_handle()), &::X509_free);
   return certificate ? common_name(certificate.get()) : "";
 }
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "common/net/tls.hpp"
 
+#include <fmt/core.h>
 #include <openssl/ssl.h>
 #include <openssl/x509.h>
-#include <spdlog/fmt/fmt.h>
-#include <spdlog/spdlog.h>
 
+#include <boost/asio/ssl/context.hpp>
 #include <cstdlib>
 #include <fstream>
 #include <stdexcept>
@@ -13,6 +13,7 @@
 #include <string_view>
 
 #include "common/error.hpp"
+#include "common/log.hpp"
 
 namespace orbbuf {
 namespace {
@@ -81,9 +82,9 @@ void load_tls(ConfigReader& config, TlsSettings& tls) {
   }
 }
 
-std::unique_ptr<TlsContext> make_tls_context(const TlsSettings& tls) {
+std::shared_ptr<TlsContext> make_tls_context(const TlsSettings& tls) {
   if (!tls.is_on()) return nullptr;
-  auto context = std::make_unique<TlsContext>(TlsContext::tls);
+  auto context = std::make_shared<TlsContext>(TlsContext::tls);
   ::SSL_CTX_set_min_proto_version(context->native_handle(), TLS1_3_VERSION);
   ::SSL_CTX_set_num_tickets(context->native_handle(), 0);  // every connection is made from nothing
   // The other end has the CA's certificate, or else no use for it.
@@ -105,17 +106,17 @@ std::unique_ptr<TlsContext> make_tls_context(const TlsSettings& tls) {
   return context;
 }
 
-std::unique_ptr<TlsContext> reload_tls_context(const TlsSettings& tls) {
+std::shared_ptr<TlsContext> reload_tls_context(const TlsSettings& tls) {
   if (!tls.is_on()) {
-    spdlog::info("SIGHUP: no [tls], so there are no certificates to read again");
+    log_info("SIGHUP: no [tls], so there are no certificates to read again");
     return nullptr;
   }
   try {
     auto context = make_tls_context(tls);
-    spdlog::info("SIGHUP: read the certificates again; new connections use them");
+    log_info("SIGHUP: read the certificates again; new connections use them");
     return context;
   } catch (const std::runtime_error& error) {
-    spdlog::error("SIGHUP: {}; the certificates read before stay in use", error.what());
+    log_error("SIGHUP: {}; the certificates read before stay in use", error.what());
     return nullptr;
   }
 }

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <boost/asio/ssl/context.hpp>
 #include <filesystem>
 #include <memory>
 
 #include "common/config.hpp"
+
+namespace boost::asio::ssl {
+class context;
+}
 
 namespace orbbuf {
 
@@ -30,10 +33,10 @@ void load_tls(ConfigReader& config, TlsSettings& tls);
 /// if `tls` is off. Throws std::runtime_error that names the file and the reason: the file is
 /// missing or not PEM, other users can read the key, the key does not match the certificate, the
 /// certificate has expired or is not valid yet.
-std::unique_ptr<TlsContext> make_tls_context(const TlsSettings& tls);
+std::shared_ptr<TlsContext> make_tls_context(const TlsSettings& tls);
 
 /// For SIGHUP: a context of the files as they are now, for new connections; null if `tls` is off or
 /// the files cannot be used. Logs which of them.
-std::unique_ptr<TlsContext> reload_tls_context(const TlsSettings& tls);
+std::shared_ptr<TlsContext> reload_tls_context(const TlsSettings& tls);
 
 }  // namespace orbbuf

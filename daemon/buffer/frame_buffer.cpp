@@ -64,7 +64,6 @@ void FrameBuffer::on_lost(const DropRecord& record) {
     case DropReason::kRefused:
     case DropReason::kUnknown:
     case DropReason::kLost:
-    case DropReason::kLate:
       ++counts_.dropped;
       break;
   }
@@ -124,6 +123,7 @@ FramePtr FrameBuffer::take(const SendMoment& moment) {
   for (auto passed = waiting_.begin(); passed != chosen; ++passed) {
     drop(*passed, kUnknownSimilarity);
   }
+  chosen->was_reduced = frame->is_reduced();
   waiting_bytes_ -= chosen->frame->jpeg.size();
   in_flight_bytes_ += chosen->frame->jpeg.size();
   in_flight_.push_back(std::move(*chosen));
@@ -171,7 +171,7 @@ void FrameBuffer::refuse_newest() {
   assert(!in_flight_.empty());
   const EncodedFrame& frame = *in_flight_.back().frame;
   final_drops_.push_back(record_of(frame, DropReason::kRefused));
-  if (in_flight_.back().is_spooled) for_spool_.acknowledged.push_back(frame.sequence);  // no use
+  if (in_flight_.back().is_kept) for_record_.delivered.push_back(frame.sequence);  // no use
   in_flight_bytes_ -= frame.jpeg.size();
   in_flight_.pop_back();
   ++counts_.dropped;
@@ -221,38 +221,37 @@ void FrameBuffer::resume(Sequence next) {
       count_delivered(entry);
     } else {
       final_drops_.push_back(record_of(*entry.frame, DropReason::kPolicy, similarity));
-      hand_to_spool(entry);
+      keep(entry);
     }
   }
   unconfirmed_drops_.clear();
   room_.notify_all();
 }
 
-void FrameBuffer::collect_for_spool(ForSpool& spool, bool those_at_risk) {
-  spool.frames.clear();
-  spool.acknowledged.clear();
+void FrameBuffer::collect_for_record(ForRecord& record, bool those_at_risk) {
+  record.frames.clear();
+  record.delivered.clear();
   const std::lock_guard lock(mutex_);
-  if (those_at_risk && has_spool_) {
+  if (those_at_risk) {
     for (auto* const entries : {&in_flight_, &waiting_}) {
       for (Entry& entry : *entries) {
-        if (std::exchange(entry.is_old, true)) hand_to_spool(entry);
+        if (std::exchange(entry.is_old, true)) keep(entry);
       }
     }
   }
-  std::swap(spool, for_spool_);
+  std::swap(record, for_record_);
+  record.first_undelivered = first_undelivered();
 }
 
 Sequence FrameBuffer::first_undelivered() const {
-  const std::lock_guard lock(mutex_);
   if (!in_flight_.empty()) return in_flight_.front().frame->sequence;
   if (!waiting_.empty()) return waiting_.front().frame->sequence;
   return std::numeric_limits<Sequence>::max();
 }
 
-/// An entry whose frame is moved elsewhere afterwards, or which stays.
-void FrameBuffer::hand_to_spool(Entry& entry) {
-  if (has_spool_ && !std::exchange(entry.is_spooled, true))
-    for_spool_.frames.push_back(entry.frame);
+/// For the record: an entry whose frame is moved elsewhere afterwards, or which stays.
+void FrameBuffer::keep(Entry& entry) {
+  if (has_record_ && !std::exchange(entry.is_kept, true)) for_record_.frames.push_back(entry.frame);
 }
 
 void FrameBuffer::collect_drops(std::vector<DropRecord>& drops) {
@@ -265,7 +264,7 @@ void FrameBuffer::give_up_waiting() {
   const std::lock_guard lock(mutex_);
   const auto first = std::ranges::find(waiting_, false, &Entry::was_taken);
   for (auto entry = first; entry != waiting_.end(); ++entry) {
-    hand_to_spool(*entry);
+    keep(*entry);
     final_drops_.push_back(record_of(*entry->frame, DropReason::kShutdown));
     waiting_bytes_ -= entry->frame->jpeg.size();
     ++counts_.dropped;
@@ -277,15 +276,15 @@ void FrameBuffer::give_up_waiting() {
 void FrameBuffer::give_up() {
   const std::lock_guard lock(mutex_);
   for (auto& [entry, similarity] : unconfirmed_drops_) {
-    hand_to_spool(entry);
+    keep(entry);
     final_drops_.push_back(record_of(*entry.frame, DropReason::kPolicy, similarity));
   }
   for (Entry& entry : in_flight_) {
-    hand_to_spool(entry);
+    keep(entry);
     final_drops_.push_back(record_of(*entry.frame, DropReason::kUnknown));
   }
   for (Entry& entry : waiting_) {
-    hand_to_spool(entry);
+    keep(entry);
     const auto reason = entry.was_taken ? DropReason::kUnknown : DropReason::kShutdown;
     final_drops_.push_back(record_of(*entry.frame, reason));
   }
@@ -409,7 +408,7 @@ void FrameBuffer::drop(Entry& entry, std::uint16_t similarity) {
   if (entry.was_taken) {
     unconfirmed_drops_.push_back({std::move(entry), similarity});
   } else {
-    hand_to_spool(entry);
+    keep(entry);
     final_drops_.push_back(record_of(*entry.frame, DropReason::kPolicy, similarity));
   }
 }
@@ -434,7 +433,11 @@ void FrameBuffer::lose_delivered(Sequence next) {
 
 void FrameBuffer::count_delivered(Entry& entry) {
   ++counts_.acknowledged;
-  if (entry.is_spooled) for_spool_.acknowledged.push_back(entry.frame->sequence);
+  if (entry.was_reduced) {
+    keep(entry);
+  } else if (entry.is_kept) {
+    for_record_.delivered.push_back(entry.frame->sequence);
+  }
   const Delivered delivered{entry.frame->sequence, entry.frame->capture_time_ns};
   if (delivered_.size() < kMostRemembered) {
     delivered_.push_back(delivered);

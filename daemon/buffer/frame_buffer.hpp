@@ -106,20 +106,20 @@ class FrameBuffer {
   /// `main`: the drops that became final since the last call, in that order. Overwrites `drops`,
   /// and keeps its storage for the next call.
   void collect_drops(std::vector<DropRecord>& drops);
-  /// `main`, before all else: from here on collect_for_spool() has what is to be kept elsewhere.
-  void keep_for_spool() { has_spool_ = true; }
-  /// Frames for the spool, and those that were collected before and have been acknowledged since.
-  struct ForSpool {
-    std::vector<FramePtr> frames;
-    std::vector<Sequence> acknowledged;
+  /// `main`, before all else: from here on collect_for_record() has what is to be kept elsewhere.
+  void keep_for_record() { has_record_ = true; }
+  /// What is new for the robot's record.
+  struct ForRecord {
+    std::vector<FramePtr> frames;     ///< to be kept: the server may never have them, or not whole
+    std::vector<Sequence> delivered;  ///< those of them that it has whole after all, or refuses
+    /// Each frame below it was dropped, or acknowledged; the others may still be delivered.
+    Sequence first_undelivered = 0;
   };
   /// `main`: the frames that were dropped since the last call, without those that the server
-  /// refuses; and, with `those_at_risk`, the undelivered ones that were here at the last such call,
-  /// too: a process that is killed loses them. Each frame is collected once. Overwrites `spool`.
-  void collect_for_spool(ForSpool& spool, bool those_at_risk);
-  /// `main`: each collected frame below it was dropped, or acknowledged; the others may still be
-  /// delivered.
-  Sequence first_undelivered() const;
+  /// refuses; those that it acknowledged reduced; and, with `those_at_risk`, the undelivered ones
+  /// that were here at the last such call, too: a process that is killed loses them. Each frame is
+  /// collected once. Overwrites `record`.
+  void collect_for_record(ForRecord& record, bool those_at_risk);
 
   /// `main`: gives up the waiting frames (kShutdown) except those that the server may have: frames
   /// in flight, and returned ones.
@@ -149,10 +149,11 @@ class FrameBuffer {
  private:
   struct Entry {
     FramePtr frame;
-    double position_s = 0;    ///< PlannedFrame's
-    bool was_taken = false;   ///< by a connection that broke; the server may have it
-    bool is_old = false;      ///< it was here when those at risk were collected before
-    bool is_spooled = false;  ///< it was collected for the spool
+    double position_s = 0;     ///< PlannedFrame's
+    bool was_taken = false;    ///< by a connection that broke; the server may have it
+    bool was_reduced = false;  ///< when it was taken last
+    bool is_old = false;       ///< it was here when those at risk were collected before
+    bool is_kept = false;      ///< it was collected for the record
   };
 
   struct Delivered {
@@ -179,7 +180,8 @@ class FrameBuffer {
   void drop_if_waiting(const FramePtr& victim, std::uint16_t similarity);
   void drop(Entry& entry, std::uint16_t similarity);
   void count_delivered(Entry& entry);
-  void hand_to_spool(Entry& entry);
+  void keep(Entry& entry);
+  Sequence first_undelivered() const;
   void lose_delivered(Sequence next);
 
   const BufferLimits limits_;
@@ -206,8 +208,8 @@ class FrameBuffer {
   double last_position_s_ = 0;                        // of the same
   std::vector<DropRecord> final_drops_;
   std::vector<Drop> unconfirmed_drops_;  // at most as many as were in flight at once
-  bool has_spool_ = false;
-  ForSpool for_spool_;
+  bool has_record_ = false;
+  ForRecord for_record_;
   wire::Stats counts_;          // waiting and in_flight are taken from the containers, see stats()
   std::uint64_t entering_ = 0;  // captured, neither pushed nor lost yet
 };

@@ -4,7 +4,6 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <filesystem>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -23,7 +22,6 @@ struct BufferSettings {
   std::uint64_t memory_bytes = 64U << 20;  ///< of JPEG, that may wait
   PlanSettings plan;                       ///< of catch-up; `[link]` of orbbufd.toml
   std::uint64_t seed = 1;                  ///< of the random policy
-  std::filesystem::path drop_log;          ///< folder of the robot's own drop records; empty: none
 };
 
 /// Every drop policy, by its name in the configuration.

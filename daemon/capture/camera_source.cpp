@@ -2,7 +2,6 @@
 #include "daemon/capture/camera_source.hpp"
 
 #include <poll.h>
-#include <spdlog/spdlog.h>
 #include <sys/eventfd.h>
 
 #include <algorithm>
@@ -11,6 +10,7 @@
 #include <utility>
 
 #include "common/error.hpp"
+#include "common/log.hpp"
 #include "common/watched_thread.hpp"
 
 namespace orbbuf {
@@ -48,8 +48,8 @@ CameraSource::CameraSource(OpenCamera open_camera, std::string name, double fps)
 }
 
 CameraSource::~CameraSource() {
-  spdlog::info("camera {}: {} frames, {} missed by the camera, {} corrupt, reopened {} times",
-               name_, frames_, missed_, corrupt_, reopened_);
+  log_info("camera {}: {} frames, {} missed by the camera, {} corrupt, reopened {} times", name_,
+           frames_, missed_, corrupt_, reopened_);
 }
 
 std::optional<RawFrame> CameraSource::next(std::stop_token stop) {
@@ -105,7 +105,7 @@ RawFrame CameraSource::frame_of(const CameraBuffer& buffer) {
   frame.exposure_ns = buffer.exposure_ns;
   const auto now = read_clocks();
   if (clock_.follow(now)) {
-    spdlog::info("camera {}: capture time = monotonic clock + {} ns", name_, clock_.offset_ns());
+    log_info("camera {}: capture time = monotonic clock + {} ns", name_, clock_.offset_ns());
   }
   frame.capture_time_ns = clock_.utc_ns(buffer.stamp_ns, now.monotonic_ns);
   frame.monotonic_ns = frame.capture_time_ns - clock_.offset_ns();
@@ -116,8 +116,8 @@ void CameraSource::count_missed(std::uint32_t sequence) {
   const auto missed = gaps_.missed_before(sequence);
   missed_ += missed;
   if (missed == 0 || !gap_log_.lets_through()) return;
-  spdlog::warn("camera {}: {} frames missed by the camera, {} in all (not logged again for 10 s)",
-               name_, missed, missed_);
+  log_warn("camera {}: {} frames missed by the camera, {} in all (not logged again for 10 s)",
+           name_, missed, missed_);
 }
 
 void CameraSource::open() {
@@ -139,10 +139,10 @@ void CameraSource::reopen() {
     open();
     return;
   } catch (const CameraGone& error) {
-    spdlog::debug("camera {}: still missing: {}", name_, error.what());
+    log_debug("camera {}: still missing: {}", name_, error.what());
   } catch (const std::runtime_error& error) {
     if (error.what() != why_shut_) {
-      spdlog::warn("camera {}: cannot reopen it: {}; retrying", name_, error.what());
+      log_warn("camera {}: cannot reopen it: {}; retrying", name_, error.what());
     }
     why_shut_ = error.what();
   }
@@ -151,9 +151,9 @@ void CameraSource::reopen() {
 
 void CameraSource::give_up(const std::string& why) {
   if (is_lost_) {
-    spdlog::debug("camera {}: lost again: {}", name_, why);
+    log_debug("camera {}: lost again: {}", name_, why);
   } else {
-    spdlog::warn("camera {}: lost: {}; reopening it", name_, why);
+    log_warn("camera {}: lost: {}; reopening it", name_, why);
     lost_at_ = Clock::now();
     why_shut_.clear();
   }
@@ -167,8 +167,7 @@ void CameraSource::greet() {
   is_lost_ = false;
   delivers_since_ = Clock::now();
   ++reopened_;
-  spdlog::info("{}: recovered after {:.1f} s", description(),
-               seconds_between(lost_at_, Clock::now()));
+  log_info("{}: recovered after {:.1f} s", description(), seconds_between(lost_at_, Clock::now()));
 }
 
 void CameraSource::await_frame_for(nanoseconds limit) {

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/image/orb_extractor.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -13,6 +11,7 @@
 #include <vector>
 
 #include "common/jpeg.hpp"
+#include "common/log.hpp"
 
 namespace orbbuf {
 namespace {
@@ -59,8 +58,8 @@ struct OrbExtractor::State {
   /// One line for each kind of trouble, not one for each frame.
   void warn_once(const std::string& kind, Sequence sequence, const std::string& why) {
     if (!warned.insert(kind).second) return;
-    spdlog::warn("frame {} has no ORB features: {} (further frames like this are not logged)",
-                 sequence, why);
+    log_warn("frame {} has no ORB features: {} (further frames like this are not logged)", sequence,
+             why);
   }
 
   void detect(const cv::Mat& image, std::vector<cv::KeyPoint>& points, cv::Mat& rows) {

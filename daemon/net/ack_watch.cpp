@@ -11,7 +11,7 @@ void AckWatch::restart() {
 
 /// Any word of it counts, even one that repeats the last.
 void AckWatch::on_ack(const wire::Ack& ack) {
-  acknowledged_ = ack.position.next_sequence;
+  acknowledged_ = ack.position[wire::kFrames];
   taken_.reset();
 }
 

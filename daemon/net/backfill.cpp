@@ -1,105 +1,87 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/net/backfill.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
+#include <iterator>
 #include <span>
 #include <utility>
 
+#include "common/log.hpp"
+
 namespace orbbuf {
 
-Backfill::Backfill(boost::asio::io_context& io, Spool& spool, FrameBuffer& buffer,
-                   std::string session_id, std::function<void()> wake)
-    : spool_(spool),
-      buffer_(buffer),
-      session_id_(std::move(session_id)),
-      wake_(std::move(wake)),
-      timer_(io) {
-  buffer_.keep_for_spool();
-}
+Backfill::Backfill(boost::asio::io_context& io, Record& record, std::function<void()> wake)
+    : record_(record), wake_(std::move(wake)), timer_(io) {}
 
-void Backfill::collect(bool those_at_risk) {
-  buffer_.collect_for_spool(collected_, those_at_risk);
-  for (FramePtr& frame : collected_.frames) spool_.add(std::move(frame));
-  for (const Sequence sequence : collected_.acknowledged) {
-    spool_.forget(sequence);
-    const bool is_next =
-        next_ && next_->session_id == session_id_ && next_->frame->sequence == sequence;
-    if (is_next) pass_over();
-  }
-}
-
-void Backfill::on_connected(bool takes_late, std::uint32_t max_frame_bytes) {
-  begin_connection();
+void Backfill::on_connected(bool takes_late, bool takes_accounts, std::uint32_t max_frame_bytes) {
+  on_disconnected();
   takes_late_ = takes_late;
+  takes_accounts_ = takes_accounts;
   max_frame_bytes_ = max_frame_bytes;
-  if (takes_late) return;
-  spdlog::warn(
-      "link: the server takes no late frames: it is older, or its files.enabled is false; the "
-      "spool keeps them");
+  if (takes_late || !record_.keeps_frames()) return;
+  log_warn(
+      "link: the server takes no late frames, since its files.enabled is false; the robot keeps "
+      "them");
 }
 
-void Backfill::on_disconnected() { begin_connection(); }
-
-void Backfill::begin_connection() {
-  takes_late_ = false;
-  next_.reset();
-  record_.clear();
+void Backfill::on_disconnected() {
+  takes_late_ = takes_accounts_ = false;
+  late_record_.clear();
   sent_ = 0;
-  next_number_ = acknowledged_ = 0;
+  next_late_ = next_account_ = told_ = 0;
   begun_.clear();
   begun_bytes_ = 0;
-  said_.reset();
-  spool_.rewind();
+  accounts_.clear();
+  account_time_ = {};
+  last_words_.clear();
+  record_.rewind();
 }
 
-void Backfill::on_late_ack(std::uint64_t next) {
-  if (next > next_number_) return;  // not of anything that was sent
-  acknowledge(next - std::min(next, acknowledged_));
-  acknowledged_ = std::max(acknowledged_, next);
-  wake_();
-}
-
-/// The oldest ones, and those that were passed over between and behind them.
-void Backfill::acknowledge(std::uint64_t sent) {
-  std::uint64_t frames = 0;
-  while (!begun_.empty() && (sent > 0 || !begun_.front().is_sent)) {
-    if (begun_.front().is_sent) --sent;
+void Backfill::on_ack(const wire::Position& position) {
+  const auto late = std::min(position[wire::kLate], next_late_);  // no more than was sent
+  for (; !begun_.empty() && begun_.front().number < late; begun_.pop_front()) {
+    record_.remove(begun_.front().id);
     begun_bytes_ -= begun_.front().bytes;
-    begun_.pop_front();
-    ++frames;
   }
-  if (frames > 0) spool_.acknowledge(frames);
+  told_ = std::max(told_, std::min(position[wire::kAccounts], next_account_));
+  for (; !last_words_.empty() && last_words_.front().number < told_; last_words_.pop_front()) {
+    record_.settle(last_words_.front().session_id);
+  }
 }
 
-std::vector<std::uint8_t> Backfill::take_spool_message(Time now, bool final) {
-  if (!takes_late_ || (said_ && !final && now - said_time_ < kSpoolInterval)) return {};
-  wire::Spool spool;
-  for (const Spool::Held& held : spool_.held()) {
-    spool.sessions.push_back({held.session_id, held.frames, held.first});
+std::vector<std::uint8_t> Backfill::take_account(Time now, bool final) {
+  if (!takes_accounts_) return {};
+  if (accounts_.empty() && (final || now >= account_time_)) {
+    auto accounts = record_.take_accounts();
+    accounts_.assign(std::move_iterator(accounts.begin()), std::move_iterator(accounts.end()));
+    account_time_ = now + kAccountInterval;
   }
-  said_time_ = now;
-  if (said_ == spool && !final) return {};
-  said_ = std::move(spool);
-  return wire::encode(*said_);
+  if (accounts_.empty() || (!final && next_account_ - told_ >= kMostAccounts)) return {};
+  const wire::Account account = std::move(accounts_.front());
+  accounts_.pop_front();
+  if (account.is_final && account.held == 0) {
+    last_words_.push_back({next_account_, account.session_id});
+  }
+  return wire::encode(wire::Items{wire::kAccounts, next_account_++, wire::encode_account(account)});
 }
 
 std::vector<std::uint8_t> Backfill::take_part(Time now, double bytes_per_s, Time busy_until) {
-  if (!takes_late_ || (record_.empty() && !begin_frame())) return {};
+  if (!takes_late_ || !accounts_.empty()) return {};
+  if (late_record_.empty() && !begin_frame()) return {};
   const auto turn = pace_.next(now, bytes_per_s, busy_until);
   if (turn.bytes == 0) {
     wake_at(turn.again);
     return {};
   }
-  const auto rest = std::span(record_).subspan(sent_);
+  const auto rest = std::span(late_record_).subspan(sent_);
   const auto bytes = rest.first(std::min(turn.bytes, rest.size()));
-  auto message = wire::encode(wire::LatePart{next_number_, static_cast<std::uint32_t>(sent_),
-                                             static_cast<std::uint32_t>(record_.size()), bytes});
+  const wire::LatePart part{static_cast<std::uint32_t>(sent_),
+                            static_cast<std::uint32_t>(late_record_.size()), bytes};
+  auto message = wire::encode(wire::Items{wire::kLate, next_late_, wire::encode_late_part(part)});
   sent_ += bytes.size();
-  if (sent_ == record_.size()) {
-    record_.clear();
-    ++next_number_;
+  if (sent_ == late_record_.size()) {
+    late_record_.clear();
+    ++next_late_;
   }
   return message;
 }
@@ -108,33 +90,24 @@ std::vector<std::uint8_t> Backfill::take_part(Time now, double bytes_per_s, Time
 bool Backfill::begin_frame() {
   constexpr std::size_t kLeast = 2;
   if (begun_.size() >= kLeast && begun_bytes_ >= kMostUnacknowledged) return false;
-  while (next_ || (next_ = spool_.next())) {
-    const EncodedFrame& frame = *next_->frame;
-    // It may still wait for the live stream, or be on its way there.
-    const bool is_present = next_->session_id == session_id_;
-    if (is_present && frame.sequence >= buffer_.first_undelivered()) return false;
-    if (max_frame_bytes_ == 0 || frame.jpeg.size() <= max_frame_bytes_) break;
-    if (!std::exchange(is_too_large_logged_, true)) {
-      spdlog::error(
-          "spool: frame {} of session {} has {} bytes, more than the server's listen.max_frame of "
-          "{}: it is lost, and so are all that are larger",
-          frame.sequence, next_->session_id, frame.jpeg.size(), max_frame_bytes_);
+  while (const auto next = record_.next()) {
+    record_.take_next();
+    const EncodedFrame& frame = *next->frame;
+    if (max_frame_bytes_ == 0 || frame.jpeg.size() <= max_frame_bytes_) {
+      late_record_ = wire::encode_late_record(next->session_id, frame);
+      sent_ = 0;
+      begun_.push_back({next_late_, next->id, late_record_.size()});
+      begun_bytes_ += late_record_.size();
+      return true;
     }
-    pass_over();
+    record_.remove(next->id);
+    if (std::exchange(is_too_large_logged_, true)) continue;
+    log_error(
+        "record: frame {} of session {} has {} bytes, more than the server's listen.max_frame of "
+        "{}: it is lost, and so are all that are larger",
+        frame.sequence, next->session_id, frame.jpeg.size(), max_frame_bytes_);
   }
-  if (!next_) return false;
-  record_ = wire::encode_late_record(next_->session_id, *next_->frame);
-  sent_ = 0;
-  begun_.push_back({record_.size(), true});
-  begun_bytes_ += record_.size();
-  next_.reset();
-  return true;
-}
-
-void Backfill::pass_over() {
-  next_.reset();
-  begun_.push_back({});
-  acknowledge(0);
+  return false;
 }
 
 void Backfill::wake_at(Time time) {

@@ -4,48 +4,40 @@
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <deque>
 #include <functional>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "common/wire.hpp"
-#include "daemon/buffer/frame_buffer.hpp"
 #include "daemon/net/backfill_pace.hpp"
-#include "daemon/spool/spool.hpp"
+#include "daemon/record/record.hpp"
 
 namespace orbbuf {
 
-/// Fills the spool from the buffer, and empties it to the server in the time that live frames
-/// leave: docs/protocol.md, late frames. What a message is written to, and when live has nothing to
-/// write, is the owner's matter.
-///
-/// Frames go to the spool when they are dropped, and those that have waited for a second, too,
-/// since a robot that is killed would lose them. Thread-bound to `main`.
+/// Brings what the record has to the server, beside the live stream: accounts of its sessions, and
+/// the frames that it holds, in the time that live frames leave: docs/protocol.md. What a message
+/// is written to, and when live has nothing to write, is the owner's matter. Thread-bound to
+/// `main`.
 class Backfill {
  public:
   using Time = BackfillPace::Time;
 
   /// Late bytes that the server has not acknowledged, beyond two frames.
   static constexpr std::size_t kMostUnacknowledged = 4U << 20;
+  /// Accounts that the server has not acknowledged, except before a bye.
+  static constexpr std::uint64_t kMostAccounts = 4;
 
-  /// `spool` and `buffer` must outlive it. wake: there may be something to write.
-  Backfill(boost::asio::io_context& io, Spool& spool, FrameBuffer& buffer, std::string session_id,
-           std::function<void()> wake);
+  /// `record` must outlive it. wake: there may be something to write.
+  Backfill(boost::asio::io_context& io, Record& record, std::function<void()> wake);
 
-  /// From the buffer to the spool: those that were dropped.
-  void collect() { collect(false); }
-  /// Once a second: those at risk as well.
-  void collect_at_risk() { collect(true); }
-
-  /// takes_late, max_frame_bytes: as the server's welcome says. Not called: nothing is sent.
-  void on_connected(bool takes_late, std::uint32_t max_frame_bytes);
+  /// As the server's welcome says. Not called: nothing is sent.
+  void on_connected(bool takes_late, bool takes_accounts, std::uint32_t max_frame_bytes);
   void on_disconnected();
-  void on_late_ack(std::uint64_t next);
-  /// The spool may have something new.
-  void on_spool_changed() { wake_(); }
+  /// The server has the late frames and accounts below `position`.
+  void on_ack(const wire::Position& position);
 
   void on_captured(Time now) { pace_.on_captured(now); }
   /// Anything was written. bytes_per_s: of the link; 0: not known.
@@ -53,52 +45,49 @@ class Backfill {
     pace_.on_written(now, bytes, bytes_per_s);
   }
 
-  /// What the spool holds, if that is to be said now; else empty. final: before a bye, whenever it
-  /// was last said.
-  std::vector<std::uint8_t> take_spool_message(Time now, bool final = false);
-  /// The next part of a late frame, if it may be written now: nothing live waits for the link. Else
-  /// empty, and `wake` runs later if need be.
+  /// The next account, if one is to be told now; else empty. final: before a bye, whenever the last
+  /// was told.
+  std::vector<std::uint8_t> take_account(Time now, bool final = false);
+  /// The next part of a late frame, if it may be written now: nothing live waits for the link, and
+  /// no account. Else empty, and `wake` runs later if need be.
   /// busy_until: as BackfillPace::next() takes it.
   std::vector<std::uint8_t> take_part(Time now, double bytes_per_s, Time busy_until);
 
-  Spool::Stats stats() const { return spool_.stats(); }
-
  private:
-  static constexpr std::chrono::seconds kSpoolInterval{1};
+  static constexpr std::chrono::seconds kAccountInterval{1};
 
-  /// A frame that the spool has handed out, and the server has not acknowledged.
   struct Begun {
+    std::uint64_t number = 0;
+    KeptId id;
     std::size_t bytes = 0;
-    bool is_sent = false;  // else it was passed over
+  };
+  struct LastWord {
+    std::uint64_t number = 0;
+    std::string session_id;
   };
 
-  void collect(bool those_at_risk);
-  void begin_connection();
   bool begin_frame();
-  void pass_over();
-  void acknowledge(std::uint64_t sent);
   void wake_at(Time time);
 
-  Spool& spool_;
-  FrameBuffer& buffer_;
-  const std::string session_id_;
+  Record& record_;
   const std::function<void()> wake_;
   boost::asio::steady_timer timer_;
   BackfillPace pace_;
-  FrameBuffer::ForSpool collected_;
-  bool takes_late_ = false;
-  std::uint32_t max_frame_bytes_ = 0;  // 0: not known
-  // Of the connection:
-  std::optional<SpooledFrame> next_;  // handed out by the spool, and not begun
-  std::vector<std::uint8_t> record_;  // of the frame that is being sent; empty: none is
-  std::size_t sent_ = 0;              // of record_
-  std::uint64_t next_number_ = 0;
-  std::deque<Begun> begun_;  // the oldest first
-  std::size_t begun_bytes_ = 0;
-  std::uint64_t acknowledged_ = 0;
-  std::optional<wire::Spool> said_;
-  Time said_time_;
   bool is_too_large_logged_ = false;
+  // Of the connection:
+  bool takes_late_ = false;
+  bool takes_accounts_ = false;
+  std::uint32_t max_frame_bytes_ = 0;      // 0: not known
+  std::vector<std::uint8_t> late_record_;  // of the frame that is being sent; empty: none is
+  std::size_t sent_ = 0;                   // of late_record_
+  std::uint64_t next_late_ = 0;
+  std::deque<Begun> begun_;  // not acknowledged, the oldest first
+  std::size_t begun_bytes_ = 0;
+  std::deque<wire::Account> accounts_;  // to be told
+  Time account_time_{};                 // when there may be more
+  std::uint64_t next_account_ = 0;
+  std::uint64_t told_ = 0;           // accounts that are acknowledged
+  std::deque<LastWord> last_words_;  // not acknowledged: of sessions that are settled then
 };
 
 }  // namespace orbbuf

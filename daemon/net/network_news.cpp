@@ -3,7 +3,6 @@
 
 #include <linux/netlink.h>
 #include <linux/rtnetlink.h>
-#include <spdlog/spdlog.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -12,6 +11,7 @@
 #include <utility>
 
 #include "common/error.hpp"
+#include "common/log.hpp"
 
 namespace orbbuf {
 namespace {
@@ -57,8 +57,8 @@ NetworkNews::NetworkNews(boost::asio::io_context& io, std::function<void()> chan
 void NetworkNews::start() {
   const int socket = open_route_socket();
   if (socket < 0) {
-    return spdlog::info("link: {}; attempts to connect go by the clock alone",
-                        system_error("no news of the network's interfaces", errno).text);
+    return log_info("link: {}; attempts to connect go by the clock alone",
+                    system_error("no news of the network's interfaces", errno).text);
   }
   socket_.assign(socket);
   wait();

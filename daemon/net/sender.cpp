@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/net/sender.hpp"
 
-#include <spdlog/spdlog.h>
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <utility>
 
+#include "common/log.hpp"
 #include "common/seconds.hpp"
 
 namespace orbbuf {
@@ -21,78 +22,72 @@ constexpr std::chrono::milliseconds kAhead{2};  // a frame is written before the
 }  // namespace
 
 Sender::Sender(boost::asio::io_context& io, const LinkSettings& settings, wire::Hello hello,
-               FrameBuffer& buffer, DropLog& drops, SessionLog& log, Spool* spool)
+               FrameBuffer& buffer, Record& record)
     : buffer_(buffer),
-      drops_(drops),
-      log_(log),
+      record_(record),
       drain_timeout_(settings.drain_timeout),
-      link_(io, settings, hello, static_cast<ServerLink::Owner&>(*this)),
-      earlier_(io, link_),
-      hello_(std::move(hello)),
+      link_(io, settings, std::move(hello), static_cast<ServerLink::Owner&>(*this)),
+      backfill_(io, record, [this] { wake(); }),
       drain_timer_(io),
       report_timer_(io) {
-  if (spool != nullptr) {
-    backfill_.emplace(io, *spool, buffer, hello_.session_id, [this] { wake(); });
-  }
+  if (record_.keeps_frames()) buffer_.keep_for_record();
 }
 
-void Sender::start(std::vector<EarlierSession> earlier) {
+void Sender::start() {
   reporter_.start(Clock::now());
   link_.start();
-  earlier_.start(hello_, std::move(earlier), [this] { link_.switch_to(hello_, *this); });
   report_each_second();
 }
 
 void Sender::on_connected(const wire::Position& position) {
   on_disconnected();  // from the connection that this one replaces, if there is one
-  buffer_.resume(position.next_sequence);
-  if (position.next_sequence < confirmed_) {
-    spdlog::error(
+  buffer_.resume(position[wire::kFrames]);
+  if (position[wire::kFrames] < confirmed_) {
+    log_error(
         "link: the server has lost frames that it had acknowledged, from {} to {}: the drop record "
         "names those of the newest {} as lost",
-        position.next_sequence, confirmed_ - 1, FrameBuffer::kMostRemembered);
+        position[wire::kFrames], confirmed_ - 1, FrameBuffer::kMostRemembered);
   }
-  confirmed_ = position.next_sequence;
-  drops_.rewind(position.next_drop);
-  if (backfill_) backfill_->on_connected(link_.takes_late(), link_.max_frame_bytes());
+  confirmed_ = position[wire::kFrames];
+  drops_.rewind(position[wire::kDrops]);
+  backfill_.on_connected(link_.takes(wire::kLate), link_.takes(wire::kAccounts),
+                         link_.max_frame_bytes());
 }
 
 bool Sender::can_be_at(const wire::Position& position) const {
-  return position.next_sequence <= written_end_ && position.next_drop <= written_drops_end_;
+  return position[wire::kFrames] <= written_end_ && position[wire::kDrops] <= drops_.end();
 }
 
 void Sender::on_disconnected() {
   is_bye_sent_ = false;
   rate_.on_lost();
   buffer_.return_in_flight();
-  if (backfill_) backfill_->on_disconnected();
+  backfill_.on_disconnected();
 }
 
 void Sender::on_ack(const wire::Ack& ack) {
   const auto& position = ack.position;
   rate_.on_received(Clock::now(), ack.received, measure_round_trip());
-  buffer_.acknowledge(position.next_sequence);
-  confirmed_ = std::max(confirmed_, position.next_sequence);
-  drops_.acknowledge(position.next_drop);
+  buffer_.acknowledge(position[wire::kFrames]);
+  confirmed_ = std::max(confirmed_, position[wire::kFrames]);
+  drops_.acknowledge(position[wire::kDrops]);
+  backfill_.on_ack(position);
   wake();
 }
 
-void Sender::on_late_ack(const wire::LateAck& ack) {
-  if (backfill_) backfill_->on_late_ack(ack.next);
-}
-
-void Sender::on_bye(const wire::Position& /*position*/) {
+void Sender::on_bye(const wire::Position& position) {
+  backfill_.on_ack(position);
   if (is_bye_sent_) return end(true);
-  spdlog::info("link: the server is going down");
+  log_info("link: the server is going down");
 }
 
 void Sender::wake() {
-  if (!earlier_.is_active() && link_.is_writable()) return write_next();
-  collect_drops();  // so that the buffer does not keep those of a long outage
+  if (link_.is_writable()) return write_next();
+  collect();  // so that the buffer does not keep those of a long outage
 }
 
 void Sender::on_pushed() {
-  if (backfill_) backfill_->on_captured(Clock::now());
+  backfill_.on_captured(Clock::now());
   wake();
   if (buffer_.stats().waiting > 0) {
     buffer_.look_ahead(moment(Clock::now(), measure_round_trip()));
@@ -100,12 +95,12 @@ void Sender::on_pushed() {
 }
 
 void Sender::write(std::vector<std::uint8_t> message) {
-  if (backfill_) backfill_->on_written(Clock::now(), message.size(), rate_.bytes_per_s());
+  backfill_.on_written(Clock::now(), message.size(), rate_.bytes_per_s());
   link_.write(std::move(message));
 }
 
 void Sender::write_next() {
-  collect_drops();
+  collect();
   if (reporter_.is_due()) return write(next_report());
   // After an outage the drop records are many: frames first, then turn by turn.
   const bool is_drops_turn = std::exchange(is_drops_turn_, false) && drops_.has_unsent();
@@ -115,12 +110,11 @@ void Sender::write_next() {
     written_end_ = std::max(written_end_, frame->sequence + 1);
     link_.write(std::move(frame));
   } else if (drops_.has_unsent()) {
-    const wire::Dropped dropped = drops_.take_unsent();
-    written_drops_end_ = std::max(written_drops_end_, dropped.first_drop + dropped.records.size());
-    write(wire::encode(dropped));
+    const auto [first, records] = drops_.take_unsent(wire::kMaxDropsPerMessage);
+    write(wire::encode(wire::Items{wire::kDrops, first, wire::encode_drops(records)}));
   } else if (done_ && !is_bye_sent_ && is_settled()) {
     say_bye();
-  } else if (backfill_ && !done_) {
+  } else if (!done_) {
     write_late(round_trip);
   }
 }
@@ -128,9 +122,9 @@ void Sender::write_next() {
 /// Nothing live waits for the link.
 void Sender::write_late(std::chrono::nanoseconds round_trip) {
   const auto now = Clock::now();
-  auto message = backfill_->take_spool_message(now);
+  auto message = backfill_.take_account(now);
   if (message.empty() && is_live(now, round_trip)) {
-    message = backfill_->take_part(now, rate_.bytes_per_s(), rate_.served_at(round_trip));
+    message = backfill_.take_part(now, rate_.bytes_per_s(), rate_.served_at(round_trip));
   }
   if (!message.empty()) write(std::move(message));
 }
@@ -152,9 +146,9 @@ FramePtr Sender::take_frame(std::chrono::nanoseconds round_trip) {
   }
   if (!frame) return nullptr;
   rate_.on_written(now, frame->sequence, frame->jpeg.size());
-  if (backfill_) backfill_->on_written(now, frame->jpeg.size(), rate_.bytes_per_s());
-  spdlog::debug("link: frame {} is the kernel's from here on", frame->sequence);
-  collect_drops();  // those that were passed over for it
+  backfill_.on_written(now, frame->jpeg.size(), rate_.bytes_per_s());
+  log_debug("link: frame {} is the kernel's from here on", frame->sequence);
+  collect();  // those that were passed over for it
   return frame;
 }
 
@@ -169,7 +163,7 @@ bool Sender::is_too_large(const EncodedFrame& frame) {
   const auto limit = link_.max_frame_bytes();
   if (limit == 0 || frame.jpeg.size() <= limit) return false;
   if (!std::exchange(is_refusal_logged_, true)) {
-    spdlog::error(
+    log_error(
         "link: frame {} has {} bytes, more than the server's listen.max_frame of {}: dropped as "
         "refused, and so are all that are larger",
         frame.sequence, frame.jpeg.size(), limit);
@@ -177,19 +171,20 @@ bool Sender::is_too_large(const EncodedFrame& frame) {
   return true;
 }
 
-void Sender::collect_drops() {
+void Sender::collect(bool those_at_risk) {
   buffer_.collect_drops(collected_);
   drops_.add(collected_);
-  log_.add(collected_);
-  if (backfill_) backfill_->collect();
+  record_.give_up(collected_);
+  buffer_.collect_for_record(for_record_, those_at_risk);
+  for (const Sequence sequence : for_record_.delivered) record_.release(sequence);
+  record_.set_live_from(for_record_.first_undelivered);
+  for (FramePtr& frame : for_record_.frames) record_.keep(std::move(frame));
 }
 
-void Sender::note_state() {
-  log_.note(buffer_.stats().captured, buffer_.last_capture_time_ns(),
-            {confirmed_, drops_.acknowledged()});
+void Sender::note_progress() {
+  record_.note({buffer_.stats().captured, buffer_.last_capture_time_ns(), confirmed_,
+                drops_.settled_below(confirmed_)});
 }
-
-bool Sender::is_connected() const { return link_.is_connected() && !earlier_.is_active(); }
 
 bool Sender::is_settled() const {
   const wire::Stats stats = buffer_.stats();
@@ -211,11 +206,15 @@ std::vector<std::uint8_t> Sender::next_report() {
 void Sender::say_bye() {
   is_bye_sent_ = true;
   std::vector<std::uint8_t> message;
-  if (backfill_) message = backfill_->take_spool_message(Clock::now(), true);
-  const auto report = next_report();
-  message.insert(message.end(), report.begin(), report.end());
-  const auto bye = wire::encode(wire::Bye{{buffer_.stats().captured, drops_.next_drop()}});
-  message.insert(message.end(), bye.begin(), bye.end());
+  const auto add = [&](const std::vector<std::uint8_t>& part) {
+    message.insert(message.end(), part.begin(), part.end());
+    return !part.empty();
+  };
+  note_progress();
+  while (add(backfill_.take_account(Clock::now(), true))) {
+  }
+  add(next_report());
+  add(wire::encode(wire::Bye{{buffer_.stats().captured, drops_.end()}}));
   link_.write(std::move(message));
 }
 
@@ -227,20 +226,21 @@ void Sender::report_each_second() {
   if (!reporter_.is_time(Clock::now())) return;
   const wire::Stats stats = buffer_.stats();
   reporter_.look(Clock::now(), stats, link_.progress());
-  std::string spooled;
-  if (backfill_) {
-    backfill_->collect_at_risk();
-    spooled = fmt::format(" spooled {}", backfill_->stats().frames);
-  }
-  spdlog::info(
+  collect(true);
+  const auto spooled = this->spooled();
+  log_info(
       "captured {} skipped {} failed {} dropped {} acknowledged {} waiting {} in flight {}{}{}",
       stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged, stats.waiting,
-      stats.in_flight, spooled,
-      !is_connected()      ? ", no connection"
-      : link_.is_stalled() ? ", stalled"
-                           : "");
+      stats.in_flight, spooled ? fmt::format(" spooled {}", *spooled) : "",
+      !link_.is_connected() ? ", no connection"
+      : link_.is_stalled()  ? ", stalled"
+                            : "");
   wake();
-  note_state();
+  note_progress();
+}
+
+std::optional<std::uint64_t> Sender::spooled() const {
+  return record_.keeps_frames() ? std::optional(record_.stats().held) : std::nullopt;
 }
 
 void Sender::finish(std::function<void(bool)> done) {
@@ -254,9 +254,9 @@ void Sender::finish(std::function<void(bool)> done) {
 
 void Sender::give_up_waiting() {
   const wire::Stats stats = buffer_.stats();
-  spdlog::warn("link: {} frames are still undelivered after {} s", stats.waiting + stats.in_flight,
-               to_seconds(drain_timeout_));
-  if (!is_connected()) return end(false);
+  log_warn("link: {} frames are still undelivered after {} s", stats.waiting + stats.in_flight,
+           to_seconds(drain_timeout_));
+  if (!link_.is_connected()) return end(false);
   buffer_.give_up_waiting();
   drain_timer_.expires_after(kByeTimeout);
   drain_timer_.async_wait([this](const error_code& error) {
@@ -266,14 +266,13 @@ void Sender::give_up_waiting() {
 }
 
 void Sender::end(bool complete) {
-  earlier_.stop();
   link_.close();
   drain_timer_.cancel();
   report_timer_.cancel();
   buffer_.give_up();
-  collect_drops();
-  note_state();
-  log_.end(complete);
+  collect();
+  note_progress();
+  record_.end();
   std::exchange(done_, nullptr)(complete);
 }
 

@@ -13,12 +13,11 @@
 #include "common/wire.hpp"
 #include "daemon/buffer/frame_buffer.hpp"
 #include "daemon/net/backfill.hpp"
-#include "daemon/net/drop_log.hpp"
-#include "daemon/net/earlier_sessions.hpp"
 #include "daemon/net/link_rate.hpp"
 #include "daemon/net/reporter.hpp"
 #include "daemon/net/server_link.hpp"
-#include "daemon/net/session_log.hpp"
+#include "daemon/record/given_up.hpp"
+#include "daemon/record/record.hpp"
 
 namespace orbbuf {
 
@@ -31,14 +30,12 @@ namespace orbbuf {
 /// record is sent until acknowledged. Thread-bound to `main`, the thread that runs the io_context.
 class Sender final : private ServerLink::Owner {
  public:
-  /// `buffer`, `drops`, `log` and `spool`, which is null if dropped frames are not kept, must
-  /// outlive the sender. Nothing happens before start(). Throws std::runtime_error if the keys of
-  /// settings.tls cannot be used.
+  /// `buffer` and `record` must outlive the sender. Nothing happens before start(). Throws
+  /// std::runtime_error if the keys of settings.tls cannot be used.
   Sender(boost::asio::io_context& io, const LinkSettings& settings, wire::Hello hello,
-         FrameBuffer& buffer, DropLog& drops, SessionLog& log, Spool* spool = nullptr);
+         FrameBuffer& buffer, Record& record);
 
-  /// First the server gets what it lacks of `earlier` sessions.
-  void start(std::vector<EarlierSession> earlier = {});
+  void start();
 
   /// There may be something new to send.
   void wake();
@@ -49,10 +46,8 @@ class Sender final : private ServerLink::Owner {
   void set_clock_offset(std::chrono::nanoseconds offset) { clock_offset_ = offset; }
 
   const ServerLink& link() const { return link_; }
-  /// Frames in the spool; nothing without one.
-  std::optional<std::uint64_t> spooled() const {
-    return backfill_ ? std::optional(backfill_->stats().frames) : std::nullopt;
-  }
+  /// Frames that the record holds; nothing if it keeps none.
+  std::optional<std::uint64_t> spooled() const;
   void reload_tls() { link_.reload_tls(); }
 
   /// No more frames will come: delivers what waits, for at most drain_timeout, gives up the rest by
@@ -64,7 +59,6 @@ class Sender final : private ServerLink::Owner {
   bool can_be_at(const wire::Position& position) const override;
   void on_disconnected() override;
   void on_ack(const wire::Ack& ack) override;
-  void on_late_ack(const wire::LateAck& ack) override;
   void on_bye(const wire::Position& position) override;
   void on_writable() override { write_next(); }
 
@@ -78,9 +72,8 @@ class Sender final : private ServerLink::Owner {
   SendMoment moment(std::chrono::steady_clock::time_point now,
                     std::chrono::nanoseconds round_trip) const;
   bool is_too_large(const EncodedFrame& frame);
-  void collect_drops();
-  void note_state();
-  bool is_connected() const;
+  void collect(bool those_at_risk = false);
+  void note_progress();
   bool is_settled() const;
   std::chrono::nanoseconds measure_round_trip() const;
   std::vector<std::uint8_t> next_report();
@@ -89,15 +82,14 @@ class Sender final : private ServerLink::Owner {
   void end(bool complete);
 
   FrameBuffer& buffer_;
-  DropLog& drops_;
-  SessionLog& log_;
+  Record& record_;
+  GivenUp drops_;
   std::vector<DropRecord> collected_;  // on their way from buffer_ to drops_
+  FrameBuffer::ForRecord for_record_;  // from buffer_ to record_
   const std::chrono::nanoseconds drain_timeout_;
   ServerLink link_;
-  EarlierSessions earlier_;
-  const wire::Hello hello_;
   LinkRate rate_;
-  std::optional<Backfill> backfill_;  // nothing: there is no spool
+  Backfill backfill_;
   Reporter reporter_;
   boost::asio::steady_timer drain_timer_;
   boost::asio::steady_timer report_timer_;
@@ -105,7 +97,6 @@ class Sender final : private ServerLink::Owner {
   bool is_drops_turn_ = false;
   Sequence confirmed_ = 0;    // the server has, or had, all below it
   Sequence written_end_ = 0;  // beyond the newest frame that was ever written
-  std::uint64_t written_drops_end_ = 0;
   bool is_refusal_logged_ = false;
   bool is_bye_sent_ = false;
   std::function<void(bool)> done_;  // set: finishing

@@ -57,8 +57,6 @@ class ServerAddresses {
   /// `server` answered and did not welcome the robot: others are preferred, and it is not tried
   /// before `ready` if another may be.
   void failed(const Address& server, Time ready);
-  /// The servers may be tried again whatever they said.
-  void forget_failures();
   bool is_any_ready(Time now) const;
   bool have_all_failed() const;
 
@@ -91,6 +89,8 @@ class ServerAddresses {
   /// be. Null without one.
   Server* next_in_turn(Time now, const Server* except);
   ServerAddress next_of(Server& server);
+  /// The servers may be tried again whatever they said.
+  void forget_failures();
 
   std::vector<Server> servers_;
   const std::size_t configured_;      // of servers_; one may follow to which the robot was sent

@@ -166,7 +166,7 @@ void ServerConnection::dispatch(const wire::Header& header) {
     if (const auto why = owner_->refusal_of(welcome.value().position)) return refuse(*why);
     is_welcome_ = true;
     max_frame_bytes_ = welcome.value().max_frame_bytes;
-    takes_late_ = welcome.value().takes_late;
+    takes_ = welcome.value().takes;
     has_heartbeat_ = welcome.value().has_heartbeat;
     owner_->on_welcome(welcome.value().position);
     if (owner_) wait_writable();
@@ -174,10 +174,6 @@ void ServerConnection::dispatch(const wire::Header& header) {
     const auto ack = wire::parse_ack(header, body_);
     if (!accept(ack)) return;
     owner_->on_ack(ack.value());
-  } else if (header.type == wire::Type::kLateAck && is_welcome_) {
-    const auto ack = wire::parse_late_ack(header, body_);
-    if (!accept(ack)) return;
-    owner_->on_late_ack(ack.value());
   } else if (header.type == wire::Type::kBye && is_welcome_) {
     const auto bye = wire::parse_bye(header, body_);
     if (!accept(bye)) return;

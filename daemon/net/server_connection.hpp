@@ -32,13 +32,12 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
     /// On the way to being welcome: TCP is there, or TLS. Each step takes a round trip. The owner
     /// may close the connection from within this call, before it says hello.
     virtual void on_step(const ServerConnection& from) = 0;
-    /// The server's position; writing may begin.
     /// Why the position of a welcome is not accepted: it is a refusal then, and on_failed()
     /// follows.
     virtual std::optional<Error> refusal_of(const wire::Position& position) = 0;
+    /// The server's position; writing may begin.
     virtual void on_welcome(const wire::Position& position) = 0;
     virtual void on_ack(const wire::Ack& ack) = 0;
-    virtual void on_late_ack(const wire::LateAck& ack) = 0;
     /// The server's last message: all is recorded up to `position`, or it is going down.
     virtual void on_bye(const wire::Position& position) = 0;
     /// The last message has gone to the kernel, which has little left unsent: the moment to choose
@@ -75,7 +74,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   const Way& way() const { return way_; }
   /// As the welcome says it: 0 if it does not.
   std::uint32_t max_frame_bytes() const { return max_frame_bytes_; }
-  bool takes_late() const { return takes_late_; }
+  bool takes(wire::StreamId stream) const { return takes_[stream]; }
   bool has_heartbeat() const { return has_heartbeat_; }
   /// The server's side answered and wants no connection with this robot: its error says so, or the
   /// certificates do not fit. There is no use in asking again at once.
@@ -124,7 +123,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   bool has_said_hello_ = false;
   bool is_welcome_ = false;
   std::uint32_t max_frame_bytes_ = 0;
-  bool takes_late_ = false;
+  std::bitset<wire::kMostStreams> takes_;
   bool has_heartbeat_ = false;
   std::vector<std::uint8_t> message_;  // being written
   FramePtr frame_;                     // being written

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/net/server_link.hpp"
 
-#include <spdlog/fmt/fmt.h>
-#include <spdlog/spdlog.h>
+#include <fmt/core.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -10,6 +9,7 @@
 #include <random>
 #include <utility>
 
+#include "common/log.hpp"
 #include "common/seconds.hpp"
 #include "daemon/net/bind_interface.hpp"
 
@@ -50,7 +50,7 @@ void warn_of_interfaces(const LinkSettings& settings) {
     const int family = interface.find(':') == std::string::npos ? AF_INET : AF_INET6;
     const int socket = ::socket(family, SOCK_STREAM | SOCK_CLOEXEC, 0);
     if (const auto failed = bind_interface(socket, family, interface)) {
-      spdlog::warn("link: {}; trying it again with each attempt", failed->text);
+      log_warn("link: {}; trying it again with each attempt", failed->text);
     }
     ::close(socket);
   }
@@ -63,7 +63,7 @@ ServerLink::ServerLink(asio::io_context& io, LinkSettings settings, wire::Hello 
       settings_(std::move(settings)),
       tls_(make_tls_context(settings_.tls)),
       hello_(std::move(hello)),
-      owner_(&owner),
+      owner_(owner),
       connection_watch_(settings_.stall_timeout),
       ack_watch_(settings_.ack_timeout),
       candidate_watch_(settings_.stall_timeout),
@@ -81,7 +81,7 @@ ServerLink::~ServerLink() { close(); }
 
 void ServerLink::start() {
   if (const auto remote = names_of_remote(settings_.servers); !tls_ && !remote.empty()) {
-    spdlog::warn(
+    log_warn(
         "link: plain TCP to {}: any host on the path can read and change the frames; "
         "docs/security.md says how to set up [tls]",
         remote);
@@ -93,33 +93,17 @@ void ServerLink::start() {
   watch();
 }
 
-void ServerLink::switch_to(wire::Hello hello, Owner& owner) {
-  hello_ = std::move(hello);
-  owner_ = &owner;
-  close_connections();
-  state_ = State::kConnecting;
-  known_errors_.clear();
-  pace_.on_welcome();  // a refusal was of the other session
-  addresses_.forget_failures();
-  begin_outage();
-  attempt_at(Clock::now());
-}
-
 void ServerLink::reload_tls() {
   if (auto context = reload_tls_context(settings_.tls)) tls_ = std::move(context);
 }
 
-void ServerLink::close_connections() {
+void ServerLink::close() {
+  state_ = State::kClosed;
   close_attempts();
   for (auto* open : {&candidate_, &connection_}) {
     if (*open) (*open)->close();
     open->reset();
   }
-}
-
-void ServerLink::close() {
-  state_ = State::kClosed;
-  close_connections();
   watch_timer_.cancel();
   news_.stop();
 }
@@ -220,7 +204,7 @@ void ServerLink::on_found(const Address& server, const Result<NameLookup::Endpoi
 /// Beside a connection, too: the server is none that could take its place.
 void ServerLink::on_not_found(const Address& server, const Error& why) {
   if (state_ != State::kConnected) return note_failure(server, why);
-  if (known_errors_.insert(to_string(server) + why.text).second) spdlog::warn("link: {}", why.text);
+  if (known_errors_.insert(to_string(server) + why.text).second) log_warn("link: {}", why.text);
 }
 
 /// An interface has come up, or an address, or a route: as good as the link's return.
@@ -237,7 +221,7 @@ void ServerLink::note_failure(const Address& server, const Error& why) {
   last_error_ = addresses_.count() > 1 ? name + ": " + why.text : why.text;
   if (connection_ || known_errors_.size() == kMostErrors) return;
   if (!known_errors_.insert(name + why.text).second) return;
-  spdlog::warn("link: no connection to {}: {}; trying on", name, why.text);
+  log_warn("link: no connection to {}: {}; trying on", name, why.text);
 }
 
 void ServerLink::on_failed(const ServerConnection& from, const Error& error) {
@@ -254,10 +238,7 @@ void ServerLink::on_candidate_failed(const Error& why) {
   if (state_ == State::kConnected) return on_return_failed(why);
   if (has_moved(*failed)) return;
   note_failure(failed->way().to.server, why);
-  if (failed->was_refused()) {
-    on_refused(*failed);
-    return owner_->on_refused();
-  }
+  if (failed->was_refused()) return on_refused(*failed);
   const auto now = Clock::now();
   if (!candidate_watch_.is_stalled()) leave(failed->way().to.server, now);
   attempt_at(pace_.next(now));
@@ -290,7 +271,7 @@ bool ServerLink::has_moved(const ServerConnection& from) {
   ++moves_;
   has_tried_ = true;
   const Address& to = *from.moved_to();
-  spdlog::info("link: {} moves this robot to {}", to_string(from.way().to.server), to_string(to));
+  log_info("link: {} moves this robot to {}", to_string(from.way().to.server), to_string(to));
   addresses_.move_to(to);
   round_.clear();
   begin_outage();
@@ -302,16 +283,15 @@ bool ServerLink::has_moved(const ServerConnection& from) {
 /// answered on that interface, such as the page of a network that wants a login.
 void ServerLink::on_return_failed(const Error& why) {
   interfaces_.on_return_failed();
-  spdlog::info("link: no return to {}: {}", interfaces_.preferred(), why.text);
+  log_info("link: no return to {}: {}", interfaces_.preferred(), why.text);
 }
 
 void ServerLink::on_connection_lost(const ServerConnection& from, const Error& why) {
   connection_.reset();
   const bool was_stalled = std::exchange(state_, State::kConnecting) == State::kStalled;
-  owner_->on_disconnected();
-  spdlog::log(
-      was_stalled || candidate_ || from.moved_to() ? spdlog::level::info : spdlog::level::warn,
-      "link: connection to {} lost: {}", from.way().name(), why.text);
+  owner_.on_disconnected();
+  log_at(was_stalled || candidate_ || from.moved_to() ? LogLevel::kInfo : LogLevel::kWarn,
+         "link: connection to {} lost: {}", from.way().name(), why.text);
   if (was_stalled && !from.moved_to()) return;  // others are on their way already
   interfaces_.start_over();
   if (has_moved(from)) return;
@@ -358,12 +338,12 @@ void ServerLink::promote(const ServerConnection& from) {
 }
 
 std::optional<Error> ServerLink::refusal_of(const wire::Position& position) {
-  if (owner_->can_be_at(position)) return std::nullopt;
+  if (owner_.can_be_at(position)) return std::nullopt;
   return Error{
       fmt::format("the server's record of this session reaches frame {} and drop record {}, which "
                   "this robot has "
                   "not sent: does another robot use its id?",
-                  position.next_sequence, position.next_drop)};
+                  position[wire::kFrames], position[wire::kDrops])};
 }
 
 void ServerLink::on_welcome(const wire::Position& position) {
@@ -382,20 +362,20 @@ void ServerLink::on_welcome(const wire::Position& position) {
   ack_watch_.restart();
   const auto progress = connection_->progress();
   segment_size_.on_welcome(progress ? progress->acked_bytes : 0);
-  spdlog::info("link: connected to {}{}{}; its record of this session reaches frame {}",
-               to_string(server()), tls_ ? " over TLS" : "", connection_->way().over(),
-               position.next_sequence);
-  owner_->on_connected(position);
+  log_info("link: connected to {}{}{}; its record of this session reaches frame {}",
+           to_string(server()), tls_ ? " over TLS" : "", connection_->way().over(),
+           position[wire::kFrames]);
+  owner_.on_connected(position);
 }
 
 void ServerLink::on_ack(const wire::Ack& ack) {
   ack_watch_.on_ack(ack);
-  owner_->on_ack(ack);
+  owner_.on_ack(ack);
 }
 
-void ServerLink::on_bye(const wire::Position& position) { owner_->on_bye(position); }
+void ServerLink::on_bye(const wire::Position& position) { owner_.on_bye(position); }
 
-void ServerLink::on_writable() { owner_->on_writable(); }
+void ServerLink::on_writable() { owner_.on_writable(); }
 
 void ServerLink::watch() {
   watch_timer_.expires_after(kWatchInterval);
@@ -457,8 +437,8 @@ void ServerLink::check_connection() {
   if (state_ == State::kStalled || !connection_watch_.is_stalled()) return;
   state_ = State::kStalled;
   segment_size_.on_stall(progress->acked_bytes);
-  spdlog::warn("link: connection to {} stalled, nothing acknowledged for {:.1f} s; trying another",
-               connection_->way().name(), to_seconds(connection_watch_.still_for()));
+  log_warn("link: connection to {} stalled, nothing acknowledged for {:.1f} s; trying another",
+           connection_->way().name(), to_seconds(connection_watch_.still_for()));
   interfaces_.on_stall();
   begin_outage();
   attempt_at(Clock::now());
@@ -488,7 +468,7 @@ void ServerLink::on_recovered() {
   close_attempts();
   if (candidate_) candidate_->close();
   candidate_.reset();
-  spdlog::info("link: connection to {} recovered", to_string(server()));
+  log_info("link: connection to {} recovered", to_string(server()));
 }
 
 }  // namespace orbbuf

@@ -112,10 +112,7 @@ class ServerLink final : private ServerConnection::Owner {
     virtual bool can_be_at(const wire::Position& position) const = 0;
     /// The connection broke.
     virtual void on_disconnected() = 0;
-    /// The server answered a hello, and not with a welcome. The link goes on trying.
-    virtual void on_refused() {}
     virtual void on_ack(const wire::Ack& ack) = 0;
-    virtual void on_late_ack(const wire::LateAck& /*ack*/) {}
     /// The server's last message on this connection: its record reaches `position`.
     virtual void on_bye(const wire::Position& position) = 0;
     /// The kernel has little left to send: the moment to choose the next message.
@@ -131,8 +128,6 @@ class ServerLink final : private ServerConnection::Owner {
   ~ServerLink();
 
   void start();
-  /// From here on for another session: what is connected is closed, and the link connects again.
-  void switch_to(wire::Hello hello, Owner& owner);
   /// Ends connection and attempts at once. No more calls to the owner.
   void close();
 
@@ -153,7 +148,8 @@ class ServerLink final : private ServerConnection::Owner {
   bool is_writable() const { return connection_ && connection_->is_writable(); }
   /// The largest frame that the server accepts; 0: not known. A larger one costs the connection.
   std::uint32_t max_frame_bytes() const { return connection_ ? connection_->max_frame_bytes() : 0; }
-  bool takes_late() const { return connection_ && connection_->takes_late(); }
+  /// Whether the server takes items of that stream.
+  bool takes(wire::StreamId stream) const { return connection_ && connection_->takes(stream); }
   /// Requires is_writable().
   void write(std::vector<std::uint8_t> message) { connection_->write(std::move(message)); }
   void write(FramePtr frame) {
@@ -169,7 +165,6 @@ class ServerLink final : private ServerConnection::Owner {
   std::optional<Error> refusal_of(const wire::Position& position) override;
   void on_welcome(const wire::Position& position) override;
   void on_ack(const wire::Ack& ack) override;
-  void on_late_ack(const wire::LateAck& ack) override { owner_->on_late_ack(ack); }
   void on_bye(const wire::Position& position) override;
   void on_writable() override;
   void on_failed(const ServerConnection& from, const Error& error) override;
@@ -191,7 +186,6 @@ class ServerLink final : private ServerConnection::Owner {
   void make_room();
   void give_up(std::vector<Attempt>::iterator attempt);
   void close_attempts();
-  void close_connections();
   void look_up();
   void on_found(const Address& server, const Result<NameLookup::Endpoints>& endpoints);
   void on_not_found(const Address& server, const Error& why);
@@ -216,9 +210,9 @@ class ServerLink final : private ServerConnection::Owner {
 
   boost::asio::io_context& io_;
   const LinkSettings settings_;
-  std::unique_ptr<TlsContext> tls_;  // null: plain TCP
-  wire::Hello hello_;
-  Owner* owner_;
+  std::shared_ptr<TlsContext> tls_;  // null: plain TCP
+  const wire::Hello hello_;
+  Owner& owner_;
 
   State state_ = State::kConnecting;
   std::shared_ptr<ServerConnection> connection_;  // the one that was welcome; null without

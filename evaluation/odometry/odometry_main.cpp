@@ -2,9 +2,8 @@
 // orbbuf-odometry: does SLAM survive on these frames? Runs a visual odometry over a folder of
 // orbbuf-world or a session of orbbuf-server, or live on the standard input as [slam] command; or
 // has any SLAM program do it (--slam). Prints a result, then RESULT lines.
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
-#include <CLI/CLI.hpp>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
@@ -15,6 +14,7 @@
 #include <vector>
 
 #include "bench/run_program.hpp"
+#include "common/command_line.hpp"
 #include "common/progress.hpp"
 #include "evaluation/odometry/frames.hpp"
 #include "evaluation/odometry/reference_vo.hpp"
@@ -115,7 +115,7 @@ void run(Options options) {
 
 int main(int argc, char** argv) {
   orbbuf::evaluation::Options options;
-  CLI::App app("Does SLAM survive on these frames?");
+  orbbuf::CommandLine app("Does SLAM survive on these frames?");
   app.add_option("folder", options.folder,
                  "of orbbuf-world or a session; none: frames from [slam], on the standard input");
   app.add_option("--camera", options.camera, "camera.txt, if not the folder's");
@@ -127,7 +127,7 @@ int main(int argc, char** argv) {
                  "and writes {trajectory} (TUM, the camera's pose in the world); these are put in "
                  "quoted. Poses "
                  "of keyframes are enough; without one in the last second it is lost");
-  app.add_option("--without", options.without, "FIRST COUNT: frames to leave out")->expected(2);
-  CLI11_PARSE(app, argc, argv);
+  app.add_option("--without", options.without, "FIRST COUNT: frames to leave out").values(2);
+  if (const auto status = app.parse(argc, argv)) return *status;
   return orbbuf::bench::run_program("orbbuf-odometry", [&] { orbbuf::evaluation::run(options); });
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "evaluation/outages/outage_list.hpp"
 
+#include <fmt/format.h>
 #include <openssl/evp.h>
-#include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
 #include <array>

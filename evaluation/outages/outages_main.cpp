@@ -7,7 +7,7 @@
 //                           have them
 //   judge LISTS RUNS        compares RUNS/.../POLICY.txt (TUM) with the truth, for all lists
 // README.md has the format and the figures.
-#include <spdlog/fmt/fmt.h>
+#include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>

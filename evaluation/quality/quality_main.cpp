@@ -2,9 +2,8 @@
 // orbbuf-quality: what SLAM feels of JPEG quality. Requantises a sequence as orbbufd does it. For
 // each quality: how many ORB features still match a view of the same place at quality 80, whether
 // that place is found among the others, and, if the true path is known, the reference VO's error.
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
 #include <filesystem>
@@ -17,6 +16,7 @@
 #include "bench/run_program.hpp"
 #include "bench/sim/epipolar.hpp"
 #include "bench/sim/recorded_sequence.hpp"
+#include "common/command_line.hpp"
 #include "common/jpeg.hpp"
 #include "daemon/buffer/similarity.hpp"
 #include "daemon/image/orb_extractor.hpp"
@@ -249,15 +249,15 @@ void run(const Options& options) {
 
 int main(int argc, char** argv) {
   orbbuf::evaluation::Options options;
-  CLI::App app("What SLAM feels of JPEG quality");
+  orbbuf::CommandLine app("What SLAM feels of JPEG quality");
   app.add_option("sequence", options.folder,
                  "a folder with images/; with camera.txt and truth.txt too, for the reference VO")
-      ->required();
+      .required();
   app.add_option("--second", options.second, "the folder of a second pass, with the same times");
   app.add_option("--apart", options.apart,
                  "without a second pass: frames from a view to those that it is to be known by")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  CLI11_PARSE(app, argc, argv);
+      .in_range(1, 1000)
+      .with_default();
+  if (const auto status = app.parse(argc, argv)) return *status;
   return orbbuf::bench::run_program("orbbuf-quality", [&] { orbbuf::evaluation::run(options); });
 }

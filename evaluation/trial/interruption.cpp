@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Outages of a link that is otherwise fast enough: who survives, and how much buffer that takes.
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
 #include <algorithm>
 #include <atomic>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Whole sessions that real processes have delivered: how wrong the path is.
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
 #include <algorithm>
 

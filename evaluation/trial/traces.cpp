@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The links of moving cars: how wrong the path is, as a multiple of the unbroken sequence's.
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
 #include <algorithm>
 #include <chrono>

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // orbbuf-trial: the paper's experiments on a folder of orbbuf-world; see experiments.hpp.
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <set>
 #include <string>
 #include <vector>
 
 #include "bench/run_program.hpp"
+#include "common/command_line.hpp"
 #include "evaluation/trial/experiments.hpp"
 
 namespace {
@@ -46,30 +46,28 @@ void run(const Options& options) {
 
 int main(int argc, char** argv) {
   Options options;
-  CLI::App app("The paper's experiments, on a generated world and a simulated link");
-  app.add_option("world", options.world, "folder of orbbuf-world")->required();
+  orbbuf::CommandLine app("The paper's experiments, on a generated world and a simulated link");
+  app.add_option("world", options.world, "folder of orbbuf-world").required();
   app.add_option("--run", options.experiments)
-      ->check(CLI::IsMember(
-          {"tolerance", "interruption", "buffer", "traces", "enqueue", "sessions", "paths"}))
-      ->required();
-  app.add_option("--out", options.trial.out, "folder for tables and CSV")->required();
-  app.add_option("--seed", options.trial.seed)->capture_default_str();
-  app.add_option("--places", options.trial.places, "along the way")->capture_default_str();
-  app.add_option("--outages", options.trial.outages_s, "seconds; interruption only")
-      ->capture_default_str();
-  app.add_option("--capacity", options.trial.capacity, "frames")->capture_default_str();
-  app.add_option("--repeats", options.trial.repeats, "starts in a trace")->capture_default_str();
+      .one_of({"tolerance", "interruption", "buffer", "traces", "enqueue", "sessions", "paths"})
+      .required();
+  app.add_option("--out", options.trial.out, "folder for tables and CSV").required();
+  app.add_option("--seed", options.trial.seed).with_default();
+  app.add_option("--places", options.trial.places, "along the way").with_default();
+  app.add_option("--outages", options.trial.outages_s, "seconds; interruption only").with_default();
+  app.add_option("--capacity", options.trial.capacity, "frames").with_default();
+  app.add_option("--repeats", options.trial.repeats, "starts in a trace").with_default();
   app.add_option("--needs", options.trial.needs, "of the stream, in means of a trace")
-      ->capture_default_str();
+      .with_default();
   app.add_option("--traces", options.trial.traces, "files; report_*.json are scaled");
   app.add_option("--policies", options.trial.policies, "these only, on simulated links")
-      ->check(CLI::IsMember(std::vector(options.trial.policies)));
+      .one_of(options.trial.policies);
   app.add_option("--buffers", options.trial.buffers, "traces: frames; the first: for the tables")
-      ->capture_default_str();
+      .with_default();
   app.add_option("--result", options.trial.result, "sessions: first words of the RESULT lines")
-      ->capture_default_str();
+      .with_default();
   app.add_option("--outage-list", options.outages, "sessions: lines NAME FIRST LAST (frames)");
   app.add_option("--session", options.sessions, "sessions, paths: CONTENDER@RUN=FOLDER");
-  CLI11_PARSE(app, argc, argv);
+  if (const auto status = app.parse(argc, argv)) return *status;
   return orbbuf::bench::run_program("orbbuf-trial", [&] { run(options); });
 }

@@ -2,9 +2,8 @@
 // orbbuf-world: renders a drive through a generated place, the true path of which is known. Writes
 // a folder that orbbufd replays (images, images_right, times.txt), with camera.txt, truth.txt (TUM:
 // the left camera's pose, z ahead, x right, y down) and, if asked, depth (16-bit PGM, millimetres).
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
-#include <CLI/CLI.hpp>
 #include <atomic>
 #include <cmath>
 #include <exception>
@@ -17,6 +16,7 @@
 #include <vector>
 
 #include "bench/run_program.hpp"
+#include "common/command_line.hpp"
 #include "common/jpeg.hpp"
 #include "common/progress.hpp"
 #include "evaluation/world/renderer.hpp"
@@ -160,26 +160,22 @@ void run(const Options& options) {
 
 int main(int argc, char** argv) {
   orbbuf::evaluation::Options options;
-  CLI::App app("Renders a drive through a generated place, with ground truth");
-  app.add_option("folder", options.folder, "to write to; images of an earlier run go")->required();
-  app.add_option("--place", options.place)
-      ->check(CLI::IsMember({"corridor", "street"}))
-      ->capture_default_str();
+  orbbuf::CommandLine app("Renders a drive through a generated place, with ground truth");
+  app.add_option("folder", options.folder, "to write to; images of an earlier run go").required();
+  app.add_option("--place", options.place).one_of({"corridor", "street"}).with_default();
   app.add_option("--size", options.size)
-      ->check(CLI::IsMember({"640x480", "1241x376", "1280x1024"}))
-      ->capture_default_str();
+      .one_of({"640x480", "1241x376", "1280x1024"})
+      .with_default();
   app.add_flag("--stereo", options.stereo);
   app.add_flag("--depth", options.depth, "16-bit PGM, millimetres");
-  app.add_option("--seed", options.seed)->capture_default_str();
-  app.add_option("--fps", options.fps)->check(CLI::PositiveNumber)->capture_default_str();
-  app.add_option("--frames", options.frames)->check(CLI::PositiveNumber)->capture_default_str();
-  app.add_option("--quality", options.quality, "of JPEG")
-      ->check(CLI::Range(1, 100))
-      ->capture_default_str();
+  app.add_option("--seed", options.seed).with_default();
+  app.add_option("--fps", options.fps).in_range(0.01, 1e6).with_default();
+  app.add_option("--frames", options.frames).in_range(1, 1e9).with_default();
+  app.add_option("--quality", options.quality, "of JPEG").in_range(1, 100).with_default();
   app.add_option("--aside", options.aside_m,
                  "metres to the right of where the camera of another pass was")
-      ->capture_default_str();
-  app.add_option("--threads", options.threads)->check(CLI::Range(1, 64))->capture_default_str();
-  CLI11_PARSE(app, argc, argv);
+      .with_default();
+  app.add_option("--threads", options.threads).in_range(1, 64).with_default();
+  if (const auto status = app.parse(argc, argv)) return *status;
   return orbbuf::bench::run_program("orbbuf-world", [&] { orbbuf::evaluation::run(options); });
 }

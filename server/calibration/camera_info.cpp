@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/calibration/camera_info.hpp"
 
-#include <spdlog/spdlog.h>
-
+#include "common/log.hpp"
 #include "server/calibration/calibration.hpp"
 
 namespace orbbuf {
@@ -48,15 +47,15 @@ CalibratedCameras calibrated_cameras(std::string_view camera_txt) {
 CalibratedCameras calibrated_cameras(std::string_view camera_txt, std::string_view attempt) {
   auto cameras = calibrated_cameras(camera_txt);
   if (!cameras.problem.empty()) {
-    spdlog::warn("{} without calibration: {}", attempt, cameras.problem);
+    log_warn("{} without calibration: {}", attempt, cameras.problem);
   }
   return cameras;
 }
 
 void warn_without_baseline(const CalibratedCameras& cameras, std::string_view session) {
   if (!cameras.left || cameras.right) return;
-  spdlog::warn("{}: no camera_info of the right camera: camera.txt has no fifth line, the baseline",
-               session);
+  log_warn("{}: no camera_info of the right camera: camera.txt has no fifth line, the baseline",
+           session);
 }
 
 }  // namespace orbbuf

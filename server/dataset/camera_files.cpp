@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/dataset/camera_files.hpp"
 
-#include <spdlog/fmt/fmt.h>
-#include <spdlog/fmt/ranges.h>
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <optional>
@@ -17,8 +16,8 @@ namespace {
 
 /// Nothing, and a note, if there is none that can be read.
 std::optional<Calibration> camera_of(const RecordedSession& session, Dataset& dataset) {
-  if (session.calibration.empty()) return std::nullopt;
-  auto camera = parse_calibration(session.calibration);
+  if (session.summary.info.calibration.empty()) return std::nullopt;
+  auto camera = parse_calibration(session.summary.info.calibration);
   if (camera) return std::move(camera).value();
   dataset.notes.push_back("no calibration: camera.txt: " + camera.error().text);
   return std::nullopt;
@@ -82,12 +81,16 @@ std::string projection(const Calibration& camera, double x_m) {
 
 }  // namespace
 
+bool is_stereo(const RecordedSession& session) {
+  return std::ranges::any_of(session.frames, &RecordedFrame::is_stereo);
+}
+
 void add_euroc_camera(const RecordedSession& session, Dataset& dataset) {
   const auto camera = camera_of(session, dataset);
   if (!camera) return;
   const double rate_hz = frames_per_second(session);
   dataset.texts.push_back({"mav0/cam0/sensor.yaml", sensor_yaml(*camera, rate_hz, 0)});
-  if (!session.is_stereo) return;
+  if (!is_stereo(session)) return;
   if (camera->baseline_m == 0) {
     dataset.notes.emplace_back("no cam1/sensor.yaml: camera.txt has no baseline in a fifth line");
     return;
@@ -105,9 +108,9 @@ void add_kitti_camera(const RecordedSession& session, Dataset& dataset) {
     return;
   }
   std::string calib = "P0: " + projection(*camera, 0) + '\n';
-  if (session.is_stereo && camera->baseline_m == 0) {
+  if (is_stereo(session) && camera->baseline_m == 0) {
     dataset.notes.emplace_back("no P1 in calib.txt: camera.txt has no baseline in a fifth line");
-  } else if (session.is_stereo) {
+  } else if (is_stereo(session)) {
     calib += "P1: " + projection(*camera, camera->baseline_m) + '\n';
   }
   dataset.texts.push_back({"calib.txt", std::move(calib)});

@@ -2,9 +2,11 @@
 #pragma once
 
 #include "server/dataset/dataset.hpp"
-#include "server/recording/recorded_session.hpp"
+#include "server/session/session_reader.hpp"
 
 namespace orbbuf {
+
+bool is_stereo(const RecordedSession& session);
 
 /// Add to `dataset` what camera.txt says, in the layout's own form, and a note for what that form
 /// cannot say. The right camera is known only by a baseline, which means rectified images: the

@@ -1,25 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/dataset/check_session.hpp"
 
-#include <spdlog/fmt/fmt.h>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
-#include <cstdint>
-#include <iterator>
-#include <limits>
-#include <set>
+#include <optional>
 #include <span>
 #include <system_error>
 #include <utility>
 
+#include "common/crc32.hpp"
+#include "common/decimal.hpp"
 #include "common/jpeg.hpp"
 #include "common/log.hpp"
 #include "common/progress.hpp"
-#include "common/wire.hpp"
 #include "server/calibration/calibration.hpp"
-#include "server/recording/file_io.hpp"
-#include "server/recording/recorded_session.hpp"
-#include "server/recording/session_names.hpp"
+#include "server/dataset/mcap/part.hpp"
+#include "server/session/session_names.hpp"
+#include "server/session/session_reader.hpp"
 
 namespace orbbuf {
 namespace {
@@ -28,26 +27,24 @@ namespace fs = std::filesystem;
 
 class Check {
  public:
-  explicit Check(RecordedSession session) : session_(std::move(session)) {
-    report_.frames = session_.frames.size();
-    report_.problems = session_.problems;
+  Check(fs::path folder, SessionOutline outline, SequenceSet removed)
+      : folder_(std::move(folder)), outline_(std::move(outline)), removed_(std::move(removed)) {
+    report_.problems = outline_.problems;
   }
 
-  SessionReport run() && {
-    for (auto& text : problems_of_order(session_)) report_.problems.push_back(std::move(text));
-    note_reduced();
-    check_drops();
-    check_gaps();
-    count_missing();
-    check_calibration();
-    check_strays(session_names::kImages, left_image);
-    if (session_.is_stereo) check_strays(session_names::kRightImages, right_image);
-    Progress progress("check", "frames", session_.frames.size());
-    for (const RecordedFrame& frame : session_.frames) {
-      check_image(left_image(frame));
-      if (session_.is_stereo) check_image(right_image(frame));
+  Result<SessionReport> run() && {
+    const SessionTotals& totals = outline_.summary.totals;
+    Progress progress("check", "frames", static_cast<std::size_t>(totals.live + totals.late));
+    const auto drops = for_each_frame(folder_, outline_, [&](const RecordedFrame& frame) {
+      check_frame(frame);
       progress.add();
-    }
+    });
+    if (!drops) return drops.error();
+    account_for(drops.value());
+    check_calibration();
+    check_strays(session_names::kImages);
+    check_strays(session_names::kRightImages);
+    note_qualities();
     return std::move(report_);
   }
 
@@ -57,152 +54,146 @@ class Check {
     report_.problems.push_back(fmt::format(form, std::forward<Values>(values)...));
   }
 
-  void note_reduced() {
-    const auto reduced = std::ranges::count_if(session_.frames, [&](const RecordedFrame& frame) {
-      const auto quality = session_.qualities.find(frame.sequence);
-      return quality != session_.qualities.end() && quality->second.whole_bytes > 0;
-    });
-    if (reduced == 0) return;
-    report_.notes.push_back(fmt::format("{} of {} frames were sent with a reduced JPEG", reduced,
-                                        session_.frames.size()));
+  void check_frame(const RecordedFrame& frame) {
+    ++(frame.is_late && !frame.is_replacing ? report_.late : report_.live);
+    reduced_ += frame.is_reduced() ? 1 : 0;
+    replaced_ += frame.is_replacing ? 1 : 0;
+    if (before_ && frame.capture_time_ns <= before_->capture_time_ns) {
+      problem("frame {} was taken at {} s, not after frame {} at {} s", frame.sequence,
+              format_seconds(frame.capture_time_ns), before_->sequence,
+              format_seconds(before_->capture_time_ns));
+    }
+    before_ = frame;
+    const auto images = read_images(folder_, frame);
+    if (!images && removed_.contains(frame.sequence)) return void(++in_recording_);
+    if (!images) return problem("frame {}: {}", frame.sequence, images.error().text);
+    report_.image_bytes += images.value().jpeg.size();
+    const bool is_sound = is_whole(frame, images.value());
+    check_image(session_names::left_image(frame.sequence), images.value().left(),
+                is_sound ? std::nullopt : std::optional(frame.crc));
+    if (!frame.is_stereo()) return;
+    check_image(session_names::right_image(frame.sequence), images.value().right(),
+                is_sound ? std::nullopt : std::optional(frame.crc_right));
   }
 
-  void check_drops() {
-    for (const RecordedFrame& frame : session_.frames) {
-      delivered_.insert(frame.sequence);
-      if (session_.late.contains(frame.sequence)) ++report_.late;
+  void check_image(const std::string& name, std::span<const std::uint8_t> jpeg,
+                   std::optional<std::uint32_t> crc) {
+    if (crc && crc32(jpeg) != *crc) {
+      return problem("{}: not as it was received, by its checksum", name);
     }
-    for (const DropRecord& drop : session_.drops) {
-      const bool is_late = drop.reason == DropReason::kLate;
-      const bool is_there = delivered_.contains(drop.sequence);
-      if (!dropped_.insert(drop.sequence).second) {
-        problem("drops.csv: frame {} is there twice", drop.sequence);
+    const auto info = codec_.inspect(jpeg);
+    if (!info) problem("{}: {}", name, info.error().text);
+  }
+
+  /// Every number is a frame's that is here, or named, or may be on the robot.
+  void account_for(const std::vector<DropRecord>& drops) {
+    const SessionSummary& summary = outline_.summary;
+    const Sequence begin = summary.info.segment.from[wire::kFrames];  // what is before, others have
+    const Sequence end = std::max(begin, summary.captured());
+    const Sequence first_held = summary.is_held() ? summary.account->first_held : end;
+    report_.captured = end - begin;
+    std::uint64_t named = 0;
+    std::uint64_t named_may_be_held = 0;
+    Sequence next = begin;
+    for (const DropRecord& drop : drops) {
+      report_.reasons[drop.reason] += drop.frames;
+      named += drop.frames;
+      if (drop.end() > first_held) {
+        named_may_be_held += drop.end() - std::max(first_held, drop.sequence);
       }
-      if (is_there && !is_late) problem("drops.csv: frame {} was delivered", drop.sequence);
-      if (!is_there && is_late)
-        problem("drops.csv: frame {} came late, and is gone", drop.sequence);
-      if (!is_there) ++report_.dropped;
+      find_unnamed(next, drop.sequence, first_held);
+      next = std::max(next, drop.end());
+    }
+    find_unnamed(next, end, first_held);
+    const std::uint64_t held = summary.is_held() ? summary.account->held : 0;
+    const std::uint64_t unnamed_held = std::min(held, unnamed_may_be_held_);
+    const std::uint64_t named_held = std::min(held - unnamed_held, named_may_be_held);
+    report_.on_robot = unnamed_held + named_held;
+    report_.dropped = named - named_held;
+    check_end(unnamed_ + unnamed_may_be_held_ - unnamed_held);
+  }
+
+  /// The numbers in between without a frame.
+  void find_unnamed(Sequence begin, Sequence end, Sequence first_held) {
+    while ((begin = outline_.there.next_out(begin, end)) < end) {
+      Sequence next = outline_.there.next_in(begin, end);
+      if (begin < first_held) next = std::min(next, first_held);
+      const std::uint64_t count = next - begin;
+      (begin < first_held ? unnamed_ : unnamed_may_be_held_) += count;
+      if (count == 1) gaps_.push_back(fmt::format("frame {}", begin));
+      if (count > 1) gaps_.push_back(fmt::format("frames {} to {}", begin, next - 1));
+      begin = next;
     }
   }
 
-  void check_gaps() {
-    std::set<Sequence> known = delivered_;
-    known.insert(dropped_.begin(), dropped_.end());
-    end_ = session_.segment.from.next_sequence;  // what is before, others have
-    known.erase(known.begin(), known.lower_bound(end_));
-    for (const Sequence sequence : known) {
-      if (sequence > end_) report_gap(end_, sequence);
-      end_ = sequence + 1;
+  void check_end(std::uint64_t unaccounted) {
+    const SessionSummary& summary = outline_.summary;
+    if (!summary.has_ended()) {
+      if (summary.account && summary.account->is_final) {
+        problem("not ended: the robot was killed; frames of its last seconds may be missing");
+      } else if (unaccounted > 0) {
+        problem("not ended: up to {} frames unaccounted for at the robot's last report",
+                unaccounted);
+      } else {
+        problem("not ended: it is not known how many frames are missing at the end");
+      }
+    } else if (unaccounted > 0) {
+      constexpr std::size_t kMostGaps = 10;
+      const auto others = gaps_.size() - std::min(gaps_.size(), kMostGaps);
+      gaps_.resize(gaps_.size() - others);
+      if (others > 0) gaps_.push_back(fmt::format("{} other gaps", others));
+      problem("{} frames neither delivered nor dropped, nor on the robot, among: {}", unaccounted,
+              fmt::join(gaps_, ", "));
     }
-    check_end(end_);
-    check_closing(known.size());
-  }
-
-  /// Numbers from `first` up to `end` that no list has.
-  void report_gap(Sequence first, Sequence end) {
-    const Sequence held = std::clamp(first_held(), first, end);
-    const auto add = [&](Sequence from, Sequence to, const char* singular, const char* plural) {
-      if (to == from + 1) problem("frame {} {}", from, singular);
-      if (to > from + 1) problem("frames {} to {} {}", from, to - 1, plural);
-    };
-    add(first, held, "was neither delivered nor dropped", "were neither delivered nor dropped");
-    add(held, end, "is still on the robot, or lost", "are still on the robot, or lost");
-  }
-
-  /// What is missing from here on may be what the robot still has.
-  Sequence first_held() const {
-    const bool holds = session_.holds && session_.holds->held > 0;
-    return holds ? session_.holds->first : std::numeric_limits<Sequence>::max();
-  }
-
-  void count_missing() {
-    const auto missing_up_to = [&](Sequence end) {
-      const auto there = std::distance(delivered_.begin(), delivered_.lower_bound(end));
-      return end - static_cast<std::uint64_t>(there);
-    };
-    const auto missing = missing_up_to(end_);
-    const auto held = session_.holds ? session_.holds->held : 0;
-    const auto may_be_held = missing - missing_up_to(std::min(first_held(), end_));
-    report_.on_robot = held;
-    report_.lost = missing - std::min(held, may_be_held);
-  }
-
-  void check_closing(std::uint64_t known) {
-    if (!session_.closing) return;
-    const auto& [has_ended, stats, clock_offset_ns] = *session_.closing;
-    if (has_ended && stats && stats->captured > end_) {
-      report_gap(end_, stats->captured);
-      end_ = stats->captured;
-    } else if (!has_ended && stats && stats->captured > known) {
-      problem("not ended: up to {} frames unaccounted for at the robot's last report",
-              stats->captured - known);
-      end_ = std::max(end_, stats->captured);
-    } else if (!has_ended) {
-      problem("not ended: it is not known how many frames are missing at the end");
-    }
-  }
-
-  /// A frame's checksum is written before its line of times.txt, so one may be ahead of that.
-  void check_end(Sequence end) {
-    Sequence received = end;
-    while (session_.checksums.contains(session_names::left_image(received))) ++received;
-    if (received < end + 2) return;
-    problem("frames {} to {} have their checksums, but no line in times.txt", end, received - 1);
   }
 
   void check_calibration() {
-    if (session_.calibration.empty()) return;
-    const auto camera = parse_calibration(session_.calibration);
+    const std::string& calibration = outline_.summary.info.calibration;
+    if (calibration.empty()) return;
+    const auto camera = parse_calibration(calibration);
     if (!camera) problem("camera.txt: {}", camera.error().text);
   }
 
-  /// DSO opens whatever is among the images. Late frames have theirs elsewhere until they are
-  /// merged, and if all are late there may be no such folder yet.
-  void check_strays(const char* folder, std::string (*image_of)(const RecordedFrame&)) {
-    std::set<std::string> expected;
-    for (const RecordedFrame& frame : session_.frames) {
-      const std::string image = image_of(frame);
-      if (image.starts_with(folder)) expected.insert(session_names::image(frame.sequence));
-    }
+  /// DSO opens whatever is among the images.
+  void check_strays(const char* side) {
     std::error_code failed;
-    if (expected.empty() && !fs::exists(session_.folder / folder, failed)) return;
-    fs::directory_iterator entry(session_.folder / folder, failed);
+    fs::directory_iterator entry(folder_ / side, failed);
     for (; !failed && entry != fs::directory_iterator(); entry.increment(failed)) {
       const std::string name = entry->path().filename().string();
-      if (!expected.contains(name)) {
-        problem("{}/{}: without a line in times.txt", folder, printable(name));
+      const auto number = parse_digits(std::string_view(name).substr(0, name.find('.')));
+      if (number && name == session_names::image(*number) && outline_.there.contains(*number)) {
+        continue;
       }
+      problem("{}/{}: not of any frame of the session", side, printable(name));
     }
-    if (failed) problem("{}: {}", folder, failed.message());
+    if (failed && failed != std::errc::no_such_file_or_directory) {
+      problem("{}: {}", side, failed.message());
+    }
   }
 
-  void check_image(const std::string& name) {
-    const fs::path path = session_.folder / name;
-    std::error_code ignored;  // then reading says why
-    if (!fs::exists(path, ignored) && !ignored) return problem("{}: missing", name);
-    const auto content = read_file(path);
-    if (!content) return problem("{}", content.error().text);
-    const std::span<const std::uint8_t> bytes = content.value();
-    report_.image_bytes += bytes.size();
-    const auto checksum = session_.checksums.find(name);
-    if (checksum != session_.checksums.end() && wire::crc32(bytes) != checksum->second) {
-      return problem("{}: not as it was received, by its checksum", name);
+  void note_qualities() {
+    if (reduced_ + replaced_ > 0) {
+      report_.notes.push_back(
+          fmt::format("{} of {} frames have a reduced JPEG; {} came reduced, and whole later",
+                      reduced_, report_.live + report_.late, replaced_));
     }
-    if (checksum == session_.checksums.end() && !session_.checksums.empty()) {
-      problem("{}: without a checksum", name);
+    if (in_recording_ > 0) {
+      report_.notes.push_back(
+          fmt::format("{} images are not kept, but in the MCAP recording", in_recording_));
     }
-    const auto info = codec_.inspect(bytes);
-    if (!info) return problem("{}: {}", name, info.error().text);
-    if (checksum != session_.checksums.end()) return;
-    const auto pixels = codec_.decode_gray(bytes, 8);
-    if (!pixels) problem("{}: {}", name, pixels.error().text);
   }
 
-  const RecordedSession session_;
+  const fs::path folder_;
+  const SessionOutline outline_;
+  const SequenceSet removed_;
   SessionReport report_;
-  std::set<Sequence> delivered_;
-  std::set<Sequence> dropped_;
-  Sequence end_ = 0;  // behind the last number that is known to be captured
+  std::optional<RecordedFrame> before_;
+  std::uint64_t reduced_ = 0;
+  std::uint64_t replaced_ = 0;
+  std::uint64_t in_recording_ = 0;
+  std::uint64_t unnamed_ = 0;
+  std::uint64_t unnamed_may_be_held_ = 0;
+  std::vector<std::string> gaps_;
   JpegCodec codec_;
 };
 
@@ -213,21 +204,24 @@ std::string summary(const SessionReport& report) {
   constexpr double kMiB = 1024.0 * 1024.0;
   const std::string verdict =
       problems == 0 ? "OK" : fmt::format("{} problem{}", problems, problems == 1 ? "" : "s");
-  const double mib = static_cast<double>(report.image_bytes) / kMiB;
-  if (report.late == 0 && report.on_robot == 0) {
-    return fmt::format("{}: {} frames, {} dropped, {:.1f} MiB of images", verdict, report.frames,
-                       report.dropped, mib);
+  std::vector<std::string> reasons;
+  for (const auto& [reason, frames] : report.reasons) {
+    reasons.push_back(fmt::format("{} {}", frames, to_string(reason)));
   }
+  const bool has_reasons = !reasons.empty() && report.on_robot == 0;
   return fmt::format(
-      "{}: {} captured: {} live, {} late, {} on the robot, {} lost; {:.1f} MiB of images", verdict,
-      report.frames + report.on_robot + report.lost, report.frames - report.late, report.late,
-      report.on_robot, report.lost, mib);
+      "{}: {} captured: {} live, {} late, {} on the robot, {} dropped{}; {:.1f} MiB of images",
+      verdict, report.captured, report.live, report.late, report.on_robot, report.dropped,
+      has_reasons ? fmt::format(" ({})", fmt::join(reasons, ", ")) : "",
+      static_cast<double>(report.image_bytes) / kMiB);
 }
 
 Result<SessionReport> check_session(const fs::path& folder) {
-  auto session = read_recorded_session(folder);
-  if (!session) return std::move(session).error();
-  return Check(std::move(session).value()).run();
+  auto outline = read_outline(folder);
+  if (!outline) return std::move(outline).error();
+  auto removed = mcap::numbers_without_images(folder);
+  if (!removed) return std::move(removed).error();
+  return Check(folder, std::move(outline).value(), std::move(removed).value()).run();
 }
 
 }  // namespace orbbuf

@@ -4,38 +4,42 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <string>
 #include <vector>
 
+#include "common/drop_record.hpp"
 #include "common/error.hpp"
 
 namespace orbbuf {
 
-/// What a check of a session found.
+/// What a check of a session found. As long as there is no problem,
+/// captured = live + late + on_robot + dropped, from where the folder's part of the session begins.
 struct SessionReport {
-  std::size_t frames = 0;
-  std::size_t dropped = 0;     ///< named by drops.csv, and not there
-  std::size_t late = 0;        ///< of the frames: passed over live, and arrived later
+  std::uint64_t captured = 0;
+  std::uint64_t live = 0;
+  std::uint64_t late = 0;      ///< passed over live, and arrived later
   std::uint64_t on_robot = 0;  ///< what the robot still has, as it last said
-  std::uint64_t lost = 0;  ///< what is neither here nor there: captured = frames + on_robot + lost
+  std::uint64_t dropped = 0;   ///< named, and neither here nor on the robot
+  /// Of those that are named: also of the ones that are still on the robot.
+  std::map<DropReason, std::uint64_t> reasons;
   std::uint64_t image_bytes = 0;
   std::vector<std::string> problems;  ///< one line each
   std::vector<std::string> notes;     ///< the same, of what is no problem
 };
 
-/// In one line: `OK: 500 frames, 3 dropped, 12.3 MiB of images`, `2 problems: ...`. Where something
-/// came late or is still to come:
-/// `OK: 510 captured: 460 live, 40 late, 7 on the robot, 3 lost; 12.3 MiB of images`.
+/// In one line:
+/// `OK: 510 captured: 460 live, 40 late, 7 on the robot, 3 dropped (2 policy, 1 busy); 12.3 MiB of
+/// images`, `2 problems: ...`. The reasons only if nothing is on the robot.
 std::string summary(const SessionReport& report);
 
-/// Compares a session's folder with what SessionFiles leaves there: every line whole and in order,
-/// each frame's images there and as they were received, those of late frames in their folder or
-/// merged, every number below the end delivered or dropped and not both unless it came late,
-/// nothing else among the images, camera.txt as DSO reads it, and the session ended by the robot.
+/// Compares a session's journal with what is in its folder: each frame's images there and as they
+/// were received, nothing else among the images, the capture times in order, every number delivered
+/// or named, the calibration as DSO reads it, the journal without damage, and the session ended by
+/// the robot. The text files are not looked at: make_views() makes them again.
 ///
-/// An image is compared with its checksum; where the session was recorded without, the JPEG is
-/// decoded, which misses what still decodes. An error if `folder` is no session or cannot be read.
-/// Reads every image. Blocking, with its progress on stderr; reentrant.
+/// An error if `folder` is no session or cannot be read. Reads every image. Memory: a few bits a
+/// frame. Blocking, with its progress on stderr; reentrant.
 Result<SessionReport> check_session(const std::filesystem::path& folder);
 
 }  // namespace orbbuf

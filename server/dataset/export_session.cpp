@@ -1,25 +1,32 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/dataset/export_session.hpp"
 
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cstdint>
+#include <functional>
+#include <iterator>
 #include <optional>
 #include <span>
 #include <system_error>
 #include <utility>
 
 #include "common/as_bytes.hpp"
+#include "common/decimal.hpp"
+#include "common/file_io.hpp"
 #include "common/progress.hpp"
-#include "server/recording/file_io.hpp"
-#include "server/recording/session_names.hpp"
+#include "server/dataset/mcap/recording.hpp"
+#include "server/session/session_names.hpp"
+#include "server/session/session_reader.hpp"
 
 namespace orbbuf {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr const char* kTemporary = "incoming.tmp";
 
 /// `out` while it is being filled: emptied again at the end of life unless it was kept.
 class Output {
@@ -61,7 +68,7 @@ class Output {
 
   std::optional<Error> add_file(const std::string& to, std::span<const std::uint8_t> bytes) {
     if (auto error = make_folder_of(to)) return error;
-    return write_file(folder_ / to, folder_ / session_names::kIncoming, bytes);
+    return write_file(folder_ / to, folder_ / kTemporary, bytes);
   }
 
   void keep() { is_ours_ = false; }
@@ -86,59 +93,114 @@ class Output {
 /// Adds to all times what the robot's clock was set by, and returns it. Changes none if one would
 /// be out of range.
 std::int64_t set_clock_right(RecordedSession& session) {
-  const std::int64_t offset = session.closing ? session.closing->clock_offset_ns.value_or(0) : 0;
+  const std::int64_t offset = session.summary.closing.clock_offset_ns.value_or(0);
   std::int64_t ignored = 0;
-  const auto fits = [&](const auto& item) {
-    return !__builtin_add_overflow(item.capture_time_ns, offset, &ignored);
+  const auto fits = [&](std::int64_t time_ns) {
+    return !__builtin_add_overflow(time_ns, offset, &ignored);
   };
-  if (!std::ranges::all_of(session.frames, fits) || !std::ranges::all_of(session.drops, fits)) {
+  if (!std::ranges::all_of(session.frames, fits, &RecordedFrame::capture_time_ns) ||
+      !std::ranges::all_of(session.drops, fits, &DropRecord::capture_time_ns) ||
+      !std::ranges::all_of(session.drops, fits, &DropRecord::last_capture_time_ns)) {
     return 0;
   }
   for (RecordedFrame& frame : session.frames) frame.capture_time_ns += offset;
-  for (DropRecord& drop : session.drops) drop.capture_time_ns += offset;
+  for (DropRecord& drop : session.drops) {
+    drop.capture_time_ns += offset;
+    drop.last_capture_time_ns += offset;
+  }
   return offset;
 }
 
-std::optional<Error> reason_to_refuse(const RecordedSession& session, const Dataset& dataset) {
-  if (session.frames.empty()) return Error{session.folder.string() + ": no frames"};
-  const auto problems = problems_of_order(session);
-  if (!problems.empty()) return Error{session.folder.string() + ": " + problems.front()};
+std::optional<Error> reason_to_refuse(const RecordedSession& session) {
+  const auto refuse = [&](const std::string& why) {
+    return Error{session.folder.string() + ": " + why};
+  };
+  if (session.frames.empty()) return refuse("no frames");
+  const auto back = std::ranges::adjacent_find(session.frames, std::ranges::greater_equal(),
+                                               &RecordedFrame::capture_time_ns);
+  if (back != session.frames.end()) {
+    return refuse(fmt::format("frame {} was taken at {} s, not after frame {}",
+                              std::next(back)->sequence,
+                              format_seconds(std::next(back)->capture_time_ns), back->sequence));
+  }
   std::size_t missing = 0;
   std::string first;
-  for (const Dataset::Image& image : dataset.images) {
+  const auto look_for = [&](const std::string& image) {
     std::error_code ignored;  // then opening it says why
-    if (fs::exists(session.folder / image.from, ignored) || ignored) continue;
-    if (missing++ == 0) first = image.from;
+    if (fs::exists(session.folder / image, ignored) || ignored) return;
+    if (missing++ == 0) first = image;
+  };
+  for (const RecordedFrame& frame : session.frames) {
+    look_for(session_names::left_image(frame.sequence));
+    if (frame.is_stereo()) look_for(session_names::right_image(frame.sequence));
   }
   if (missing == 0) return std::nullopt;
-  return Error{fmt::format("{}: {} of its images are missing, {} first", session.folder.string(),
-                           missing, first)};
+  return refuse(
+      fmt::format("{} of its images are missing, {} first{}", missing, first,
+                  session.summary.has_removed() ? ": they are in the MCAP recording only" : ""));
+}
+
+std::vector<std::string> notes_of(const RecordedSession& session, std::int64_t clock_offset_ns) {
+  std::vector<std::string> notes = session.problems;
+  if (clock_offset_ns != 0) {
+    notes.push_back(fmt::format("the robot's clock was set: all times have {:+.3f} s added",
+                                static_cast<double>(clock_offset_ns) * 1e-9));
+  }
+  if (session.summary.is_held()) {
+    notes.push_back(fmt::format("the robot still has {} frames of this session",
+                                session.summary.account->held));
+  }
+  return notes;
+}
+
+std::optional<Error> write_recording(const RecordedSession& session, const fs::path& path,
+                                     ExportReport& report) {
+  auto made = mcap::Recording::create(path, session.summary.info);
+  if (!made) return std::move(made).error();
+  mcap::Recording& recording = made.value();
+  Progress progress("export", "frames", session.frames.size());
+  for (const RecordedFrame& recorded : session.frames) {
+    auto frame = read_images(session.folder, recorded);
+    if (!frame) return std::move(frame).error();
+    if (const auto added = recording.add(frame.value()); !added) return added.error();
+    report.copied += recorded.is_stereo() ? 2 : 1;
+    progress.add();
+  }
+  for (const DropRecord& drop : session.drops) {
+    if (const auto added = recording.add(drop); !added) return added.error();
+  }
+  if (!recording.problem().empty())
+    report.notes.push_back("no calibration: " + recording.problem());
+  return recording.finish(0);
 }
 
 }  // namespace
 
 Result<ExportReport> export_session(const fs::path& folder, const fs::path& out, Layout layout,
                                     std::string_view extension) {
-  auto session = read_recorded_session(folder);
-  if (!session) return std::move(session).error();
-  const auto clock_offset_ns = set_clock_right(session.value());
-  Dataset dataset = lay_out(session.value(), layout, extension);
-  if (auto error = reason_to_refuse(session.value(), dataset)) return std::move(*error);
-
+  auto read = read_session(folder);
+  if (!read) return std::move(read).error();
+  RecordedSession& session = read.value();
+  const auto most_drops = most_drop_lines(session.frames.size());
+  const bool are_drops_cut = cut(session.drops, most_drops);
+  const auto clock_offset_ns = set_clock_right(session);
+  if (auto error = reason_to_refuse(session)) return std::move(*error);
   ExportReport report;
-  report.frames = session.value().frames.size();
-  report.notes = session.value().problems;
-  if (clock_offset_ns != 0) {
-    report.notes.push_back(fmt::format("the robot's clock was set: all times have {:+.3f} s added",
-                                       static_cast<double>(clock_offset_ns) * 1e-9));
+  report.frames = session.frames.size();
+  report.notes = notes_of(session, clock_offset_ns);
+  if (are_drops_cut) {
+    report.notes.push_back(fmt::format("of what was dropped the first {} frames only", most_drops));
   }
-  if (session.value().holds && session.value().holds->held > 0) {
-    report.notes.push_back(
-        fmt::format("the robot still has {} frames of this session", session.value().holds->held));
-  }
-  report.notes.insert(report.notes.end(), dataset.notes.begin(), dataset.notes.end());
   Output output(out);
   if (auto error = output.begin()) return std::move(*error);
+  if (layout == Layout::kMcap) {
+    const auto name = session.summary.info.session_id + ".mcap";
+    if (auto error = write_recording(session, out / name, report)) return std::move(*error);
+    output.keep();
+    return report;
+  }
+  const Dataset dataset = lay_out(session, layout, extension);
+  report.notes.insert(report.notes.end(), dataset.notes.begin(), dataset.notes.end());
   Progress progress("export", "images", dataset.images.size());
   for (const Dataset::Image& image : dataset.images) {
     const auto is_linked = output.add_image(folder / image.from, image.to);

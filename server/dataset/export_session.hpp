@@ -21,10 +21,11 @@ struct ExportReport {
 
 /// Makes the folder `out`, which must not be there or be empty, of a session, whose images get a
 /// second name there where the file system allows it and are copied where not: byte for byte the
-/// same. What is accepted when it begins counts, so that a session may still be recorded.
+/// same. With Layout::kMcap it has one file with all. What is accepted when it begins counts, so
+/// that a session may still be recorded.
 ///
-/// An error: no session, no frames, frames out of order, an image that is missing, or what the
-/// system says; `out` is then as it was. Blocking, with its progress on stderr; reentrant.
+/// An error: no session, no frames, times that do not increase, an image that is missing, or what
+/// the system says; `out` is then as it was. Blocking, with its progress on stderr; reentrant.
 Result<ExportReport> export_session(const std::filesystem::path& folder,
                                     const std::filesystem::path& out, Layout layout,
                                     std::string_view extension);

@@ -1,127 +1,115 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/dataset/join_session.hpp"
 
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
 #include <algorithm>
 #include <map>
 #include <optional>
-#include <set>
 #include <system_error>
 #include <utility>
 
 #include "common/as_bytes.hpp"
+#include "common/file_io.hpp"
+#include "common/journal/journal.hpp"
 #include "common/wire.hpp"
-#include "server/recording/file_io.hpp"
-#include "server/recording/recorded_session.hpp"
-#include "server/recording/session_lines.hpp"
-#include "server/recording/session_names.hpp"
+#include "server/session/session_names.hpp"
+#include "server/session/session_reader.hpp"
+#include "server/session/views.hpp"
 
 namespace orbbuf {
 namespace {
 
 namespace fs = std::filesystem;
 
+constexpr std::uint64_t kSegmentBytes = std::uint64_t{1} << 20;
+
+/// A segment as a server has recorded it.
+struct Part {
+  fs::path folder;
+  SessionOutline outline;
+};
+
+/// Whether `whole` is what `reduced` was made from, as far as the records tell.
+bool is_whole_of(const RecordedFrame& whole, const RecordedFrame& reduced) {
+  return reduced.is_reduced() && !whole.is_reduced() && whole.bytes == reduced.whole_bytes &&
+         (whole.is_stereo() || whole.crc == reduced.whole_crc);
+}
+
+/// Two qualities of one JPEG, as far as the records tell.
+bool are_of_one_image(const RecordedFrame& one, const RecordedFrame& other) {
+  if (is_whole_of(one, other) || is_whole_of(other, one)) return true;
+  return one.is_reduced() && other.is_reduced() && one.whole_bytes == other.whole_bytes &&
+         one.whole_crc == other.whole_crc;
+}
+
+bool have_same_bytes(const RecordedFrame& one, const RecordedFrame& other) {
+  return one.bytes == other.bytes && one.crc == other.crc && one.crc_right == other.crc_right;
+}
+
 class Join {
  public:
-  Join(std::vector<RecordedSession> parts, fs::path out)
-      : parts_(std::move(parts)), out_(std::move(out)) {
+  Join(std::vector<Part> parts, fs::path out) : parts_(std::move(parts)), out_(std::move(out)) {
     report_.segments = parts_.size();
+    summary_.info = parts_.back().outline.summary.info;
+    summary_.info.segment = {};
   }
 
   Result<JoinReport> run() {
-    for (const RecordedSession& part : parts_) take_frames(part);
-    for (const RecordedSession& part : parts_) take_drops(part);
+    for (const Part& part : parts_) {
+      if (auto error = take_frames(part)) return std::move(*error);
+    }
     report_.frames = frames_.size();
     if (auto error = write_images()) return std::move(*error);
-    if (auto error = write_lists()) return std::move(*error);
+    if (auto error = write_journal()) return std::move(*error);
+    const std::string& calibration = summary_.info.calibration;
+    if (!calibration.empty()) {
+      const auto error = write_file(out_ / session_names::kCamera, out_ / session_names::kIncoming,
+                                    as_bytes(calibration));
+      if (error) return *error;
+    }
+    if (auto error = make_views(out_, Views::kAll)) return std::move(*error);
     return report_;
   }
 
  private:
-  /// Where a frame is.
   struct Source {
-    const RecordedSession* part;
-    const RecordedFrame* frame;
+    const Part* part;
+    RecordedFrame frame;
   };
 
-  void take_frames(const RecordedSession& part) {
-    for (const std::string& problem : part.problems) {
+  std::optional<Error> take_frames(const Part& part) {
+    for (const std::string& problem : part.outline.problems) {
       report_.problems.push_back(part.folder.string() + ": " + problem);
     }
-    for (const RecordedFrame& frame : part.frames) {
-      const auto [known, is_new] = frames_.try_emplace(frame.sequence, Source{&part, &frame});
-      if (is_new) continue;
+    const auto take = [&](const RecordedFrame& frame) {
+      const auto [known, is_new] = frames_.try_emplace(frame.sequence, Source{&part, frame});
+      if (is_new) return;
       ++report_.repeats;
-      const Source other{&part, &frame};
-      if (!are_same(known->second, other) && !are_of_one_image(known->second, other)) {
+      const RecordedFrame& other = known->second.frame;
+      if (is_whole_of(other, frame)) return;
+      if (!have_same_bytes(other, frame) && !are_of_one_image(other, frame)) {
         report_.problems.push_back(fmt::format("frame {}: {} and {} have different ones",
                                                frame.sequence, known->second.part->folder.string(),
                                                part.folder.string()));
       }
-      known->second = other;
-    }
-  }
-
-  using Crc = std::optional<std::uint32_t>;
-
-  /// Of an image as it was received.
-  static Crc crc(const Source& source, const std::string& image) {
-    const auto found = source.part->checksums.find(image);
-    return found == source.part->checksums.end() ? std::nullopt : Crc(found->second);
-  }
-
-  /// Of the JPEG that a reduced frame was made from; nothing: it is not reduced.
-  static Crc whole_crc(const Source& source) {
-    const auto found = source.part->qualities.find(source.frame->sequence);
-    if (found == source.part->qualities.end() || found->second.whole_bytes == 0) return {};
-    return found->second.whole_crc;
-  }
-
-  /// A robot that goes to another server sends a frame again, perhaps in another quality.
-  static bool are_of_one_image(const Source& one, const Source& other) {
-    if (one.frame->capture_time_ns != other.frame->capture_time_ns) return false;
-    const auto [whole_one, whole_other] = std::pair(whole_crc(one), whole_crc(other));
-    if (whole_one && whole_other) return whole_one == whole_other;
-    if (!whole_one && !whole_other) return false;
-    const Source& whole = whole_one ? other : one;
-    // The checksum of a pair is not one of its images'.
-    return whole.part->is_stereo ||
-           crc(whole, left_image(*whole.frame)) == (whole_one ? whole_one : whole_other);
-  }
-
-  /// By their checksums.
-  static bool are_same(const Source& one, const Source& other) {
-    return one.frame->capture_time_ns == other.frame->capture_time_ns &&
-           crc(one, left_image(*one.frame)) == crc(other, left_image(*other.frame)) &&
-           crc(one, right_image(*one.frame)) == crc(other, right_image(*other.frame));
-  }
-
-  /// In the order of the record; the same record in two segments is the robot's repeat.
-  void take_drops(const RecordedSession& part) {
-    for (const DropRecord& drop : part.drops) {
-      if (!dropped_.insert(drop.sequence).second) continue;
-      if (frames_.contains(drop.sequence)) {
-        ++report_.settled;
-      } else {
-        drops_.push_back(drop);
-      }
-    }
+      known->second = {&part, frame};
+    };
+    const auto drops = for_each_frame(part.folder, part.outline, take);
+    return drops ? std::nullopt : std::optional(drops.error());
   }
 
   std::optional<Error> write_images() const {
     for (const auto& [sequence, source] : frames_) {
-      const fs::path& from = source.part->folder;
-      const auto left = session_names::left_image(sequence);
-      if (auto error = link(from / left_image(*source.frame), left)) return error;
-      if (!source.part->is_stereo) continue;
-      const auto right = session_names::right_image(sequence);
-      if (auto error = link(from / right_image(*source.frame), right)) return error;
+      if (auto error = link(*source.part, session_names::left_image(sequence))) return error;
+      if (!source.frame.is_stereo()) continue;
+      if (auto error = link(*source.part, session_names::right_image(sequence))) return error;
     }
     return std::nullopt;
   }
 
-  std::optional<Error> link(const fs::path& from, const std::string& image) const {
+  std::optional<Error> link(const Part& part, const std::string& image) const {
+    const fs::path from = part.folder / image;
     std::error_code failed;
     fs::create_directories((out_ / image).parent_path(), failed);
     fs::create_hard_link(from, out_ / image, failed);
@@ -134,61 +122,78 @@ class Join {
     return system_error("copy " + from.string(), failed.value());
   }
 
-  std::optional<Error> write_lists() const {
-    std::string times;
-    std::string checksums;
-    std::string qualities = std::string(session_lines::kQualityHeader) + '\n';
+  /// What is named twice, and what is named and there, is the reader's to sort out.
+  std::optional<Error> write_journal() {
     for (const auto& [sequence, source] : frames_) {
-      times += session_lines::to_text(
-                   {sequence, source.frame->capture_time_ns, source.frame->exposure_ms}) +
-               '\n';
-      const auto add = [&, part = source.part](const std::string& place, const std::string& image) {
-        const auto found = part->checksums.find(place);
-        if (found == part->checksums.end()) return;
-        checksums += session_lines::checksum(image, found->second) + '\n';
-      };
-      add(left_image(*source.frame), session_names::left_image(sequence));
-      add(right_image(*source.frame), session_names::right_image(sequence));
-      qualities += quality_line(*source.part, sequence);
+      RecordedFrame record = source.frame;
+      record.replaced_bytes = 0;
+      append(record);
     }
-    std::string drops = std::string(kDropCsvHeader) + '\n';
-    for (const DropRecord& drop : drops_) drops += to_csv(drop) + '\n';
-    if (auto error = write(session_names::kTimes, times)) return error;
-    if (auto error = write(session_names::kChecksums, checksums)) return error;
-    if (auto error = write(session_names::kQualities, qualities)) return error;
-    if (auto error = write(session_names::kDrops, drops)) return error;
-    const RecordedSession& last = parts_.back();
-    if (!last.calibration.empty()) {
-      if (auto error = write(session_names::kCamera, last.calibration)) return error;
+    for (const Part& part : parts_) {
+      const std::span<const DropRecord> named = part.outline.named;
+      for (std::size_t i = 0; i < named.size(); i += wire::kMaxDropsPerMessage) {
+        const auto some = named.subspan(i, std::min(wire::kMaxDropsPerMessage, named.size() - i));
+        const std::uint64_t first = summary_.position[wire::kDrops];
+        append(RecordedItems{wire::kDrops, first, first + some.size(), wire::encode_drops(some)});
+      }
     }
-    if (!last.closing) return std::nullopt;
-    return write(session_names::kEnd, to_csv(*last.closing));
+    for (wire::StreamId stream = wire::kFirstOther; stream < wire::kMostStreams; ++stream) {
+      for (const Part& part : parts_) {
+        if (part.outline.summary.position[stream] == 0) continue;
+        const auto take = [&](const RecordedItems& items) {
+          if (items.next > summary_.position[stream]) append(items);
+        };
+        if (auto error = read_items(part.folder, stream, take)) return error;
+      }
+    }
+    const SessionClosing& closing = parts_.back().outline.summary.closing;
+    if (closing.stats) append(RecordedReport{*closing.stats, closing.clock_offset_ns.value_or(0)});
+    if (const auto account = newest_account()) append(*account);
+    append(RecordedEnd{closing.has_ended});
+    return failed_;
   }
 
-  std::optional<Error> write(const char* name, const std::string& text) const {
-    return write_file(out_ / name, out_ / session_names::kIncoming, as_bytes(text));
+  /// As far as can be told: what the robot holds only becomes less.
+  std::optional<wire::Account> newest_account() const {
+    std::optional<wire::Account> newest;
+    for (const Part& part : parts_) {
+      const auto& account = part.outline.summary.account;
+      if (!account) continue;
+      const auto age = [](const wire::Account& of) { return std::pair(!of.is_final, of.held); };
+      if (!newest || age(*account) < age(*newest)) newest = account;
+    }
+    return newest;
   }
 
-  const std::vector<RecordedSession> parts_;  // by epoch
+  /// Nothing after the first error.
+  void append(const RecordBody& body) {
+    if (failed_) return;
+    const auto place = journal_.append(type_of(body), {encode(body, {})});
+    if (!place) failed_ = place.error();
+    add(body, summary_);
+  }
+
+  const std::vector<Part> parts_;  // by epoch
   const fs::path out_;
   std::map<Sequence, Source> frames_;
-  std::set<Sequence> dropped_;
-  std::vector<DropRecord> drops_;
+  SessionSummary summary_;  // of what is made
+  journal::Writer journal_{out_, kSegmentBytes, false, [this] { return encode(summary_, {}); }};
+  std::optional<Error> failed_;
   JoinReport report_;
 };
 
 }  // namespace
 
 Result<JoinReport> join_session(const std::vector<fs::path>& segments, const fs::path& out) {
-  std::vector<RecordedSession> parts;
+  std::vector<Part> parts;
   for (const fs::path& folder : segments) {
-    auto part = read_recorded_session(folder);
-    if (!part) return std::move(part).error();
-    parts.push_back(std::move(part).value());
+    auto outline = read_outline(folder);
+    if (!outline) return std::move(outline).error();
+    parts.push_back({folder, std::move(outline).value()});
   }
   if (parts.empty()) return Error{"no segment of the session was found"};
-  std::ranges::stable_sort(parts, {},
-                           [](const RecordedSession& part) { return part.segment.epoch; });
+  std::ranges::stable_sort(
+      parts, {}, [](const Part& part) { return part.outline.summary.info.segment.epoch; });
   std::error_code failed;
   if (fs::exists(out, failed) && !fs::is_empty(out, failed)) {
     return Error{out.string() + ": is there already, and not empty"};

@@ -15,15 +15,15 @@ struct JoinReport {
   std::size_t segments = 0;
   std::size_t frames = 0;
   std::size_t repeats = 0;            ///< frames that two segments have, with the same bytes
-  std::size_t settled = 0;            ///< drop records of frames that a segment has
   std::vector<std::string> problems;  ///< one line each
 };
 
-/// Makes one session's folder of its segments (docs/fleet.md): each frame that any of them has,
-/// once; each drop record whose frame none has; of the newest segment, which SegmentInfo tells, how
-/// the session was left. Images are hard links where that is possible, else copies. `out` must not
-/// be there, or be empty. A frame of which two segments have different bytes is a problem, and the
-/// newer segment's is taken. Blocking; reentrant.
+/// Makes one session's folder of its segments (docs/fleet.md), with a journal and views of its own:
+/// each frame that any of them has, once; what was named and what other streams had; of the newest
+/// segment, which SegmentInfo tells, how the session was left. Images are hard links where that is
+/// possible, else copies. `out` must not be there, or be empty. Of a frame that one segment has
+/// reduced and another one whole the whole one is taken; any other frame of which two segments have
+/// different bytes is a problem, and the newer segment's is taken. Blocking; reentrant.
 Result<JoinReport> join_session(const std::vector<std::filesystem::path>& segments,
                                 const std::filesystem::path& out);
 

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/dataset/layouts.hpp"
 
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
 #include <string>
 #include <utility>
 
 #include "common/decimal.hpp"
 #include "server/dataset/camera_files.hpp"
-#include "server/recording/session_lines.hpp"
-#include "server/recording/session_names.hpp"
+#include "server/session/session_lines.hpp"
+#include "server/session/session_names.hpp"
 
 namespace orbbuf {
 namespace {
@@ -25,41 +25,44 @@ struct Work {
   void text(std::string to, std::string content) {
     made.texts.push_back({std::move(to), std::move(content)});
   }
-  void image(std::string from, const std::string& folder, const std::string& stem) {
-    made.images.push_back({std::move(from), fmt::format("{}/{}.{}", folder, stem, extension)});
+  /// Without a folder `right` the right image is left out.
+  void images(const RecordedFrame& frame, const char* left, const char* right,
+              const std::string& stem) {
+    const auto add = [&](std::string from, const char* folder) {
+      made.images.push_back({std::move(from), fmt::format("{}/{}.{}", folder, stem, extension)});
+    };
+    add(session_names::left_image(frame.sequence), left);
+    if (right != nullptr && frame.is_stereo()) {
+      add(session_names::right_image(frame.sequence), right);
+    }
   }
+  const std::string& calibration() const { return session.summary.info.calibration; }
 };
 
 void lay_out_tum_mono(Work& work) {
   std::string times;
   std::string checksums;
   std::string qualities;
-  const auto add = [&](const std::string& from, const char* folder, Sequence sequence) {
-    work.image(from, folder, fmt::format("{:0{}}", sequence, work.digits));
-    const auto checksum = work.session.checksums.find(from);
-    if (checksum == work.session.checksums.end()) return;
-    checksums += session_lines::checksum(work.made.images.back().to, checksum->second) + '\n';
-  };
   for (const RecordedFrame& frame : work.session.frames) {
-    add(left_image(frame), session_names::kImages, frame.sequence);
-    if (work.session.is_stereo) {
-      add(right_image(frame), session_names::kRightImages, frame.sequence);
+    const std::string stem = fmt::format("{:0{}}", frame.sequence, work.digits);
+    const std::size_t first = work.made.images.size();
+    work.images(frame, session_names::kImages, session_names::kRightImages, stem);
+    for (std::size_t i = first; i < work.made.images.size(); ++i) {
+      checksums += fmt::format("{} {:08X}\n", work.made.images[i].to,
+                               i == first ? frame.crc : frame.crc_right);
     }
-    times +=
-        session_lines::to_text({frame.sequence, frame.capture_time_ns, frame.exposure_ms}) + '\n';
-    qualities += quality_line(work.session, frame.sequence);
+    times += session_lines::times(frame);
+    qualities += session_lines::quality(frame);
   }
-  std::string drops = std::string(kDropCsvHeader) + '\n';
-  for (const DropRecord& drop : work.session.drops) drops += to_csv(drop) + '\n';
-  if (!work.session.drops.empty()) work.text(session_names::kDrops, std::move(drops));
+  std::string drops;
+  for (const DropRecord& drop : work.session.drops) drops += to_csv(drop);
+  if (!drops.empty())
+    work.text(session_names::kDrops, fmt::format("{}\n{}", kDropCsvHeader, drops));
   if (!checksums.empty()) work.text(session_names::kChecksums, std::move(checksums));
   if (!qualities.empty()) {
-    work.text(session_names::kQualities,
-              fmt::format("{}\n{}", session_lines::kQualityHeader, qualities));
+    work.text(session_names::kQualities, std::string(session_lines::kQualityHeader) + qualities);
   }
-  if (!work.session.calibration.empty()) {
-    work.text(session_names::kCamera, work.session.calibration);
-  }
+  if (!work.calibration().empty()) work.text(session_names::kCamera, work.calibration());
   work.text(session_names::kTimes, std::move(times));
 }
 
@@ -67,14 +70,11 @@ void lay_out_euroc(Work& work) {
   std::string index = "#timestamp [ns],filename\n";
   for (const RecordedFrame& frame : work.session.frames) {
     const std::string stem = std::to_string(frame.capture_time_ns);
-    work.image(left_image(frame), "mav0/cam0/data", stem);
-    if (work.session.is_stereo) {
-      work.image(right_image(frame), "mav0/cam1/data", stem);
-    }
+    work.images(frame, "mav0/cam0/data", "mav0/cam1/data", stem);
     index += fmt::format("{},{}.{}\n", frame.capture_time_ns, stem, work.extension);
   }
   work.text("mav0/cam0/data.csv", index);
-  if (work.session.is_stereo) work.text("mav0/cam1/data.csv", std::move(index));
+  if (is_stereo(work.session)) work.text("mav0/cam1/data.csv", std::move(index));
   add_euroc_camera(work.session, work.made);
 }
 
@@ -83,10 +83,7 @@ void lay_out_kitti(Work& work) {
   std::size_t number = 0;
   for (const RecordedFrame& frame : work.session.frames) {
     const std::string stem = fmt::format("{:0{}}", number++, work.digits);
-    work.image(left_image(frame), "image_0", stem);
-    if (work.session.is_stereo) {
-      work.image(right_image(frame), "image_1", stem);
-    }
+    work.images(frame, "image_0", "image_1", stem);
     times += format_seconds(frame.capture_time_ns) + '\n';
   }
   work.text("times.txt", std::move(times));
@@ -97,12 +94,12 @@ void lay_out_tum_rgbd(Work& work) {
   std::string index = "# color images\n# by orbbuf-server export\n# timestamp filename\n";
   for (const RecordedFrame& frame : work.session.frames) {
     const std::string stem = format_seconds(frame.capture_time_ns);
-    work.image(left_image(frame), "rgb", stem);
+    work.images(frame, "rgb", nullptr, stem);
     index += fmt::format("{} {}\n", stem, work.made.images.back().to);
   }
   work.text("rgb.txt", std::move(index));
-  if (work.session.is_stereo) work.note("TUM RGB-D has one camera: the right images are left out");
-  if (work.session.calibration.empty()) return;
+  if (is_stereo(work.session)) work.note("TUM RGB-D has one camera: the right images are left out");
+  if (work.calibration().empty()) return;
   work.note("TUM RGB-D has no file for a calibration: camera.txt is left out");
 }
 
@@ -112,7 +109,7 @@ Dataset lay_out(const RecordedSession& session, Layout layout, std::string_view 
   Work work{session, extension, {}};
   constexpr Sequence kMostOfSixDigits = 999'999;
   if (!session.frames.empty() && session.frames.back().sequence > kMostOfSixDigits) work.digits = 9;
-  if (session.calibration.empty()) work.note("no calibration: the robot sent none");
+  if (work.calibration().empty()) work.note("no calibration: the robot sent none");
   switch (layout) {
     case Layout::kTumMono:
       lay_out_tum_mono(work);
@@ -125,6 +122,8 @@ Dataset lay_out(const RecordedSession& session, Layout layout, std::string_view 
       break;
     case Layout::kTumRgbd:
       lay_out_tum_rgbd(work);
+      break;
+    case Layout::kMcap:
       break;
   }
   return std::move(work.made);

@@ -6,24 +6,25 @@
 #include <string_view>
 
 #include "server/dataset/dataset.hpp"
-#include "server/recording/recorded_session.hpp"
+#include "server/session/session_reader.hpp"
 
 namespace orbbuf {
 
 /// Forms in which SLAM programs and their tools expect a sequence; docs/datasets.md has a table.
 enum class Layout : std::uint8_t {
-  kTumMono,  ///< TUM monoVO: what SessionFiles writes, the drop record included
+  kTumMono,  ///< TUM monoVO: the session's own, the drop record included
   kEuroc,    ///< EuRoC, ASL: mav0/cam0/data/NS.jpg, data.csv, sensor.yaml; cam1 for right images
   kKitti,    ///< KITTI odometry: image_0/000000.jpg, numbered from 0, times.txt, calib.txt; image_1
   kTumRgbd,  ///< TUM RGB-D: rgb/SECONDS.jpg, rgb.txt
+  kMcap,     ///< one file: mcap::Recording
 };
 
 /// On the command line, in the order of Layout.
-inline constexpr std::array<std::string_view, 4> kLayouts = {"tum-mono", "euroc", "kitti",
-                                                             "tum-rgbd"};
+inline constexpr std::array<std::string_view, 5> kLayouts = {"tum-mono", "euroc", "kitti",
+                                                             "tum-rgbd", "mcap"};
 
-/// Plans it, touching no file. extension: of the images, without the dot. Requires frames in order
-/// (problems_of_order() is empty).
+/// Plans it, touching no file; not kMcap. extension: of the images, without the dot. Requires times
+/// that increase.
 Dataset lay_out(const RecordedSession& session, Layout layout, std::string_view extension);
 
 }  // namespace orbbuf

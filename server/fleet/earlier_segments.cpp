@@ -1,16 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/fleet/earlier_segments.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <boost/asio/post.hpp>
 #include <string_view>
 #include <utility>
 
-#include "server/recording/session_lines.hpp"
-#include "server/recording/session_names.hpp"
+#include "common/log.hpp"
 #include "server/runtime/run_in_pool.hpp"
+#include "server/session/session_lines.hpp"
+#include "server/session/session_names.hpp"
 
 namespace orbbuf::fleet {
 
@@ -49,13 +48,13 @@ void EarlierSegments::on_found(const std::vector<FoundSegment>& found) {
     const auto& [segment, http] = found[i];
     if (segment.epoch >= options_.epoch) break;
     if (i == parts_->size()) {
-      parts_->push_back({segment, found[i + 1].segment.from.next_sequence, "", false});
+      parts_->push_back({segment, found[i + 1].segment.from[wire::kFrames], "", false});
     }
     (*parts_)[i].http = http;
   }
   if (!is_first_time || parts_->empty()) return;
-  spdlog::info("{}: frames {} to {} are read from {} earlier segments", options_.session.text(),
-               first_, parts_->back().end - 1, parts_->size());
+  log_info("{}: frames {} to {} are read from {} earlier segments", options_.session.text(), first_,
+           parts_->back().end - 1, parts_->size());
 }
 
 /// The one place that decides what is next.
@@ -80,7 +79,7 @@ void EarlierSegments::step() {
 /// The one that has the first frame from first_ on; requires parts_.
 std::vector<EarlierSegments::Part>::iterator EarlierSegments::next_part() {
   return std::ranges::find_if(*parts_, [this](const Part& part) {
-    const Sequence from = part.segment.from.next_sequence;
+    const Sequence from = part.segment.from[wire::kFrames];
     return !part.is_given_up && std::max(from, first_) < part.end;
   });
 }
@@ -92,7 +91,8 @@ void EarlierSegments::open(std::size_t part) {
   source_->part = part;
   source_->path = page_path(options_.session.robot_id, folder);
   if (chosen.segment.server == options_.server) {
-    source_->local = std::make_shared<Backlog>(options_.files / options_.session.robot_id / folder);
+    source_->local =
+        std::make_shared<FrameFollower>(options_.files / options_.session.robot_id / folder);
   } else if (auto page = parse_address(chosen.http)) {
     source_->client = std::make_shared<PageClient>(main_, std::move(page).value());
   }
@@ -100,7 +100,7 @@ void EarlierSegments::open(std::size_t part) {
 
 void EarlierSegments::read_local() {
   run_in_pool(
-      main_, files_, [backlog = source_->local, first = first_] { return backlog->next(first); },
+      main_, files_, [follower = source_->local, first = first_] { return follower->next(first); },
       [self = shared_from_this()](Result<FramePtr> frame) { self->on_local(std::move(frame)); });
 }
 
@@ -175,8 +175,8 @@ void EarlierSegments::fetch_right(EncodedFrame frame) {
 
 void EarlierSegments::pass_over(Sequence sequence, const std::string& image) {
   if (!std::exchange(source_->has_warned, true)) {
-    spdlog::warn("{}: {}: {} is not there; passed over, as are others like it",
-                 options_.session.text(), to_string(source_->client->page()), image);
+    log_warn("{}: {}: {} is not there; passed over, as are others like it", options_.session.text(),
+             to_string(source_->client->page()), image);
   }
   first_ = sequence + 1;
   step();
@@ -205,15 +205,15 @@ void EarlierSegments::give_up(const std::string& why) {
   failing_since_.reset();
   source_.reset();
   if (!parts_) {
-    spdlog::warn("{}: frames before this server's segment are passed over: {}",
-                 options_.session.text(), why);
+    log_warn("{}: frames before this server's segment are passed over: {}", options_.session.text(),
+             why);
     parts_.emplace();
   } else if (const auto part = next_part(); part != parts_->end()) {
     part->is_given_up = true;
-    spdlog::warn("{}: frames {} to {} are passed over: segment {} of server {}: {}",
-                 options_.session.text(), std::max(first_, part->segment.from.next_sequence),
-                 part->end - 1, folder_of(options_.session.session_id, part->segment),
-                 part->segment.server, why);
+    log_warn("{}: frames {} to {} are passed over: segment {} of server {}: {}",
+             options_.session.text(), std::max(first_, part->segment.from[wire::kFrames]),
+             part->end - 1, folder_of(options_.session.session_id, part->segment),
+             part->segment.server, why);
   }
   step();
 }

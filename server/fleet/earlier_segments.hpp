@@ -17,8 +17,8 @@
 #include "server/fleet/fetch_segment.hpp"
 #include "server/fleet/key_store.hpp"
 #include "server/fleet/page_client.hpp"
-#include "server/recording/backlog.hpp"
-#include "server/recording/earlier_frames.hpp"
+#include "server/session/earlier_frames.hpp"
+#include "server/session/session_reader.hpp"
 
 namespace orbbuf::fleet {
 
@@ -64,13 +64,13 @@ class EarlierSegments final : public EarlierFrames,
   /// What is being read.
   struct Source {
     std::size_t part = 0;
-    std::shared_ptr<Backlog> local;      // or
-    std::shared_ptr<PageClient> client;  // of the server's page
-    std::string path;                    // on that page, of the folder
-    std::optional<std::string> times;    // times.txt
-    std::size_t offset = 0;              // in it, where the next line begins
-    std::optional<bool> is_stereo;       // as its first frame is
-    bool has_warned = false;             // of an image that is not there
+    std::shared_ptr<FrameFollower> local;  // or
+    std::shared_ptr<PageClient> client;    // of the server's page
+    std::string path;                      // on that page, of the folder
+    std::optional<std::string> times;      // times.txt
+    std::size_t offset = 0;                // in it, where the next line begins
+    std::optional<bool> is_stereo;         // as its first frame is
+    bool has_warned = false;               // of an image that is not there
   };
 
   void find();

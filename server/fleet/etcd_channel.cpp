@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/fleet/etcd_channel.hpp"
 
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
 #include <boost/asio/connect.hpp>
 #include <boost/asio/post.hpp>

@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/fleet/fetch_segment.hpp"
 
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
 #include <algorithm>
 #include <boost/asio/io_context.hpp>
 #include <fstream>
 #include <memory>
-#include <sstream>
 
+#include "common/journal/journal.hpp"
 #include "server/fleet/etcd_client.hpp"
 #include "server/fleet/page_client.hpp"
-#include "server/recording/session_lines.hpp"
-#include "server/recording/session_names.hpp"
+#include "server/session/session_names.hpp"
+#include "server/session/session_reader.hpp"
 
 namespace orbbuf::fleet {
 namespace {
@@ -47,32 +47,14 @@ std::optional<Error> keep(const fs::path& path, const std::string& content) {
   return system_error("write " + path.string(), errno);
 }
 
-/// Nothing if it is missing.
-Result<std::string> fetch(Page& page, const std::string& from, const std::string& name,
-                          const fs::path& to) {
-  auto content = page.get(from + name);
-  if (!content) return std::move(content).error();
-  if (!content.value()) return std::string();
+/// False: it is missing.
+Result<bool> fetch(Page& page, const std::string& from, const std::string& name,
+                   const fs::path& to) {
+  const auto content = page.get(from + name);
+  if (!content) return content.error();
+  if (!content.value()) return false;
   if (auto error = keep(to / name, *content.value())) return std::move(*error);
-  return std::move(*content.value());
-}
-
-/// Late frames that are not merged yet, before what is merged: none is missed in between.
-std::optional<Error> fetch_late(Page& page, const std::string& from, const fs::path& to) {
-  const auto list = fetch(page, from, session_names::kLateList, to);
-  if (!list) return list.error();
-  std::istringstream lines(list.value());
-  for (std::string line; std::getline(lines, line);) {
-    const auto late = session_lines::parse_late(line);
-    if (!late) continue;
-    for (const std::string& image :
-         {session_names::left_image(late->sequence), session_names::right_image(late->sequence)}) {
-      const auto got = fetch(page, from, session_names::late_image(image), to);
-      if (!got) return got.error();
-      if (!late->crc_right) break;
-    }
-  }
-  return std::nullopt;
+  return true;
 }
 
 }  // namespace
@@ -125,23 +107,24 @@ std::optional<Error> fetch_segment(const Address& address, const std::string& ro
                                    const std::string& folder, const fs::path& to) {
   Page page(address);
   const std::string from = page_path(robot_id, folder);
-  if (auto error = fetch_late(page, from, to)) return error;
-  std::string checksums;
-  for (const char* const name :
-       {session_names::kTimes, session_names::kDrops, session_names::kCamera, session_names::kEnd,
-        session_names::kSegment, session_names::kQualities, session_names::kChecksums}) {
-    auto content = fetch(page, from, name, to);
-    if (!content) return std::move(content).error();
-    checksums = std::move(content).value();
+  for (std::uint32_t segment = 0;; ++segment) {
+    const auto is_there = fetch(page, from, journal::segment_path("", segment).string(), to);
+    if (!is_there) return is_there.error();
+    if (!is_there.value()) break;
   }
-  std::istringstream lines(checksums);
-  for (std::string line; std::getline(lines, line);) {
-    const std::string image = line.substr(0, line.rfind(' '));
-    const bool is_image = image.starts_with("images/") || image.starts_with("images_right/");
-    if (!is_image || image.find("..") != std::string::npos) continue;
-    if (auto content = fetch(page, from, image, to); !content) return std::move(content).error();
-  }
-  return std::nullopt;
+  if (!fs::exists(to)) return std::nullopt;
+  std::optional<Error> failed;
+  const auto fetch_image = [&](const std::string& image) {
+    if (failed) return;
+    if (const auto got = fetch(page, from, image, to); !got) failed = got.error();
+  };
+  const auto outline = read_outline(to);
+  if (!outline) return outline.error();
+  const auto drops = for_each_frame(to, outline.value(), [&](const RecordedFrame& frame) {
+    fetch_image(session_names::left_image(frame.sequence));
+    if (frame.is_stereo()) fetch_image(session_names::right_image(frame.sequence));
+  });
+  return !drops ? drops.error() : failed;
 }
 
 }  // namespace orbbuf::fleet

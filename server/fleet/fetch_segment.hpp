@@ -40,8 +40,8 @@ std::string page_path(const std::string& robot_id, const std::string& folder);
 Result<std::string> fetch_file(const Address& page, const std::string& robot_id,
                                const std::string& folder, const std::string& file);
 
-/// Copies what a server's page shows of a folder of that robot, all lists and images, to `to`;
-/// nothing if it has no such folder. Plain HTTP. Blocking.
+/// Copies the journal of a folder of that robot and its images, as a server's page shows them, to
+/// `to`; nothing if it has no such folder. Plain HTTP. Blocking.
 std::optional<Error> fetch_segment(const Address& page, const std::string& robot_id,
                                    const std::string& folder, const std::filesystem::path& to);
 

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/fleet/fleet.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <boost/asio/post.hpp>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <random>
 #include <utility>
+
+#include "common/log.hpp"
 
 namespace orbbuf::fleet {
 namespace {
@@ -35,7 +35,7 @@ Fleet::Fleet(boost::asio::io_context& main, const FleetSettings& settings,
 
 void Fleet::start() {
   const ServerEntry& self = membership_.self();
-  spdlog::info("fleet: this is {}, for robots at {}", self.name, self.address);
+  log_info("fleet: this is {}, for robots at {}", self.name, self.address);
   membership_.start();
 }
 
@@ -154,8 +154,7 @@ void Fleet::async_overview(const std::function<void(Result<std::string>)>& done)
           const auto entry = name ? sessions.find(name->text()) : sessions.end();
           const auto position = position_from(key.value);
           if (entry == sessions.end() || !position) continue;
-          entry->second["next_sequence"] = position->next_sequence;
-          entry->second["next_drop"] = position->next_drop;
+          entry->second.update(json::parse(to_text(*position)));
         }
         json list = json::array();
         for (auto& [name, entry] : sessions) list.push_back(std::move(entry));

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/fleet/fleet_keys.hpp"
 
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
+#include <algorithm>
 #include <charconv>
 #include <nlohmann/json.hpp>
+#include <vector>
 
 namespace orbbuf::fleet {
 namespace {
@@ -13,14 +15,22 @@ using nlohmann::json;
 
 constexpr std::string_view kEpochMark = ".e";
 
+/// The next number of each stream, as far as there are any.
 json to_json(const wire::Position& position) {
-  return {{"next_sequence", position.next_sequence}, {"next_drop", position.next_drop}};
+  std::vector<std::uint64_t> next;
+  for (wire::StreamId id = 0; id < wire::kMostStreams; ++id) next.push_back(position[id]);
+  while (!next.empty() && next.back() == 0) next.pop_back();
+  return {{"next", next}};
 }
 
 /// Throws json's exceptions, as do those below.
 wire::Position position_of(const json& object) {
-  return {object.at("next_sequence").get<std::uint64_t>(),
-          object.at("next_drop").get<std::uint64_t>()};
+  wire::Position position;
+  const auto next = object.at("next").get<std::vector<std::uint64_t>>();
+  for (wire::StreamId id = 0; id < std::min(next.size(), wire::kMostStreams); ++id) {
+    position[id] = next[id];
+  }
+  return position;
 }
 
 template <class Read>

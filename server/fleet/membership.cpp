@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/fleet/membership.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <utility>
+
+#include "common/log.hpp"
 
 namespace orbbuf::fleet {
 
@@ -24,7 +24,7 @@ void Membership::beat() {
     if (is_stopped_) return;
     if (!alive) return beat_later(alive.error());
     if (alive.value()) return keep();
-    spdlog::warn("fleet: this server's lease has run out; others may have taken its sessions");
+    log_warn("fleet: this server's lease has run out; others may have taken its sessions");
     lease_ = 0;
     join();
   });
@@ -56,7 +56,7 @@ void Membership::write(Done done) {
   store_.async_txns({std::move(txn)},
                     [this, entry = self_, done = std::move(done)](const auto& outcomes) {
                       if (!outcomes) return done(outcomes.error());
-                      if (!written_) spdlog::info("fleet: {} has joined", entry.name);
+                      if (!written_) log_info("fleet: {} has joined", entry.name);
                       written_ = entry;
                       done(std::nullopt);
                     });
@@ -65,9 +65,9 @@ void Membership::write(Done done) {
 void Membership::beat_later(const std::optional<Error>& error) {
   if (is_stopped_) return;
   if (error && !std::exchange(is_failing_, true)) {
-    spdlog::error("fleet: {}; new sessions wait", error->text);
+    log_error("fleet: {}; new sessions wait", error->text);
   }
-  if (!error && std::exchange(is_failing_, false)) spdlog::info("fleet: in touch with etcd again");
+  if (!error && std::exchange(is_failing_, false)) log_info("fleet: in touch with etcd again");
   timer_.expires_after(std::chrono::milliseconds(ttl_) / 3);
   timer_.async_wait([this](const boost::system::error_code& aborted) {
     if (!aborted && !is_stopped_) beat();
@@ -84,7 +84,7 @@ void Membership::async_refresh(Done done) {
     const auto own = servers_.find(self_.name);
     const bool is_doubled = own != servers_.end() && own->second.instance != self_.instance;
     if (is_doubled && !std::exchange(is_doubled_, true)) {
-      spdlog::error("fleet.name: another server of the fleet has the name {}, too", self_.name);
+      log_error("fleet.name: another server of the fleet has the name {}, too", self_.name);
       written_.reset();
     }
     done(std::nullopt);

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/fleet/position_recorder.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <iterator>
 #include <utility>
 #include <vector>
+
+#include "common/log.hpp"
 
 namespace orbbuf::fleet {
 
@@ -63,14 +63,14 @@ void PositionRecorder::on_answer(const Result<std::vector<KeyTxnOutcome>>& answe
   auto sent = std::exchange(sent_, {});
   if (!answer) {
     if (!std::exchange(is_failing_, true)) {
-      spdlog::error("fleet: nothing is acknowledged until it is recorded: {}", answer.error().text);
+      log_error("fleet: nothing is acknowledged until it is recorded: {}", answer.error().text);
     }
     // It may have been recorded; to record it again is harmless.
     waiting_.insert(waiting_.begin(), std::make_move_iterator(sent.begin()),
                     std::make_move_iterator(sent.end()));
     return schedule();
   }
-  if (std::exchange(is_failing_, false)) spdlog::info("fleet: etcd answers again");
+  if (std::exchange(is_failing_, false)) log_info("fleet: etcd answers again");
   ++requests_;
   time_spent_ += Clock::now() - begun_;
   for (std::size_t i = 0; i < sent.size(); ++i) {

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/http/foxglove_server.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <boost/asio/post.hpp>
 #include <boost/beast/http/field.hpp>
@@ -10,9 +8,9 @@
 #include <utility>
 
 #include "common/as_bytes.hpp"
+#include "server/foxglove/messages.hpp"
 #include "server/http/own_host.hpp"
 #include "server/http/views.hpp"
-#include "server/recording/mcap/foxglove.hpp"
 
 namespace orbbuf {
 namespace {

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/http/foxglove_viewer.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <boost/asio/buffer.hpp>
 #include <boost/beast/core/buffers_to_string.hpp>
@@ -11,6 +9,7 @@
 #include <variant>
 
 #include "common/keep_alive.hpp"
+#include "common/log.hpp"
 
 namespace orbbuf {
 namespace {
@@ -120,7 +119,7 @@ void FoxgloveViewer::follow(const foxglove::NotUnderstood& why) {
 void FoxgloveViewer::send(std::string text) {
   if (is_closed_ || !is_open_) return;
   if (text_bytes_ >= kMostTextBytes) {
-    spdlog::warn("http: a viewer is cut off that does not read what it is told");
+    log_warn("http: a viewer is cut off that does not read what it is told");
     return close();
   }
   text_bytes_ += text.size();

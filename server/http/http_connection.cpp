@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/http/http_connection.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/write.hpp>
 #include <utility>
 
 #include "common/as_bytes.hpp"
+#include "common/log.hpp"
 #include "server/runtime/run_in_pool.hpp"
 
 namespace orbbuf {
@@ -41,7 +40,7 @@ void HttpConnection::start() {
   stream_->async_handshake_as_server([self = shared_from_this()](const error_code& failed) {
     if (self->is_closed_) return;
     if (!failed) return self->read();
-    spdlog::debug("http: {}", self->stream_->explain(failed));
+    log_debug("http: {}", self->stream_->explain(failed));
     self->close();
   });
 }

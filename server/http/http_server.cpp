@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/http/http_server.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <utility>
 
+#include "common/log.hpp"
 #include "server/runtime/listen_on.hpp"
 
 namespace orbbuf {
@@ -21,11 +20,11 @@ std::filesystem::path folder_of(const SinkSettings& sinks) {
 }  // namespace
 
 HttpServer::HttpServer(asio::io_context& main, asio::thread_pool& files, const Settings& settings,
-                       Metrics& metrics, fleet::Fleet* fleet)
+                       Metrics& metrics, FleetPage fleet)
     : files_(files),
       tls_(make_tls_context(settings.listen.tls)),
       router_(main, files, metrics, folder_of(settings.sinks),
-              !tls_ && is_loopback(*settings.http_address), fleet),
+              !tls_ && is_loopback(*settings.http_address), std::move(fleet)),
       foxglove_(std::make_shared<FoxgloveServer>(main, metrics)),
       acceptor_(listen_on(main, "serve http on", *settings.http_address)),
       retry_(main) {
@@ -33,7 +32,7 @@ HttpServer::HttpServer(asio::io_context& main, asio::thread_pool& files, const S
 }
 
 void HttpServer::start() {
-  spdlog::info("live page on http{}://{}/", tls_ ? "s" : "", to_text(endpoint()));
+  log_info("live page on http{}://{}/", tls_ ? "s" : "", to_text(endpoint()));
   accept();
 }
 

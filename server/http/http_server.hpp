@@ -27,9 +27,9 @@ class HttpServer final : private HttpOwner {
   static constexpr std::size_t kMaxConnections = 64;
 
   /// Listens on settings.http_address, which must be set. Throws std::runtime_error, saying on what
-  /// and why not. `metrics`, and `fleet` if there is one, must outlive it.
+  /// and why not. `metrics` must outlive it, and what `fleet` asks.
   HttpServer(boost::asio::io_context& main, boost::asio::thread_pool& files,
-             const Settings& settings, Metrics& metrics, fleet::Fleet* fleet = nullptr);
+             const Settings& settings, Metrics& metrics, FleetPage fleet = {});
 
   boost::asio::ip::tcp::endpoint endpoint() const { return acceptor_.local_endpoint(); }
 

@@ -3,16 +3,19 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cstdint>
+#include <limits>
 #include <string_view>
 #include <utility>
 
 #include "common/address.hpp"
+#include "common/decimal.hpp"
+#include "common/journal/journal.hpp"
 #include "common/wire.hpp"
-#include "server/fleet/fleet_metrics.hpp"
 #include "server/http/own_host.hpp"
 #include "server/http/views.hpp"
-#include "server/recording/session_names.hpp"
 #include "server/runtime/run_in_pool.hpp"
+#include "server/session/session_names.hpp"
 
 namespace orbbuf {
 namespace {
@@ -49,31 +52,29 @@ std::uint64_t since(std::string_view query) {
 
 bool is_image_name(std::string_view name) {
   constexpr std::string_view kEnd = ".jpg";
-  if (!name.ends_with(kEnd)) return false;
-  name.remove_suffix(kEnd.size());
-  return !name.empty() && name.size() <= 20 &&
-         std::ranges::all_of(name, [](char c) { return c >= '0' && c <= '9'; });
+  return name.ends_with(kEnd) && parse_digits(name.substr(0, name.size() - kEnd.size()));
+}
+
+bool is_journal_name(std::string_view name) {
+  const auto number = parse_digits(name.substr(name.find('.') + 1));
+  return number && *number <= std::numeric_limits<std::uint32_t>::max() &&
+         name == journal::segment_path("", static_cast<std::uint32_t>(*number)).string();
 }
 
 /// What is behind the ids in a path, as a path in the session's folder; empty if it is nothing that
-/// is shown. Only what SessionFiles writes, so no word can lead elsewhere.
+/// is shown. Only what SessionStore writes, so no word can lead elsewhere.
 fs::path file_in_session(const std::vector<std::string>& words) {
   if (words.size() == 4) {
     for (const char* name :
          {session_names::kTimes, session_names::kDrops, session_names::kCamera,
-          session_names::kChecksums, session_names::kQualities, session_names::kEnd,
-          session_names::kSegment, session_names::kLateList}) {
+          session_names::kChecksums, session_names::kQualities, session_names::kSession}) {
       if (words[3] == name) return name;
     }
+    if (is_journal_name(words[3])) return words[3];
   }
   if (words.size() == 5 && is_image_name(words[4])) {
     for (const char* folder : {session_names::kImages, session_names::kRightImages}) {
       if (words[3] == folder) return fs::path(folder) / words[4];
-    }
-  }
-  if (words.size() == 6 && words[3] == session_names::kLate && is_image_name(words[5])) {
-    for (const char* folder : {session_names::kImages, session_names::kRightImages}) {
-      if (words[4] == folder) return fs::path(session_names::kLate) / folder / words[5];
     }
   }
   return {};
@@ -82,13 +83,13 @@ fs::path file_in_session(const std::vector<std::string>& words) {
 }  // namespace
 
 Router::Router(asio::io_context& main, asio::thread_pool& files, const Metrics& metrics,
-               fs::path folder, bool is_local, fleet::Fleet* fleet)
+               fs::path folder, bool is_local, FleetPage fleet)
     : main_(main),
       files_(files),
       metrics_(metrics),
       folder_(std::move(folder)),
       is_local_(is_local),
-      fleet_(fleet) {}
+      fleet_(std::move(fleet)) {}
 
 void Router::answer(const HttpRequest& request, Answer answer) const {
   if (!is_for_this_host(request)) {
@@ -119,19 +120,19 @@ void Router::answer_path(const HttpRequest& request, const Words& words, Answer 
   if (first == "sessions" && words.size() > 3) return session_file(words, std::move(answer));
   const bool is_page =
       first == "sessions" || ((first.empty() || first == "fleet") && words.size() == 1);
-  if (is_page && words.size() <= 3) return answer(page(fleet_ != nullptr));
+  if (is_page && words.size() <= 3) return answer(page(fleet_.overview != nullptr));
   answer(error_response(kNotFound));
 }
 
 HttpResponse Router::prometheus() const {
   std::string text = to_prometheus(metrics_, RobotMetrics::Clock::now());
-  if (fleet_ != nullptr) text += fleet::to_prometheus(*fleet_);
+  if (fleet_.metrics) text += fleet_.metrics();
   return text_response(std::move(text), kMetricsType);
 }
 
 void Router::fleet(Answer answer) const {
-  if (fleet_ == nullptr) return answer(error_response(kNotFound, "[fleet] is not set"));
-  fleet_->async_overview([answer = std::move(answer)](const Result<std::string>& overview) {
+  if (!fleet_.overview) return answer(error_response(kNotFound, "[fleet] is not set"));
+  fleet_.overview([answer = std::move(answer)](const Result<std::string>& overview) {
     answer(overview ? text_response(overview.value(), kJson)
                     : error_response(kUnavailable, overview.error().text));
   });

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "server/fleet/fleet.hpp"
+#include "server/http/fleet_page.hpp"
 #include "server/http/request_reader.hpp"
 #include "server/http/response.hpp"
 #include "server/live/metrics.hpp"
@@ -23,9 +23,8 @@ class Router {
 
   /// `folder`: where sessions are kept; empty: nowhere. `is_local`: only this machine can connect,
   /// so a request for another host was sent by a page from there that misleads a browser here.
-  /// `fleet`: null if there is none.
   Router(boost::asio::io_context& main, boost::asio::thread_pool& files, const Metrics& metrics,
-         std::filesystem::path folder, bool is_local, fleet::Fleet* fleet = nullptr);
+         std::filesystem::path folder, bool is_local, FleetPage fleet = {});
 
   /// Runs `answer` once, from within the call or later.
   void answer(const HttpRequest& request, Answer answer) const;
@@ -50,7 +49,7 @@ class Router {
   const Metrics& metrics_;
   const std::filesystem::path folder_;
   const bool is_local_;
-  fleet::Fleet* const fleet_;  // null: this server is alone
+  const FleetPage fleet_;
 };
 
 }  // namespace orbbuf

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/http/views.hpp"
 
+#include <fmt/core.h>
 #include <openssl/evp.h>
 #include <prometheus/text_serializer.h>
-#include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
 #include <array>
@@ -18,7 +18,8 @@
 
 #include "common/wire.hpp"
 #include "server/http/page_parts.hpp"  // made of page/ by CMake
-#include "server/recording/session_names.hpp"
+#include "server/session/session_names.hpp"
+#include "server/session/session_reader.hpp"
 
 namespace orbbuf {
 namespace {
@@ -351,17 +352,17 @@ std::optional<std::string> folders_json(const fs::path& folder) {
 }
 
 std::optional<std::string> session_json(const fs::path& folder) {
-  std::error_code failed;
-  if (!fs::is_directory(folder, failed)) return std::nullopt;
+  const auto summary = read_summary(folder);
+  if (!summary) return std::nullopt;
   const auto size_of = [&](std::string_view name) {
     std::error_code absent;
     const auto bytes = fs::file_size(folder / name, absent);
     return absent ? std::string("null") : std::to_string(bytes);
   };
-  return fmt::format(R"({{"times":{},"drops":{},"calibration":{}}})"
+  return fmt::format(R"({{"times":{},"drops":{},"calibration":{},"dropped":{}}})"
                      "\n",
                      size_of(session_names::kTimes), size_of(session_names::kDrops),
-                     size_of(session_names::kCamera));
+                     size_of(session_names::kCamera), summary->totals.named);
 }
 
 std::string to_prometheus(const Metrics& metrics, RobotMetrics::Time now) {

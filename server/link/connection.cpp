@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/link/connection.hpp"
 
-#include <spdlog/spdlog.h>
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <boost/asio/buffer.hpp>
@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "common/keep_alive.hpp"
+#include "common/log.hpp"
 #include "server/runtime/listen_on.hpp"
 
 namespace orbbuf {
@@ -22,7 +23,7 @@ using boost::system::error_code;
 using wire::ErrorCode;
 
 constexpr std::chrono::seconds kPartingTime{1};
-constexpr std::uint64_t kMostLateWrites = 8;  // of one robot at once
+constexpr std::uint64_t kMostAside = 8;
 
 tcp::endpoint peer_of(const tcp::socket& socket) {
   error_code gone;  // then there is no address, and the next read fails
@@ -78,7 +79,7 @@ void Connection::join(std::shared_ptr<Session> session) {
   session_->attach(shared_from_this());
 }
 
-void Connection::refuse(std::string_view why, spdlog::level::level_enum level) {
+void Connection::refuse(std::string_view why, LogLevel level) {
   fail({ErrorCode::kRefused, std::string(why)}, level);
 }
 
@@ -86,10 +87,16 @@ void Connection::move(const std::string& address) { on_moved(address); }
 
 void Connection::on_attached(wire::Position position) {
   state_ = State::kServing;
-  spdlog::info("{}: session {} at frame {}, {}", name(), session_->info().session_id,
-               position.next_sequence, software_);
-  send(encode(wire::Welcome{wire::kProtocolVersion, position, settings_.max_frame_bytes,
-                            owner_.late_arrivals() != nullptr, owner_.has_heartbeat()}));
+  log_info("{}: session {} at frame {}, {}", name(), session_->info().session_id,
+           position[wire::kFrames], software_);
+  wire::Welcome welcome;
+  welcome.position = position;
+  welcome.max_frame_bytes = settings_.max_frame_bytes;
+  welcome.takes.set(wire::kFrames).set(wire::kDrops);
+  if (owner_.stores() != nullptr) welcome.takes.set(wire::kLate).set(wire::kAccounts);
+  welcome.has_heartbeat = owner_.has_heartbeat();
+  takes_ = welcome.takes;
+  send(encode(welcome));
   read();
 }
 
@@ -100,13 +107,13 @@ void Connection::on_kept() {
 }
 
 void Connection::on_replaced() {
-  spdlog::info("{}: replaced, the robot connected again", name());
+  log_info("{}: replaced, the robot connected again", name());
   part(encode(wire::ErrorMessage{ErrorCode::kReplaced, "the robot connected again"}));
 }
 
 void Connection::on_moved(const std::string& address) {
-  if (address.empty()) return refuse("another server has this session", spdlog::level::info);
-  spdlog::info("{}: sent to {}", name(), address);
+  if (address.empty()) return refuse("another server has this session", LogLevel::kInfo);
+  log_info("{}: sent to {}", name(), address);
   part(encode(wire::ErrorMessage{ErrorCode::kMoved, address}));
 }
 
@@ -145,11 +152,11 @@ void Connection::on_read_failed(const error_code& failed) {
   const bool is_between = reader_.is_between_messages();
   const char* const when = is_introduced() ? "" : " before hello";
   // A robot's attempts overlap, and it closes all but the first that connects.
-  const auto level = !is_between       ? spdlog::level::warn
-                     : is_introduced() ? spdlog::level::info
-                                       : spdlog::level::debug;
-  spdlog::log(level, "{}: connection lost{}: {}", name(), is_between ? when : " within a message",
-              stream_.explain(failed));
+  const auto level = !is_between       ? LogLevel::kWarn
+                     : is_introduced() ? LogLevel::kInfo
+                                       : LogLevel::kDebug;
+  log_at(level, "{}: connection lost{}: {}", name(), is_between ? when : " within a message",
+         stream_.explain(failed));
   close();
 }
 
@@ -162,18 +169,14 @@ void Connection::handle(Message message) {
   switch (type) {
     case wire::Type::kFrame:
       return handle_frame(std::move(message));
-    case wire::Type::kDropped:
-      return handle_dropped(message);
+    case wire::Type::kItems:
+      return handle_items(message);
     case wire::Type::kStats: {
       const auto report = wire::parse_stats(message.header, message.body);
       if (!report) return fail(report.error());
       session_->on_report(report.value());
       return read();
     }
-    case wire::Type::kLate:
-      return handle_late(message);
-    case wire::Type::kSpool:
-      return handle_spool(message);
     case wire::Type::kBye: {
       const auto bye = wire::parse_bye(message.header, message.body);
       if (!bye) return fail(bye.error());
@@ -183,7 +186,7 @@ void Connection::handle(Message message) {
     case wire::Type::kError: {
       const auto error = wire::parse_error(message.header, message.body);
       if (!error) return fail(error.error());
-      spdlog::warn("{}: the robot reports: {}", name(), error.value().text);
+      log_warn("{}: the robot reports: {}", name(), error.value().text);
       return close();
     }
     default:
@@ -212,7 +215,7 @@ void Connection::handle_hello(const Message& message) {
 }
 
 bool Connection::expect_near(const char* what, std::uint64_t number, std::uint64_t position) {
-  if (Session::can_follow(number, position)) return true;
+  if (can_follow(number, position)) return true;
   fail({ErrorCode::kUnexpected,
         fmt::format("{} {} cannot follow position {}", what, number, position)});
   return false;
@@ -221,7 +224,7 @@ bool Connection::expect_near(const char* what, std::uint64_t number, std::uint64
 void Connection::handle_frame(Message message) {
   auto frame = wire::parse_frame(message.header, message.meta, std::move(message.body));
   if (!frame) return fail(frame.error());
-  const auto next = session_->position().next_sequence;
+  const auto next = session_->position()[wire::kFrames];
   if (!expect_near("frame", frame.value().sequence, next)) return;
   session_->write(std::make_shared<const EncodedFrame>(std::move(frame).value()),
                   [weak = weak_from_this()] {
@@ -229,66 +232,84 @@ void Connection::handle_frame(Message message) {
                   });
 }
 
-void Connection::handle_dropped(const Message& message) {
-  auto dropped = wire::parse_dropped(message.header, message.body);
-  if (!dropped) return fail(dropped.error());
-  const auto next = session_->position().next_drop;
-  if (!expect_near("drop record", dropped.value().first_drop, next)) return;
-  session_->write_drops(std::move(dropped).value(), [weak = weak_from_this()] {
-    if (const auto self = weak.lock()) self->on_taken();
-  });
+void Connection::handle_items(const Message& message) {
+  auto items = wire::parse_items(message.header, message.body);
+  if (!items) return fail(items.error());
+  const wire::StreamId stream = items.value().stream;
+  if (!takes_[stream]) {
+    return fail({ErrorCode::kUnexpected, fmt::format("items of stream {}, which this server does "
+                                                     "not take",
+                                                     stream)});
+  }
+  if (stream == wire::kLate) return handle_late(items.value());
+  if (stream == wire::kAccounts) return handle_account(items.value());
+  const auto records = wire::parse_drops(items.value().payload);
+  if (!records) return fail(records.error());
+  const auto [first, next] = std::pair(items.value().first, session_->position()[stream]);
+  if (!expect_near("item", first, next)) return;
+  for (const DropRecord& record : records.value()) {
+    const auto frame = session_->position()[wire::kFrames];
+    if (!expect_near("a drop record of frame", record.end() - 1, frame)) return;
+  }
+  const auto count = records.value().size();
+  if (first < next && next < first + count) {
+    return fail({ErrorCode::kUnexpected, fmt::format("items {} to {} of stream {}, of which {} is "
+                                                     "the next",
+                                                     first, first + count - 1, stream, next)});
+  }
+  session_->write_items(std::make_shared<const wire::Items>(std::move(items).value()), count,
+                        [weak = weak_from_this()] {
+                          if (const auto self = weak.lock()) self->on_taken();
+                        });
 }
 
-/// The stream is read on while it is written, so that it does not hold the live frames.
-void Connection::handle_late(const Message& message) {
-  if (owner_.late_arrivals() == nullptr) {
-    return fail({ErrorCode::kUnexpected, "a late frame, which this server does not take"});
-  }
-  const auto part = wire::parse_late(message.header, message.body);
+void Connection::handle_late(const wire::Items& items) {
+  const auto part = wire::parse_late_part(items.payload);
   if (!part) return fail(part.error());
-  auto late = late_.add(part.value());
+  auto late = late_.add(items.first, part.value());
   if (!late) return fail(late.error());
   if (!late.value()) return read();
-  if (late_written_ - late_kept_ >= kMostLateWrites) {
-    late_waiting_ = std::move(*late.value());
-    return;
+  const bool is_present = late.value()->session_id == session_->info().session_id;
+  owner_.stores()->write_late(robot_id_, std::move(*late.value()), weak_from_this(),
+                              [weak = weak_from_this(), number = late_writes_.begin(),
+                               is_present](const Result<bool>& is_new) {
+                                const auto self = weak.lock();
+                                if (!self) return;
+                                self->on_aside_kept(self->late_writes_, number, is_new);
+                                if (is_new && is_new.value() && self->session_)
+                                  self->session_->on_late(is_present);
+                              });
+  read_aside();
+}
+
+void Connection::handle_account(const wire::Items& items) {
+  const auto account = wire::parse_account(items.payload);
+  if (!account) return fail(account.error());
+  if (items.first != account_writes_.begun) {
+    return fail({ErrorCode::kUnexpected,
+                 fmt::format("account {}, not {}", items.first, account_writes_.begun)});
   }
-  write_late(std::move(*late.value()));
-  read();
+  session_->on_account(account.value());
+  owner_.stores()->take_account(
+      robot_id_, account.value(), weak_from_this(),
+      [weak = weak_from_this(), number = account_writes_.begin()](const Result<bool>& kept) {
+        if (const auto self = weak.lock()) self->on_aside_kept(self->account_writes_, number, kept);
+      });
+  read_aside();
 }
 
-void Connection::write_late(wire::LateFrame late) {
-  const auto number = late_written_++;
-  const bool is_present_session = late.session_id == session_->info().session_id;
-  owner_.late_arrivals()->write(robot_id_, std::move(late), weak_from_this(),
-                                [weak = weak_from_this(), number, is_present_session](bool is_new) {
-                                  if (const auto self = weak.lock()) {
-                                    self->on_late_kept(number, is_new, is_present_session);
-                                  }
-                                });
+void Connection::on_aside_kept(Aside& writes, std::uint64_t number, const Result<bool>& kept) {
+  if (!kept) return fail({ErrorCode::kUnexpected, kept.error().text});
+  writes.kept_on.insert(number);
+  while (writes.kept_on.erase(writes.kept) > 0) ++writes.kept;
+  on_kept();
+  if (state_ == State::kServing && is_held_) read_aside();
 }
 
-void Connection::on_late_kept(std::uint64_t number, bool is_new, bool is_present_session) {
-  late_kept_on_.insert(number);
-  while (late_kept_on_.erase(late_kept_) > 0) ++late_kept_;
-  if (state_ != State::kServing) return;
-  if (is_new) session_->on_late(is_present_session);
-  is_late_ack_due_ = true;
-  send_next();
-  if (!late_waiting_ || late_written_ - late_kept_ >= kMostLateWrites) return;
-  write_late(*std::exchange(late_waiting_, std::nullopt));
-  read();
-}
-
-void Connection::handle_spool(const Message& message) {
-  if (owner_.late_arrivals() == nullptr) {
-    return fail({ErrorCode::kUnexpected, "unexpected spool"});
-  }
-  const auto spool = wire::parse_spool(message.header, message.body);
-  if (!spool) return fail(spool.error());
-  session_->on_spool(spool.value());
-  owner_.late_arrivals()->on_spool(robot_id_, spool.value());
-  read();
+/// The stream is read on while they are written, so that they do not hold the live frames.
+void Connection::read_aside() {
+  is_held_ = late_writes_.count() >= kMostAside || account_writes_.count() >= kMostAside;
+  if (!is_held_) read();
 }
 
 void Connection::on_taken() {
@@ -300,8 +321,8 @@ void Connection::on_taken() {
   read();
 }
 
-void Connection::fail(const wire::Fault& fault, spdlog::level::level_enum level) {
-  spdlog::log(level, "{}: {}", name(), fault.text);
+void Connection::fail(const wire::Fault& fault, LogLevel level) {
+  log_at(level, "{}: {}", name(), fault.text);
   part(encode(wire::ErrorMessage{fault.code, fault.text}));
 }
 
@@ -314,8 +335,7 @@ void Connection::part(std::vector<std::uint8_t> last_words) {
   }
   state_ = State::kParting;
   if (const auto session = std::exchange(session_, nullptr)) session->detach(*this);
-  is_ack_due_ = is_late_ack_due_ = false;
-  late_waiting_.reset();
+  is_ack_due_ = false;
   start_timer(kPartingTime);
   send(std::move(last_words));
   if (!is_reading_) read();
@@ -334,11 +354,11 @@ void Connection::send_next() {
     out_ = std::exchange(waiting_, {});
   } else if (is_ack_due_) {
     received_ = session_->received();
-    out_ = encode(wire::Ack{session_->kept(), received_});
+    wire::Ack ack{session_->kept(), received_};
+    ack.position[wire::kLate] = late_writes_.kept;
+    ack.position[wire::kAccounts] = account_writes_.kept;
+    out_ = encode(ack);
     is_ack_due_ = false;
-  } else if (is_late_ack_due_) {
-    out_ = encode(wire::LateAck{late_kept_});
-    is_late_ack_due_ = false;
   } else if (state_ == State::kParting) {
     if (has_peer_closed_) return close();
     error_code ignored;  // if that fails the connection is gone, which reading shows

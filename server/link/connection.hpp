@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <spdlog/common.h>
-
 #include <array>
+#include <bitset>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <chrono>
@@ -16,12 +15,13 @@
 #include <string_view>
 #include <vector>
 
+#include "common/log.hpp"
 #include "common/net/stream.hpp"
 #include "common/wire.hpp"
-#include "server/link/late_arrivals.hpp"
 #include "server/link/late_assembly.hpp"
 #include "server/link/message_reader.hpp"
 #include "server/link/session.hpp"
+#include "server/session/session_stores.hpp"
 #include "server/settings.hpp"
 
 namespace orbbuf {
@@ -35,8 +35,8 @@ class ConnectionOwner {
   /// Must end in connection->join() or connection->refuse().
   virtual void on_hello(const std::shared_ptr<Connection>& connection,
                         const wire::Hello& hello) = 0;
-  /// Null: late frames are not taken.
-  virtual LateArrivals* late_arrivals() = 0;
+  /// Null: nothing is kept on disk, and late frames are not taken.
+  virtual SessionStores* stores() = 0;
   /// Whether it calls beat() on each connection every wire::kHeartbeat.
   virtual bool has_heartbeat() const = 0;
   /// The last call: the socket is closed.
@@ -77,7 +77,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   /// Answers the hello by joining `session`.
   void join(std::shared_ptr<Session> session);
   /// Answers the hello, or ends the wait for one, by an error message and the end.
-  void refuse(std::string_view why, spdlog::level::level_enum level = spdlog::level::warn);
+  void refuse(std::string_view why, LogLevel level = LogLevel::kWarn);
   /// Answers the hello by the address of another server.
   void move(const std::string& address);
   /// Tells the robot that this server lives.
@@ -94,6 +94,17 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
 
  private:
   enum class State : std::uint8_t { kHandshake, kHello, kJoining, kServing, kParting, kClosed };
+  /// Items of a stream that SessionStores writes, while others come. One that fails is tried again
+  /// and is then behind others.
+  struct Aside {
+    std::uint64_t begun = 0;
+    std::uint64_t kept = 0;           // all below it
+    std::set<std::uint64_t> kept_on;  // of those beyond
+
+    std::uint64_t begin() { return begun++; }
+    /// That are being written.
+    std::uint64_t count() const { return begun - kept - kept_on.size(); }
+  };
 
   void shake_hands();
   void on_handshake_failed(const boost::system::error_code& failed);
@@ -104,14 +115,14 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void handle_hello(const Message& message);
   bool expect_near(const char* what, std::uint64_t number, std::uint64_t position);
   void handle_frame(Message message);
-  void handle_dropped(const Message& message);
-  void handle_late(const Message& message);
-  void write_late(wire::LateFrame late);
-  void on_late_kept(std::uint64_t number, bool is_new, bool is_present_session);
-  void handle_spool(const Message& message);
+  void handle_items(const Message& message);
+  void handle_late(const wire::Items& items);
+  void handle_account(const wire::Items& items);
+  void on_aside_kept(Aside& writes, std::uint64_t number, const Result<bool>& kept);
+  void read_aside();
   void on_taken();
 
-  void fail(const wire::Fault& fault, spdlog::level::level_enum level = spdlog::level::warn);
+  void fail(const wire::Fault& fault, LogLevel level = LogLevel::kWarn);
   void part(std::vector<std::uint8_t> last_words);
   void send(std::vector<std::uint8_t> message);
   void send_next();
@@ -137,11 +148,11 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   bool is_timer_running_ = false;
 
   MessageReader reader_;
+  std::bitset<wire::kMostStreams> takes_;  // as the welcome says
   LateAssembly late_;
-  std::uint64_t late_written_ = 0;        // late frames that were handed on
-  std::uint64_t late_kept_ = 0;           // all below it
-  std::set<std::uint64_t> late_kept_on_;  // of those beyond; one that failed is behind the others
-  std::optional<wire::LateFrame> late_waiting_;  // nothing more is read
+  Aside late_writes_;
+  Aside account_writes_;
+  bool is_held_ = false;  // nothing is read before some of these are kept
   std::array<std::uint8_t, 4096> discarded_{};
   bool is_reading_ = false;
   bool has_peer_closed_ = false;
@@ -150,7 +161,6 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   std::vector<std::uint8_t> out_;
   std::vector<std::uint8_t> waiting_;  // welcome, last words; before any ack
   bool is_ack_due_ = false;
-  bool is_late_ack_due_ = false;
   Sequence received_ = 0;  // as the last ack said it
   bool is_writing_ = false;
 };

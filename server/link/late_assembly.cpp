@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/link/late_assembly.hpp"
 
-#include <spdlog/fmt/fmt.h>
+#include <fmt/core.h>
 
 #include <utility>
 
@@ -10,12 +10,13 @@ namespace orbbuf {
 using wire::ErrorCode;
 using wire::Fault;
 
-wire::Parsed<std::optional<wire::LateFrame>> LateAssembly::add(const wire::LatePart& part) {
+wire::Parsed<std::optional<wire::LateFrame>> LateAssembly::add(std::uint64_t number,
+                                                               const wire::LatePart& part) {
   const bool is_first = record_.empty();
-  if (part.number != number_ || part.offset != record_.size() ||
+  if (number != number_ || part.offset != record_.size() ||
       (!is_first && part.record_bytes != record_bytes_)) {
     return Fault{ErrorCode::kUnexpected,
-                 fmt::format("late frame {} from byte {} on, not {} from {} on", part.number,
+                 fmt::format("late frame {} from byte {} on, not {} from {} on", number,
                              part.offset, number_, record_.size())};
   }
   const std::uint64_t limit = std::uint64_t{max_jpeg_bytes_} + wire::kMaxLateHeadBytes;

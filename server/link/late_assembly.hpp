@@ -17,7 +17,11 @@ class LateAssembly {
 
   /// The frame, if this was its last part. A fault, after which no part may follow, if the part is
   /// not the next one, the frame is too large, or the parts are no frame.
-  wire::Parsed<std::optional<wire::LateFrame>> add(const wire::LatePart& part);
+  wire::Parsed<std::optional<wire::LateFrame>> add(std::uint64_t number,
+                                                   const wire::LatePart& part);
+
+  /// Of the frame that comes.
+  std::uint64_t number() const { return number_; }
 
  private:
   const std::uint32_t max_jpeg_bytes_;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/link/listener.hpp"
 
-#include <spdlog/spdlog.h>
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <boost/asio/post.hpp>
@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "server/fleet/earlier_segments.hpp"
+#include "common/log.hpp"
 #include "server/runtime/listen_on.hpp"
 #include "server/runtime/run_in_pool.hpp"
 
@@ -47,19 +47,17 @@ Listener::Listener(asio::io_context& main, asio::thread_pool& pool, Settings set
       retry_(main),
       beat_(main),
       allowed_(settings_.listen.robots) {
-  if (!settings_.sinks.files_enabled) return;
-  const bool is_awaited = settings_.sinks.files_sync == FilesSync::kAck;
-  late_.emplace(main_, pool_, settings_.sinks.files_path, is_awaited ? commit_.get() : nullptr,
-                [this](const std::string& robot_id, const std::string& session_id) {
-                  return has_session(robot_id, session_id);
-                });
+  const SinkSettings& sinks = settings_.sinks;
+  if (sinks.is_kept()) {
+    stores_.emplace(main_, pool_, sinks.files_path, sinks.files_sync, commit_.get());
+  }
 }
 
 void Listener::start() {
-  spdlog::info("{}listening on {}", tls_ ? "with TLS, " : "", to_text(endpoint()));
+  log_info("{}listening on {}", tls_ ? "with TLS, " : "", to_text(endpoint()));
   if (!tls_ && !is_loopback(settings_.listen.address)) {
-    spdlog::warn("listen.insecure: plain TCP on {}; any host on the network can act as any robot",
-                 to_string(settings_.listen.address));
+    log_warn("listen.insecure: plain TCP on {}; any host on the network can act as any robot",
+             to_string(settings_.listen.address));
   }
   accept();
   if (has_heartbeat()) beat();
@@ -96,8 +94,7 @@ std::size_t Listener::robots() const {
 }
 
 bool Listener::has_session(const std::string& robot_id, const std::string& session_id) const {
-  const SessionKey key(robot_id,
-                       fleet_ == nullptr ? session_id : fleet::parse_folder(session_id).session_id);
+  const SessionKey key(robot_id, claims_ == nullptr ? session_id : claims_->session_in(session_id));
   return sessions_.contains(key) || opening_.contains(key);
 }
 
@@ -113,7 +110,7 @@ void Listener::accept() {
 /// Out of descriptors or memory, mostly: those who wait in the kernel's queue are not lost.
 void Listener::on_accept_failed(const error_code& failed) {
   if (!std::exchange(is_accept_failing_, true)) {
-    spdlog::error("accept on {}: {}; trying again", to_text(endpoint()), failed.message());
+    log_error("accept on {}: {}; trying again", to_text(endpoint()), failed.message());
   }
   retry_.expires_after(kRetry);
   retry_.async_wait([this](const error_code& aborted) {
@@ -122,12 +119,12 @@ void Listener::on_accept_failed(const error_code& failed) {
 }
 
 void Listener::on_accepted(tcp::socket socket) {
-  if (std::exchange(is_accept_failing_, false)) spdlog::info("accepting connections again");
+  if (std::exchange(is_accept_failing_, false)) log_info("accepting connections again");
   error_code gone;
   const auto address = socket.remote_endpoint(gone).address();
   if (gone) return;
   if (const std::string why = reason_to_turn_away(address); !why.empty()) {
-    if (!std::exchange(is_full_, true)) spdlog::warn("refusing connections: {}", why);
+    if (!std::exchange(is_full_, true)) log_warn("refusing connections: {}", why);
     return turn_away(socket, why);
   }
   is_full_ = false;
@@ -153,18 +150,11 @@ std::string Listener::reason_to_turn_away(const asio::ip::address& address) cons
 void Listener::on_hello(const std::shared_ptr<Connection>& connection, const wire::Hello& hello) {
   if (stopped_) return connection->refuse("the server stops");
   const SessionKey key(hello.robot_id, hello.session_id);
-  if (const std::string why = reason_to_refuse(key); !why.empty()) {
-    // It will go on trying, several times a second.
-    const bool is_known = std::exchange(last_refusal_, why) == why;
-    return connection->refuse(why, is_known ? spdlog::level::debug : spdlog::level::warn);
-  }
+  if (const std::string why = reason_to_refuse(key); !why.empty()) return refuse(*connection, why);
   close_other_sessions(key);
   const SessionInfo info{key.first, key.second, hello.calibration};
   const auto known = sessions_.find(key);
-  if (known == sessions_.end() && late_ && late_->is_merging(key.first, key.second)) {
-    return connection->refuse("the session is being merged with its late frames");
-  }
-  if (fleet_ != nullptr) {
+  if (claims_ != nullptr) {
     if (wait_for(key, connection)) enter(key, info);
     return;
   }
@@ -172,7 +162,13 @@ void Listener::on_hello(const std::shared_ptr<Connection>& connection, const wir
     if (known->second->is_closing()) return connection->refuse("the session is being closed");
     return connection->join(known->second);
   }
-  if (wait_for(key, connection)) open(key, info);
+  if (wait_for(key, connection)) open(key, info, {});
+}
+
+/// It will go on trying, several times a second.
+void Listener::refuse(Connection& connection, const std::string& why) {
+  const bool is_known = std::exchange(last_refusal_, why) == why;
+  connection.refuse(why, is_known ? LogLevel::kDebug : LogLevel::kWarn);
 }
 
 /// For on_opened(), in place of the connection that has waited before. True: none has.
@@ -182,43 +178,38 @@ bool Listener::wait_for(const SessionKey& key, const std::shared_ptr<Connection>
   return is_new;
 }
 
-/// In a fleet each hello asks, also that for a session which is open here: a welcome acknowledges.
+/// Null: none waits any more.
+std::shared_ptr<Connection> Listener::take_waiting(const SessionKey& key) {
+  auto connection = std::move(opening_.extract(key).mapped());
+  if (!connection) check_stopped();
+  return connection;
+}
+
+/// Each hello asks, also that for a session which is open here: a welcome acknowledges.
 void Listener::enter(const SessionKey& key, const SessionInfo& info) {
-  fleet_->async_enter({key.first, key.second}, [this, key, info](const auto& outcome) {
-    if (outcome) return on_entered(key, info, outcome.value());
-    const auto connection = std::move(opening_.extract(key).mapped());
-    if (!connection) return check_stopped();
-    const std::string& why = outcome.error().text;
-    const bool is_known = std::exchange(last_refusal_, why) == why;
-    connection->refuse(why, is_known ? spdlog::level::debug : spdlog::level::warn);
-  });
+  claims_->async_enter({key.first, key.second},
+                       [this, key, info](const auto& outcome) { on_entered(key, info, outcome); });
 }
 
 void Listener::on_entered(const SessionKey& key, SessionInfo info,
-                          const std::variant<fleet::Owned, fleet::Fleet::Moved>& outcome) {
-  const auto* const owned = std::get_if<fleet::Owned>(&outcome);
+                          const SessionClaims::Outcome& outcome) {
+  const auto* const granted =
+      outcome ? std::get_if<SessionClaims::Granted>(&outcome.value()) : nullptr;
   const auto known = sessions_.find(key);
-  if (owned != nullptr && known == sessions_.end()) {
-    owned_[key] = *owned;
-    info.segment = {owned->segment.epoch, owned->segment.from};
-    return open(key, info);
+  if (granted != nullptr && known == sessions_.end()) {
+    info.segment = granted->segment;
+    return open(key, info, *granted);
   }
-  const auto connection = std::move(opening_.extract(key).mapped());
-  if (!connection) return check_stopped();
-  if (owned == nullptr) return connection->move(std::get<fleet::Fleet::Moved>(outcome).address);
-  const bool is_stale = owned_.at(key).claim.revision != owned->claim.revision;
-  if (is_stale && !known->second->is_closing()) known->second->close(SessionEnd::kMoved);
-  if (is_stale || known->second->is_closing()) {
-    return connection->refuse("the session is being closed");
+  const auto connection = take_waiting(key);
+  if (!connection) return;
+  if (!outcome) return refuse(*connection, outcome.error().text);
+  if (granted == nullptr) {
+    return connection->move(std::get<SessionClaims::Moved>(outcome.value()).address);
   }
+  const bool is_stale = known->second->claim() != granted->claim;
+  if (is_stale) known->second->close(SessionEnd::kMoved);
+  if (known->second->is_closing()) return connection->refuse("the session is being closed");
   connection->join(known->second);
-}
-
-void Listener::fence(Session& session, const fleet::Owned& owned) {
-  session.fence({[this, claim = owned.claim](const wire::Position& position, auto recorded) {
-                   fleet_->recorder().async_record(claim, position, std::move(recorded));
-                 },
-                 [this] { fleet_->recorder().hurry(); }, owned.recorded});
 }
 
 void Listener::move_all(std::function<void()> moved) {
@@ -233,19 +224,13 @@ void Listener::move_next() {
     return;
   }
   const auto session = sessions_.begin()->second;
-  if (!session->is_closing()) session->move(fleet_->refuge());
+  if (!session->is_closing()) session->move(claims_->refuge());
 }
 
 void Listener::on_session_closed(const SessionKey& key) {
-  const auto session = std::move(sessions_.extract(key).mapped());
-  if (fleet_ != nullptr) {
-    if (session->has_ended() && session->kept() == session->position()) {
-      fleet_->end(owned_.at(key));
-    }
-    if (!opening_.contains(key)) owned_.erase(key);
-    asio::post(main_, [this] { move_next(); });
-  }
-  if (late_ && !stopped_) late_->on_closed(key.first, key.second);
+  sessions_.erase(key);
+  if (moved_) asio::post(main_, [this] { move_next(); });
+  if (stores_) stores_->on_closed(key.first, key.second);
   check_stopped();
 }
 
@@ -253,9 +238,6 @@ void Listener::on_session_closed(const SessionKey& key) {
 std::string Listener::reason_to_refuse(const SessionKey& key) const {
   const std::string& robot = key.first;
   if (!is_allowed(robot)) return robot + " is not among listen.robots";
-  if (fleet_ != nullptr && fleet::parse_folder(key.second).epoch > 1) {
-    return key.second + " is the name of a later part of a session";
-  }
   if (std::ranges::find(superseded_, key) != superseded_.end()) {
     return fmt::format("{} has begun another session since {}; are there two of that name?", robot,
                        key.second);
@@ -290,42 +272,38 @@ void Listener::close_other_sessions(const SessionKey& key) {
 }
 
 /// The disk may be slow, and a session long: other robots do not wait for it.
-void Listener::open(const SessionKey& key, const SessionInfo& info) {
-  run_in_pool(
-      main_, pool_, [sinks = settings_.sinks, info] { return open_session(sinks, info); },
-      [this, key, info](Result<OpenedSession> opened) { on_opened(key, info, std::move(opened)); });
+void Listener::open(const SessionKey& key, const SessionInfo& info,
+                    SessionClaims::Granted granted) {
+  auto opened = [this, key, info,
+                 granted = std::move(granted)](const Result<OpenedSession>& session) {
+    on_opened(key, info, granted, session);
+  };
+  if (stores_) return stores_->async_open(info, std::move(opened));
+  asio::post(main_, [opened = std::move(opened)] { opened(OpenedSession{}); });
 }
 
-void Listener::on_opened(const SessionKey& key, SessionInfo info, Result<OpenedSession> opened) {
-  const auto connection = std::move(opening_.extract(key).mapped());
-  if (!connection) return check_stopped();
+void Listener::on_opened(const SessionKey& key, SessionInfo info, SessionClaims::Granted granted,
+                         const Result<OpenedSession>& opened) {
+  const auto connection = take_waiting(key);
+  if (!connection) {
+    if (stores_) stores_->on_closed(key.first, key.second);
+    return;
+  }
   if (moved_) asio::post(main_, [this] { move_next(); });
   if (!opened) {
-    spdlog::error("{} {}: no session: {}", key.first, key.second, opened.error().text);
+    log_error("{} {}: no session: {}", key.first, key.second, opened.error().text);
     return connection->refuse("the server cannot keep this session: " + opened.error().text);
   }
-  connection->join(begin(key, std::move(info), std::move(opened).value()));
-}
-
-std::shared_ptr<Session> Listener::begin(const SessionKey& key, SessionInfo info,
-                                         OpenedSession opened) {
-  if (fleet_ != nullptr && opened.kept && !info.segment.is_first()) {
-    opened.kept->earlier = std::make_shared<fleet::EarlierSegments>(
-        main_, pool_, fleet_->store(),
-        fleet::EarlierSegments::Options{{key.first, key.second},
-                                        info.segment.epoch,
-                                        settings_.fleet.name,
-                                        settings_.sinks.files_path});
-  }
-  auto sinks = make_sinks(settings_.sinks, info, std::move(opened), main_, pool_, commit_.get());
+  auto sinks =
+      make_sinks(settings_.sinks, info, opened.value(), std::move(granted.earlier), main_, pool_);
   const Session::Timeouts timeouts{settings_.session_timeout, settings_.drain_timeout};
-  auto session = std::make_shared<Session>(
+  const auto session = std::make_shared<Session>(
       main_, std::move(info), std::move(sinks), timeouts,
       Session::Events{[this, key] { on_session_closed(key); }, sink_failed_});
-  if (fleet_ != nullptr) fence(*session, owned_.at(key));
+  if (granted.claim) session->claim(std::move(granted.claim));
   if (metrics_ != nullptr) session->show(metrics_->begin(session->info()));
   sessions_.emplace(key, session);
-  return session;
+  connection->join(session);
 }
 
 void Listener::on_closed(const std::shared_ptr<Connection>& connection) {
@@ -338,7 +316,7 @@ void Listener::on_closed(const std::shared_ptr<Connection>& connection) {
 
 void Listener::stop(std::function<void()> stopped) {
   stopped_ = std::move(stopped);
-  if (late_) late_->stop();
+  if (stores_) stores_->stop();
   error_code ignored;  // it is closed either way
   acceptor_.close(ignored);
   retry_.cancel();

@@ -14,12 +14,11 @@
 #include <set>
 #include <string>
 #include <utility>
-#include <variant>
 #include <vector>
 
-#include "server/fleet/fleet.hpp"
 #include "server/link/connection.hpp"
 #include "server/link/session.hpp"
+#include "server/link/session_claim.hpp"
 #include "server/settings.hpp"
 #include "server/sink/make_sinks.hpp"
 
@@ -53,17 +52,19 @@ class Listener final : public ConnectionOwner {
 
   /// Whether its folder may still grow: it is open, or the robot still has frames of it.
   bool is_in_use(const std::string& robot_id, const std::string& session_id) const {
-    return has_session(robot_id, session_id) || (late_ && late_->is_expected(robot_id, session_id));
+    return has_session(robot_id, session_id) ||
+           (stores_ && stores_->is_expected(robot_id, session_id));
   }
 
   /// Before start(): runs at each failed try of a session's sink, a full disk for one.
   void on_sink_failed(std::function<void()> run) { sink_failed_ = std::move(run); }
 
-  /// Before start(): sessions are those of a fleet, which must outlive every run of the io_context.
-  void join(fleet::Fleet& fleet) { fleet_ = &fleet; }
+  /// Before start(): other servers may have sessions, too. `claims` must outlive every run of the
+  /// io_context.
+  void share_by(SessionClaims& claims) { claims_ = &claims; }
 
-  /// Sends all robots to other servers of the fleet, one after the other: the next when the one
-  /// before is told. `moved` when none is here any more. The fleet is draining already.
+  /// Sends all robots to other servers, one after the other: the next when the one before is told.
+  /// `moved` when none is here any more. No session is granted to this server any more.
   void move_all(std::function<void()> moved);
 
   void start();
@@ -74,19 +75,18 @@ class Listener final : public ConnectionOwner {
   void allow(std::vector<std::string> robots);
   /// Null: plain TCP.
   const std::shared_ptr<TlsContext>& tls() const { return tls_; }
+  /// Null: no session is kept on disk.
+  SessionStores* stores() override { return stores_ ? &*stores_ : nullptr; }
   /// Accepts no more, lets the sinks finish what they have begun (drain_timeout), says bye to the
   /// robots, and then runs `stopped`. Once.
   void stop(std::function<void()> stopped);
 
  private:
-  using SessionKey = std::pair<std::string, std::string>;  // robot id, session id
-
   static constexpr std::chrono::milliseconds kRetry{200};
 
   void on_hello(const std::shared_ptr<Connection>& connection, const wire::Hello& hello) override;
-  LateArrivals* late_arrivals() override { return late_ ? &*late_ : nullptr; }
-  /// In a fleet, where the robot has another server to go to.
-  bool has_heartbeat() const override { return fleet_ != nullptr; }
+  /// Where the robot has another server to go to.
+  bool has_heartbeat() const override { return claims_ != nullptr; }
   void on_closed(const std::shared_ptr<Connection>& connection) override;
 
   void accept();
@@ -99,14 +99,14 @@ class Listener final : public ConnectionOwner {
   void close_other_sessions(const SessionKey& key);
   bool wait_for(const SessionKey& key, const std::shared_ptr<Connection>& connection);
   void enter(const SessionKey& key, const SessionInfo& info);
-  void on_entered(const SessionKey& key, SessionInfo info,
-                  const std::variant<fleet::Owned, fleet::Fleet::Moved>& outcome);
-  void fence(Session& session, const fleet::Owned& owned);
+  void on_entered(const SessionKey& key, SessionInfo info, const SessionClaims::Outcome& outcome);
   void move_next();
   void on_session_closed(const SessionKey& key);
-  void open(const SessionKey& key, const SessionInfo& info);
-  void on_opened(const SessionKey& key, SessionInfo info, Result<OpenedSession> opened);
-  std::shared_ptr<Session> begin(const SessionKey& key, SessionInfo info, OpenedSession opened);
+  std::shared_ptr<Connection> take_waiting(const SessionKey& key);
+  void refuse(Connection& connection, const std::string& why);
+  void open(const SessionKey& key, const SessionInfo& info, SessionClaims::Granted granted);
+  void on_opened(const SessionKey& key, SessionInfo info, SessionClaims::Granted granted,
+                 const Result<OpenedSession>& opened);
   void check_stopped();
 
   boost::asio::io_context& main_;
@@ -114,8 +114,8 @@ class Listener final : public ConnectionOwner {
   const Settings settings_;
   Metrics* const metrics_;
   const std::unique_ptr<GroupCommit> commit_;  // null: no syncs
-  std::optional<LateArrivals> late_;           // nothing: there are no files
-  std::shared_ptr<TlsContext> tls_;            // null: plain TCP
+  std::optional<SessionStores> stores_;
+  std::shared_ptr<TlsContext> tls_;  // null: plain TCP
   boost::asio::ip::tcp::acceptor acceptor_;
   boost::asio::steady_timer retry_;
   boost::asio::steady_timer beat_;
@@ -127,11 +127,10 @@ class Listener final : public ConnectionOwner {
   /// waits for each; null: none does any more.
   std::map<SessionKey, std::shared_ptr<Connection>> opening_;
   std::map<SessionKey, std::shared_ptr<Session>> sessions_;
-  fleet::Fleet* fleet_ = nullptr;             // null: this server is alone
-  std::map<SessionKey, fleet::Owned> owned_;  // of the sessions that open or are open
-  std::function<void()> moved_;               // set: moving all
-  std::deque<SessionKey> superseded_;         // the last thousand
-  std::string last_refusal_;                  // logged already
+  SessionClaims* claims_ = nullptr;    // null: this server is alone
+  std::function<void()> moved_;        // set: moving all
+  std::deque<SessionKey> superseded_;  // the last thousand
+  std::string last_refusal_;           // logged already
   std::function<void()> sink_failed_;
   std::function<void()> stopped_;  // set: stopping
 };

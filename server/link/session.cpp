@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/link/session.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <boost/asio/post.hpp>
 #include <cassert>
 #include <string_view>
 #include <utility>
+
+#include "common/log.hpp"
 
 namespace orbbuf {
 namespace {
@@ -47,21 +47,22 @@ Session::Session(asio::io_context& main, SessionInfo info,
   // Only sinks that outlive the server remember; the others begin where those stand.
   for (const auto& sink : sinks_) {
     const wire::Position held = sink->position();
-    position_.next_sequence = std::max(position_.next_sequence, held.next_sequence);
-    position_.next_drop = std::max(position_.next_drop, held.next_drop);
+    for (wire::StreamId id = 0; id < wire::kMostStreams; ++id) {
+      position_[id] = std::max(position_[id], held[id]);
+    }
   }
 }
 
-void Session::fence(Fence fence) {
-  if (position_ == fence.recorded) kept_ = position_;
-  fence_ = std::move(fence);
+void Session::claim(std::shared_ptr<SessionClaim> claim) {
+  claim_ = std::move(claim);
+  if (position_ == claim_->acknowledged_before()) kept_ = position_;
 }
 
 void Session::attach(const std::shared_ptr<SessionPeer>& peer) {
   assert(!is_closing());
   const auto old = peer_.lock();
   peer_ = peer;
-  is_peer_waiting_ = true;
+  peer_state_ = PeerState::kWaiting;
   timer_.cancel();
   if (metrics_) metrics_->on_connected();
   if (old) old->on_replaced();
@@ -73,7 +74,7 @@ void Session::attach(const std::shared_ptr<SessionPeer>& peer) {
 void Session::detach(const SessionPeer& peer) {
   if (peer_.lock().get() != &peer) return;
   peer_.reset();
-  is_peer_waiting_ = false;
+  peer_state_ = PeerState::kNone;
   if (metrics_) metrics_->on_disconnected();
   if (is_closing()) return;
   note();
@@ -83,32 +84,27 @@ void Session::detach(const SessionPeer& peer) {
 
 void Session::write(FramePtr frame, Taken taken) {
   if (is_closing()) return;
-  if (frame->sequence < position_.next_sequence) {
-    spdlog::debug("{}: ignored frame {}, a repeat", name_, frame->sequence);
+  if (frame->sequence < position_[wire::kFrames]) {
+    log_debug("{}: ignored frame {}, a repeat", name_, frame->sequence);
     return repeat(std::move(taken));
   }
   wire::Position then = position_;
-  then.next_sequence = frame->sequence + 1;
+  then[wire::kFrames] = frame->sequence + 1;
   begin({std::move(frame), {}, then, std::move(taken)});
 }
 
-void Session::write_drops(wire::Dropped dropped, Taken taken) {
+void Session::write_items(ItemsPtr items, std::uint64_t count, Taken taken) {
   if (is_closing()) return;
-  auto& records = dropped.records;
-  wire::Position then = position_;
-  then.next_drop = std::max(then.next_drop, dropped.first_drop + records.size());
-  if (dropped.first_drop > position_.next_drop) {
+  const wire::StreamId stream = items->stream;
+  if (items->first < position_[stream]) return repeat(std::move(taken));
+  if (items->first > position_[stream]) {
     // Only a sink that forgot its record, a pipe or a removed folder, makes the robot do that.
-    spdlog::warn("{}: drop records {} to {} never came", name_, position_.next_drop,
-                 dropped.first_drop - 1);
-  } else {
-    const auto known =
-        std::min<std::uint64_t>(position_.next_drop - dropped.first_drop, records.size());
-    records.erase(records.begin(), records.begin() + static_cast<std::ptrdiff_t>(known));
-    dropped.first_drop += known;
+    log_warn("{}: items {} to {} of stream {} never came", name_, position_[stream],
+             items->first - 1, stream);
   }
-  if (records.empty()) return repeat(std::move(taken));
-  begin({nullptr, std::move(dropped), then, std::move(taken)});
+  wire::Position then = position_;
+  then[stream] = items->first + count;
+  begin({nullptr, std::move(items), then, std::move(taken)});
 }
 
 /// It is acknowledged as well: the robot may have missed the first acknowledgement.
@@ -123,7 +119,8 @@ void Session::repeat(Taken taken) {
 
 /// One commit at a time; the next takes all that was taken meanwhile.
 void Session::commit() {
-  if (kept_ == position_ || sinks_.empty() || std::exchange(is_committing_, true)) return;
+  if (kept_ == position_ || sinks_.empty() || keeping_ != Keeping::kIdle) return;
+  keeping_ = Keeping::kBusy;
   sinks_.front()->async_commit(
       [weak = weak_from_this(), upto = position_](const std::optional<Error>& error) {
         if (const auto self = weak.lock()) self->on_committed(upto, error);
@@ -131,47 +128,45 @@ void Session::commit() {
 }
 
 void Session::on_committed(const wire::Position& upto, const std::optional<Error>& error) {
-  is_commit_failed_ = error.has_value();
-  if (error) {  // is_committing_ stays, so nothing more is acknowledged
+  if (error) {
     note_failure(error);
-    if (is_closing()) settle();
-    return;
+    return fail_keeping();
   }
-  if (!fence_) return on_recorded(upto);
-  fence_->record(upto, [weak = weak_from_this(), upto](bool is_ours) {
+  if (!claim_) return on_allowed(upto);
+  claim_->async_may_acknowledge(upto, [weak = weak_from_this(), upto](bool is_ours) {
     const auto self = weak.lock();
     if (!self) return;
-    is_ours ? self->on_recorded(upto) : self->on_not_ours();
+    is_ours ? self->on_allowed(upto) : self->on_not_ours();
   });
-  if (is_closing() || is_peer_waiting_) hurry();
+  if (is_closing() || peer_state_ == PeerState::kWaiting) hurry();
 }
 
-void Session::on_recorded(const wire::Position& upto) {
-  is_committing_ = false;
+void Session::on_allowed(const wire::Position& upto) {
+  if (keeping_ == Keeping::kFailed) return;
+  keeping_ = Keeping::kIdle;
   kept_ = upto;
   if (const auto peer = peer_.lock()) peer->on_kept();
   commit();
   settle();
 }
 
-/// is_committing_ stays, so nothing more is acknowledged.
 void Session::on_not_ours() {
-  is_commit_failed_ = true;
-  if (is_closing()) return settle();
-  spdlog::warn("{}: another server has this session; from frame {} on it is that one's", name_,
-               kept_.next_sequence);
+  if (!is_closing()) {
+    log_warn("{}: another server has this session; from frame {} on it is that one's", name_,
+             kept_[wire::kFrames]);
+  }
+  fail_keeping();
   close(SessionEnd::kMoved);
 }
 
-void Session::hurry() const {
-  if (fence_ && is_committing_) fence_->hurry();
+/// Nothing more is acknowledged.
+void Session::fail_keeping() {
+  keeping_ = Keeping::kFailed;
+  if (is_closing()) settle();
 }
 
-/// The server stops, though its fence does not answer.
-void Session::give_up_recording() {
-  if (!fence_ || kept_ == position_) return;
-  is_commit_failed_ = true;
-  settle();
+void Session::hurry() const {
+  if (claim_ && keeping_ == Keeping::kBusy) claim_->hurry();
 }
 
 void Session::move(std::string address) {
@@ -186,7 +181,7 @@ void Session::on_report(const wire::Report& report) {
   closing_.clock_offset_ns = report.clock_offset_ns;
   const auto now = std::chrono::steady_clock::now();
   if (!noted_ || now - noted_at_ >= kNoteInterval) note();
-  spdlog::debug(
+  log_debug(
       "{}: captured {} = skipped {} + failed {} + dropped {} + acknowledged {} + waiting {} + "
       "in flight {}",
       name_, stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged,
@@ -197,15 +192,12 @@ void Session::on_late(bool is_present_session) {
   if (metrics_) metrics_->on_late(is_present_session);
 }
 
-void Session::on_spool(const wire::Spool& spool) {
+void Session::on_account(const wire::Account& account) {
   if (!metrics_) return;
-  std::uint64_t present = 0;
+  held_[account.session_id] = account.held;
   std::uint64_t all = 0;
-  for (const wire::SpooledSession& session : spool.sessions) {
-    all += session.frames;
-    if (session.session_id == info_.session_id) present += session.frames;
-  }
-  metrics_->on_spool(present, all);
+  for (const auto& [session_id, frames] : held_) all += frames;
+  metrics_->on_spool(held_[info_.session_id], all);
 }
 
 /// So that the record has them even if this process dies.
@@ -219,12 +211,13 @@ void Session::note() {
 }
 
 void Session::on_bye(const wire::Bye& bye) {
-  const auto& [captured, drops] = bye.position;
-  if (captured < position_.next_sequence || drops != position_.next_drop) {
-    spdlog::warn(
+  const auto captured = bye.position[wire::kFrames];
+  const auto drops = bye.position[wire::kDrops];
+  if (captured < position_[wire::kFrames] || drops != position_[wire::kDrops]) {
+    log_warn(
         "{}: the robot's bye does not fit: {} frames captured, {} dropped; the record has "
         "frames up to {}, {} dropped",
-        name_, captured, drops, position_.next_sequence, position_.next_drop);
+        name_, captured, drops, position_[wire::kFrames], position_[wire::kDrops]);
   }
   closing_.has_ended = true;
   if (!closing_.stats) closing_.stats.emplace();
@@ -234,12 +227,22 @@ void Session::on_bye(const wire::Bye& bye) {
 void Session::begin(Job job) {
   assert(!job_);
   job_ = std::move(job);
-  call_sink();
+  job_->sink = next_sink(0);
+  if (job_->sink < sinks_.size()) return call_sink();
+  Taken taken = std::move(job_->taken);  // items that no sink wants
+  finish_job();
+  repeat(std::move(taken));
+}
+
+/// The first from `sink` on that is to have the job.
+std::size_t Session::next_sink(std::size_t sink) const {
+  while (sink < sinks_.size() && !job_->frame && !sinks_[sink]->takes_items()) ++sink;
+  return sink;
 }
 
 /// To the job's present sink. The session may be gone before that answers.
 void Session::call_sink() {
-  is_sink_busy_ = true;
+  job_->is_in_sink = true;
   auto done = [weak = weak_from_this()](const std::optional<Error>& error) {
     if (const auto self = weak.lock()) self->on_sink_done(error);
   };
@@ -247,14 +250,14 @@ void Session::call_sink() {
   if (job_->frame) {
     sink.async_write(job_->frame, std::move(done));
   } else {
-    sink.async_write_drops(job_->dropped, std::move(done));
+    sink.async_write_items(job_->items, std::move(done));
   }
 }
 
 /// One step of the job: the next sink, another try in a second, or the end of it.
 void Session::on_sink_done(const std::optional<Error>& error) {
-  is_sink_busy_ = false;
-  const bool can_give_up = is_closing() || (!job_->taken && !is_partly_taken());
+  job_->is_in_sink = false;
+  const bool can_give_up = is_closing() || (!job_->taken && job_->sink == 0);
   if (error && can_give_up) {
     job_.reset();
     return settle();
@@ -265,22 +268,25 @@ void Session::on_sink_done(const std::optional<Error>& error) {
     if (const auto peer = peer_.lock()) peer->on_kept();  // a sign of life
     retry_.expires_after(kRetry);
     retry_.async_wait([self = shared_from_this()](const error_code& failed) {
-      if (!failed && self->job_ && !self->is_sink_busy_) self->call_sink();
+      if (!failed && self->job_ && !self->job_->is_in_sink) self->call_sink();
     });
     return;
   }
-  if (++job_->sink < sinks_.size()) return call_sink();
-  position_ = job_->then;
-  show_job();
+  job_->sink = next_sink(job_->sink + 1);
+  if (job_->sink < sinks_.size()) return call_sink();
   const Taken taken = std::move(job_->taken);
-  job_.reset();
-  commit();
+  finish_job();
   if (taken) return taken();
   settle();
 }
 
-/// One sink has the job, or one has a part of it.
-bool Session::is_partly_taken() const { return job_->sink > 0 || sinks_[0]->is_partly_taken(); }
+/// All sinks have it.
+void Session::finish_job() {
+  position_ = job_->then;
+  show_job();
+  job_.reset();
+  commit();
+}
 
 void Session::show_losses() const {
   if (!metrics_) return;
@@ -294,8 +300,8 @@ void Session::show_job() const {
   show_losses();
   if (job_->frame) {
     metrics_->on_delivered(job_->frame);
-  } else {
-    metrics_->on_dropped(job_->dropped.records);
+  } else if (job_->items->stream == wire::kDrops) {
+    metrics_->on_dropped(wire::parse_drops(job_->items->payload).value());
   }
 }
 
@@ -303,10 +309,10 @@ void Session::note_failure(const std::optional<Error>& error) {
   if (is_failing_ == error.has_value()) return;
   is_failing_ = error.has_value();
   if (error) {
-    spdlog::error("{}: stream paused: {}", name_, error->text);
+    log_error("{}: stream paused: {}", name_, error->text);
     if (metrics_) metrics_->on_paused(error->text);
   } else {
-    spdlog::info("{}: stream resumed", name_);
+    log_info("{}: stream resumed", name_);
     if (metrics_) metrics_->on_resumed();
   }
 }
@@ -315,8 +321,8 @@ void Session::note_failure(const std::optional<Error>& error) {
 void Session::on_waiter_gone() {
   if (!job_) return settle();
   job_->taken = nullptr;
-  if (is_sink_busy_) return sinks_[job_->sink]->cancel();
-  if (is_partly_taken() && !is_closing()) return;  // it must go on to those that lack it
+  if (job_->is_in_sink) return sinks_[job_->sink]->cancel();
+  if (job_->sink > 0 && !is_closing()) return;  // it must go on to those that lack it
   retry_.cancel();
   job_.reset();
   settle();
@@ -324,12 +330,14 @@ void Session::on_waiter_gone() {
 
 /// Does what had to wait for the sinks.
 void Session::settle() {
-  if (job_ || (kept_ != position_ && !(is_commit_failed_ && is_closing()))) return;
-  if (is_closing()) {
-    if (!std::exchange(is_draining_, true)) drain();
-    return;
+  const bool is_unkept = kept_ != position_ && !(keeping_ == Keeping::kFailed && is_closing());
+  if (job_ || is_unkept || life_ == Life::kDraining) return;
+  if (life_ == Life::kClosing) {
+    life_ = Life::kDraining;
+    return drain();
   }
-  if (!std::exchange(is_peer_waiting_, false)) return;
+  if (peer_state_ != PeerState::kWaiting) return;
+  peer_state_ = PeerState::kAttached;
   if (const auto peer = peer_.lock()) peer->on_attached(kept_);
 }
 
@@ -344,13 +352,16 @@ void Session::start_timeout() {
 
 void Session::close(SessionEnd end) {
   if (is_closing()) return;
+  life_ = Life::kClosing;
   end_ = end;
   hurry();
   timer_.expires_after(timeouts_.drain);
   timer_.async_wait([self = shared_from_this()](const error_code& failed) {
     if (failed) return;
     for (const auto& sink : self->sinks_) sink->close();
-    if (self->end_ == SessionEnd::kStopping) self->give_up_recording();
+    // Its claim does not answer.
+    const bool is_unkept = self->claim_ && self->kept_ != self->position_;
+    if (self->end_ == SessionEnd::kStopping && is_unkept) self->fail_keeping();
   });
   if (end == SessionEnd::kMoved) {
     for (const auto& sink : sinks_) sink->pass_on();
@@ -375,17 +386,18 @@ void Session::finish_close() {
   show_losses();
   if (metrics_) metrics_->on_ended();
   for (const auto& sink : std::exchange(sinks_, {})) sink->close();
-  spdlog::info("{}: {}; next frame {}, {} drop records", name_, to_string(*end_),
-               position_.next_sequence, position_.next_drop);
+  log_info("{}: {}; next frame {}, {} drop records", name_, to_string(end_),
+           position_[wire::kFrames], position_[wire::kDrops]);
   if (const auto peer = peer_.lock()) {
-    if (*end_ == SessionEnd::kSuperseded) {
+    if (end_ == SessionEnd::kSuperseded) {
       peer->on_replaced();
-    } else if (*end_ == SessionEnd::kMoved) {
+    } else if (end_ == SessionEnd::kMoved) {
       peer->on_moved(move_to_);
     } else {
       peer->on_ended(kept_);
     }
   }
+  if (claim_) claim_->leave(end_ == SessionEnd::kBye && kept_ == position_);
   events_.closed();
 }
 

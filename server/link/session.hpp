@@ -6,14 +6,16 @@
 #include <chrono>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "common/wire.hpp"
+#include "server/link/session_claim.hpp"
 #include "server/live/metrics.hpp"
-#include "server/recording/session_info.hpp"
+#include "server/session/session_info.hpp"
 #include "server/sink/frame_sink.hpp"
 
 namespace orbbuf {
@@ -74,23 +76,16 @@ class Session : public std::enable_shared_from_this<Session> {
     std::function<void()> sink_failed;  ///< at each failed try; may be empty
   };
 
-  /// Of a session that several servers may have, one after the other.
-  struct Fence {
-    /// Runs its handler, never from within the call, when that much may be acknowledged; false: the
-    /// session is another server's, so nothing may. It may never run.
-    std::function<void(wire::Position, std::function<void(bool)>)> record;
-    std::function<void()> hurry;  ///< the session waits for what is being recorded
-    wire::Position recorded;      ///< before this session began
-  };
-
   Session(boost::asio::io_context& main, SessionInfo info,
           std::vector<std::shared_ptr<FrameSink>> sinks, const Timeouts& timeouts, Events events);
 
   /// Tells `metrics` what happens from here on. At most once, before all else.
   void show(std::shared_ptr<RobotMetrics> metrics) { metrics_ = std::move(metrics); }
 
-  /// From here on nothing is kept before it is recorded. At most once, before attach().
-  void fence(Fence fence);
+  /// From here on nothing is kept before the claim allows it. At most once, before attach().
+  void claim(std::shared_ptr<SessionClaim> claim);
+  /// Null: no other server may have the session.
+  const std::shared_ptr<SessionClaim>& claim() const { return claim_; }
 
   /// Makes `peer` the one connection, replacing the present one. peer->on_attached() follows as
   /// soon as no sink is busy any more, possibly from within the call. Requires !is_closing().
@@ -100,12 +95,13 @@ class Session : public std::enable_shared_from_this<Session> {
 
   /// Requires that the last call was taken. Repeats are taken without writing them again.
   void write(FramePtr frame, Taken taken);
-  void write_drops(wire::Dropped dropped, Taken taken);
+  /// count: how many they are. Requires that they are all below the position, or none is.
+  void write_items(ItemsPtr items, std::uint64_t count, Taken taken);
   void on_report(const wire::Report& report);
   /// For the metrics: a late frame is kept, of this session or an earlier one.
   void on_late(bool is_present_session);
   /// For the metrics: what the robot still has.
-  void on_spool(const wire::Spool& spool);
+  void on_account(const wire::Account& account);
 
   /// The robot ends the session, with its totals: close(SessionEnd::kBye) follows.
   void on_bye(const wire::Bye& bye);
@@ -115,32 +111,43 @@ class Session : public std::enable_shared_from_this<Session> {
   /// close(SessionEnd::kMoved), and the robot is told where to go on.
   void move(std::string address);
 
-  /// Whether a frame or drop record of that number can follow. One far beyond the position would
-  /// make the server take the robot's next frames for repeats.
-  static bool can_follow(std::uint64_t number, std::uint64_t position) {
-    constexpr std::uint64_t kMost = std::uint64_t{1} << 32;  // 49 days of 1000 a second
-    return number < position || number - position < kMost;
-  }
-
-  bool is_closing() const { return end_.has_value(); }
-  /// The robot has said so.
-  bool has_ended() const { return end_ == SessionEnd::kBye; }
+  bool is_closing() const { return life_ != Life::kOpen; }
   /// Up to where the sinks have taken all.
   wire::Position position() const { return position_; }
   /// Up to where they keep it, on the device if that is asked for: never beyond position().
   wire::Position kept() const { return kept_; }
   /// The robot may send on behind it: position(), until a device has failed.
-  Sequence received() const { return (is_commit_failed_ ? kept_ : position_).next_sequence; }
+  Sequence received() const {
+    return (keeping_ == Keeping::kFailed ? kept_ : position_)[wire::kFrames];
+  }
   const SessionInfo& info() const { return info_; }
 
  private:
   /// What the sinks are given at the moment.
   struct Job {
-    FramePtr frame;  // or, if null, records
-    wire::Dropped dropped;
+    FramePtr frame;  // or, if null, items
+    ItemsPtr items;
     wire::Position then;  // the session's position when all sinks have it
     Taken taken;          // empty: no connection waits for it
     std::size_t sink = 0;
+    bool is_in_sink = false;  // else it waits for retry_
+  };
+
+  /// What was taken is brought onto the device, and allowed by the claim.
+  enum class Keeping : std::uint8_t {
+    kIdle,
+    kBusy,    ///< up to a position; what is taken meanwhile is next
+    kFailed,  ///< nothing more is acknowledged
+  };
+  enum class PeerState : std::uint8_t {
+    kNone,
+    kWaiting,  ///< for on_attached()
+    kAttached,
+  };
+  enum class Life : std::uint8_t {
+    kOpen,
+    kClosing,   ///< end_ says why; what was begun goes on
+    kDraining,  ///< all that was begun has ended; one sink after the other finishes
   };
 
   static constexpr std::chrono::seconds kRetry{1};
@@ -150,13 +157,14 @@ class Session : public std::enable_shared_from_this<Session> {
   void repeat(Taken taken);
   void commit();
   void on_committed(const wire::Position& upto, const std::optional<Error>& error);
-  void on_recorded(const wire::Position& upto);
+  void on_allowed(const wire::Position& upto);
   void on_not_ours();
+  void fail_keeping();
   void hurry() const;
-  void give_up_recording();
   void call_sink();
   void on_sink_done(const std::optional<Error>& error);
-  bool is_partly_taken() const;
+  std::size_t next_sink(std::size_t sink) const;
+  void finish_job();
   void show_job() const;
   void note();
   void show_losses() const;
@@ -176,21 +184,20 @@ class Session : public std::enable_shared_from_this<Session> {
   boost::asio::steady_timer timer_;  // until a connection comes, or the sinks drain
   boost::asio::steady_timer retry_;
 
-  std::shared_ptr<RobotMetrics> metrics_;  // null: there is no page
+  std::shared_ptr<RobotMetrics> metrics_;      // null: there is no page
+  std::map<std::string, std::uint64_t> held_;  // by session: frames that the robot still has
 
   wire::Position position_;
   std::weak_ptr<SessionPeer> peer_;
-  bool is_peer_waiting_ = false;  // for on_attached()
+  PeerState peer_state_ = PeerState::kNone;
   std::optional<Job> job_;
-  bool is_sink_busy_ = false;  // else a job is waiting for retry_
   wire::Position kept_;
-  std::optional<Fence> fence_;
+  Keeping keeping_ = Keeping::kIdle;
+  std::shared_ptr<SessionClaim> claim_;  // null: no other server may have the session
   std::string move_to_;
-  bool is_committing_ = false;
-  bool is_commit_failed_ = false;
-  bool is_draining_ = false;
-  bool is_failing_ = false;
-  std::optional<SessionEnd> end_;
+  Life life_ = Life::kOpen;
+  SessionEnd end_ = SessionEnd::kStopping;  // since kClosing
+  bool is_failing_ = false;                 // logged
   SessionClosing closing_;
   std::optional<SessionClosing> noted_;  // by the sinks
   std::chrono::steady_clock::time_point noted_at_;

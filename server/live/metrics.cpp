@@ -48,9 +48,11 @@ void RobotMetrics::on_delivered(FramePtr frame, Time now) {
 }
 
 void RobotMetrics::on_dropped(std::span<const DropRecord> records, Time now) {
-  drops_ += records.size();
   timeline_.on_heard(now, false);
-  for (const DropRecord& record : records) timeline_.on_dropped(record, now);
+  for (const DropRecord& record : records) {
+    drops_ += record.frames;
+    timeline_.on_dropped(record, now);
+  }
   if (const auto watcher = watcher_.lock()) watcher->on_drops(*this, records);
 }
 

@@ -14,7 +14,7 @@
 #include "common/frame.hpp"
 #include "common/wire.hpp"
 #include "server/live/timeline.hpp"
-#include "server/recording/session_info.hpp"
+#include "server/session/session_info.hpp"
 
 namespace orbbuf {
 

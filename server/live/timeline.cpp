@@ -13,6 +13,7 @@ using std::chrono::nanoseconds;
 constexpr std::chrono::seconds kSilence{1};
 constexpr std::chrono::milliseconds kLate{500};
 constexpr std::chrono::minutes kMinute{1};
+constexpr std::uint64_t kMostParts = 2 * Timeline::kSeconds;
 /// Differences of times up to that can be subtracted, too. It is the year 2067.
 constexpr std::int64_t kLatest = std::numeric_limits<std::int64_t>::max() / 3;
 
@@ -45,13 +46,17 @@ void Timeline::on_delivered(std::int64_t capture_time_ns, Time now) {
   second.changed = now;
 }
 
+/// In at most kMostParts parts, since a robot may claim any number of frames.
 void Timeline::on_dropped(const DropRecord& record, Time now) {
-  TimelineSecond* const second =
-      second_of(std::clamp(record.capture_time_ns, -kLatest, kLatest), false);
-  if (second == nullptr) return;
-  ++second->dropped;
-  second->similarity = std::min(second->similarity, record.similarity);
-  second->changed = now;
+  const std::uint64_t part = (record.frames - 1) / kMostParts + 1;
+  for (std::uint64_t done = 0; done < record.frames; done += std::min(part, record.frames - done)) {
+    const std::int64_t time_ns = record.capture_time_of(record.sequence + done);
+    TimelineSecond* const second = second_of(std::clamp(time_ns, -kLatest, kLatest), false);
+    if (second == nullptr) continue;
+    second->dropped += static_cast<std::uint32_t>(std::min(part, record.frames - done));
+    second->similarity = std::min(second->similarity, record.similarity);
+    second->changed = now;
+  }
 }
 
 nanoseconds Timeline::robot_time(Time time) const {

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/retention/retention.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
@@ -10,6 +8,7 @@
 #include <ratio>
 #include <utility>
 
+#include "common/log.hpp"
 #include "server/retention/remove_folder.hpp"
 #include "server/runtime/run_in_pool.hpp"
 
@@ -82,7 +81,7 @@ Quota Retention::quota_in_force() {
   if (is_clock_trusted_) return options_.quota;
   if (was_trusted) {
     const std::chrono::duration<double, std::ratio<3600>> ahead = now.wall - newest->last_write;
-    spdlog::warn(
+    log_warn(
         "{}: the clock may be wrong: it was set, or it is {:.1f} h ahead of the newest recording, "
         "and "
         "it is not synchronised; files.keep_time removes nothing until it is, or for {} h",
@@ -147,14 +146,14 @@ void Retention::set_aside(const KeptSession& session) {
       system_clock::now() - session.last_write;
   const bool is_too_old =
       is_clock_trusted_ && options_.quota.age.count() > 0 && age > options_.quota.age;
-  spdlog::info("{} {}: removed, {:.1f} MiB, last written to {:.1f} h ago: over {}",
-               session.robot_id, session.session_id, static_cast<double>(session.bytes) / kMiB,
-               age.count(), is_too_old ? "files.keep_time" : "files.keep_size");
+  log_info("{} {}: removed, {:.1f} MiB, last written to {:.1f} h ago: over {}", session.robot_id,
+           session.session_id, static_cast<double>(session.bytes) / kMiB, age.count(),
+           is_too_old ? "files.keep_time" : "files.keep_size");
 }
 
 /// Each pass tries again; the log has it once.
 void Retention::fail(const Error& error) {
-  if (failures_.insert(error.text).second) spdlog::error("{}", error.text);
+  if (failures_.insert(error.text).second) log_error("{}", error.text);
 }
 
 /// One step, and all that follow.

@@ -1,16 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <sys/types.h>
-
 #include <chrono>
-#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <map>
 #include <set>
 #include <string>
-#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -19,10 +15,11 @@
 namespace orbbuf {
 
 /// Finds out what the sessions below a folder, PATH/ROBOT/SESSION, take on the disk, a little at a
-/// time. A folder without what a recording begins with is none, nor is a symbolic link. A session
-/// is measured by the images that times.txt and late.csv name and the files beside it; of one that
-/// was measured before only what is new, unless a merge of late frames has replaced the list, so
-/// that a pass over what has not changed costs a few stat(2) a session. Blocking; thread-bound.
+/// time. A folder without a journal is none, nor is a symbolic link. Images are not looked at one
+/// by one: their bytes are in the newest segment of the journal, which is read if something was
+/// written since the last pass, and each takes half a block more; the files beside it, orphans/
+/// left out, count as they are. So a pass over what has not changed costs a few stat(2) a session.
+/// Blocking; thread-bound.
 class SessionSurvey {
  public:
   explicit SessionSurvey(std::filesystem::path path) : path_(std::move(path)) {}
@@ -38,24 +35,13 @@ class SessionSurvey {
 
  private:
   using Key = std::pair<std::string, std::string>;  // robot id, session id
-  /// The images that a list of frames names, as far as it was read.
-  struct ListedImages {
-    ino_t file = 0;
-    off_t read = 0;  // bytes of the list
-    std::uint64_t bytes = 0;
-  };
   struct Measured {
-    ListedImages live;
-    ListedImages late;
+    std::uint64_t image_bytes = 0;  // when the session was last written to
     KeptSession session;
   };
-  using BytesOf = std::uint64_t (*)(const std::filesystem::path& folder, std::string_view line);
 
   void list_robot(const std::filesystem::path& robot, std::set<Key>& found);
-  static bool measure_list(const std::filesystem::path& folder, const char* list, BytesOf bytes_of,
-                           ListedImages& images, std::chrono::steady_clock::time_point deadline);
-  bool measure(const std::filesystem::path& folder, Measured& measured,
-               std::chrono::steady_clock::time_point deadline) const;
+  static void measure(const std::filesystem::path& folder, Measured& measured);
 
   const std::filesystem::path path_;
   std::map<Key, Measured> measured_;

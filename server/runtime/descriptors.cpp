@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/runtime/descriptors.hpp"
 
-#include <spdlog/spdlog.h>
 #include <sys/resource.h>
 
 #include <algorithm>
+
+#include "common/log.hpp"
 
 namespace orbbuf {
 namespace {
@@ -20,8 +21,8 @@ void allow_descriptors_for(std::size_t connections) {
   if (::getrlimit(RLIMIT_NOFILE, &limit) != 0 || limit.rlim_cur >= wanted) return;
   limit.rlim_cur = std::min(wanted, limit.rlim_max);
   if (::setrlimit(RLIMIT_NOFILE, &limit) != 0 || limit.rlim_cur < wanted) {
-    spdlog::warn("{} connections may need {} open files; the hard limit is {}", connections, wanted,
-                 limit.rlim_max);
+    log_warn("{} connections may need {} open files; the hard limit is {}", connections, wanted,
+             limit.rlim_max);
   }
 }
 

@@ -2,7 +2,6 @@
 #include "server/runtime/group_commit.hpp"
 
 #include <fcntl.h>
-#include <spdlog/spdlog.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -72,7 +71,7 @@ void GroupCommit::begin() {
 void GroupCommit::finish(const std::optional<Error>& error) {
   if (error) {
     failed_ = error;
-    spdlog::error("{}; {}: check the disk, then restart the server", error->text, failure_means_);
+    log_error("{}; {}: check the disk, then restart the server", error->text, failure_means_);
     syncing_.insert(syncing_.end(), waiting_.begin(), waiting_.end());
     waiting_.clear();
   }

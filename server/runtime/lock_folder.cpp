@@ -2,7 +2,6 @@
 #include "server/runtime/lock_folder.hpp"
 
 #include <fcntl.h>
-#include <spdlog/spdlog.h>
 #include <sys/file.h>
 
 #include <cerrno>
@@ -10,6 +9,7 @@
 #include <system_error>
 
 #include "common/error.hpp"
+#include "common/log.hpp"
 
 namespace orbbuf {
 
@@ -21,8 +21,8 @@ UniqueFd lock_folder(const std::filesystem::path& folder) {
     throw std::runtime_error("cannot use files.path " + folder.string() +
                              ": another orbbuf-server uses it; set another files.path or stop it");
   }
-  spdlog::warn("cannot lock {}: {}; make sure that no second server uses it", folder.string(),
-               std::generic_category().message(errno));
+  log_warn("cannot lock {}: {}; make sure that no second server uses it", folder.string(),
+           std::generic_category().message(errno));
   return fd;
 }
 

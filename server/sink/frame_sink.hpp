@@ -3,23 +3,27 @@
 
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <optional>
 
 #include "common/error.hpp"
 #include "common/frame.hpp"
 #include "common/wire.hpp"
-#include "server/recording/session_closing.hpp"
+#include "server/session/session_info.hpp"
 
 namespace orbbuf {
 
-/// Where the frames of one session go. Thread-bound to `main`; blocking work is the sink's own to
-/// hand to another thread. One call is outstanding at a time. A slow sink is back-pressure: nothing
-/// more of the robot's stream is read before the handler has run.
+using ItemsPtr = std::shared_ptr<const wire::Items>;
+
+/// Where the frames of one session, and the items of its other streams, go. Thread-bound to `main`;
+/// blocking work is the sink's own to hand to another thread. One call is outstanding at a time. A
+/// slow sink is back-pressure: nothing more of the robot's stream is read before the handler has
+/// run.
 class FrameSink {
  public:
   /// No error: taken, and as safe as this sink makes things. Error: not taken, and nothing half
-  /// done unless is_partly_taken(); the caller tries the same again later. Runs on `main`, never
-  /// from within the call itself.
+  /// done; the caller tries the same again later. Runs on `main`, never from within the call
+  /// itself.
   using Done = std::function<void(std::optional<Error>)>;
 
   virtual ~FrameSink() = default;
@@ -28,20 +32,20 @@ class FrameSink {
   virtual wire::Position position() const { return {}; }
 
   virtual void async_write(FramePtr frame, Done done) = 0;
-  virtual void async_write_drops(wire::Dropped dropped, Done done) = 0;
+
+  /// Whether async_write_items() is to be called: a sink for people's eyes needs no drop records.
+  virtual bool takes_items() const { return false; }
+  // NOLINTNEXTLINE(performance-unnecessary-value-param): a sink that takes items keeps it
+  virtual void async_write_items(ItemsPtr /*items*/, Done done) { done(std::nullopt); }
 
   /// Brings all that was taken onto the device, if the sink keeps it on one. `done` runs on `main`,
   /// possibly from within the call, when that much may be acknowledged; after an error never again.
-  // NOLINTNEXTLINE(performance-unnecessary-value-param): who overrides it keeps it
+  // NOLINTNEXTLINE(performance-unnecessary-value-param): an override may keep it
   virtual void async_commit(Done done) { done(std::nullopt); }
 
   /// What the robot last reported, of a session that is open; also while a call is outstanding. Now
   /// and then, not each report.
   virtual void note(const SessionClosing& /*reported*/) {}
-
-  /// After an error: some of what was to be written is kept all the same, so the call has to be
-  /// repeated until it is taken, or the session ends.
-  virtual bool is_partly_taken() const { return false; }
 
   /// Frames that it answered as taken and then gave up, for readers that must not hold the stream.
   virtual std::uint64_t lost() const { return 0; }
@@ -57,7 +61,7 @@ class FrameSink {
   /// Nothing more will be written: `drained` runs, possibly from within the call, when all that was
   /// answered has gone where it goes. It may never end; close() ends it. A sink that keeps the
   /// session keeps `closing`, too.
-  // NOLINTNEXTLINE(performance-unnecessary-value-param): who overrides it keeps it
+  // NOLINTNEXTLINE(performance-unnecessary-value-param): an override may keep it
   virtual void async_drain(const SessionClosing& /*closing*/, std::function<void()> drained) {
     drained();
   }

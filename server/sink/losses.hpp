@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <spdlog/spdlog.h>
-
 #include <chrono>
 #include <cstdint>
 #include <mutex>
@@ -10,6 +8,7 @@
 #include <string_view>
 #include <utility>
 
+#include "common/log.hpp"
 #include "common/log_limit.hpp"
 
 namespace orbbuf {
@@ -38,7 +37,7 @@ class Losses {
 
  private:
   void log(std::string_view reason) {
-    spdlog::warn("{}: {} frames of this session not published: {}", name_, count_, reason);
+    log_warn("{}: {} frames of this session not published: {}", name_, count_, reason);
     logged_ = count_;
   }
 

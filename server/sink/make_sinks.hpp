@@ -3,6 +3,7 @@
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/thread_pool.hpp>
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <map>
@@ -13,28 +14,24 @@
 
 #include "common/error.hpp"
 #include "common/wire.hpp"
-#include "server/recording/session_info.hpp"
 #include "server/runtime/group_commit.hpp"
+#include "server/session/durability.hpp"
+#include "server/session/earlier_frames.hpp"
+#include "server/session/session_info.hpp"
+#include "server/session/session_stores.hpp"
 #include "server/sink/frame_sink.hpp"
 #include "server/sink/pipe/slam.hpp"
-#include "server/sink/record_sink.hpp"
 #include "server/sink/ros/ros_sink.hpp"
 
 namespace orbbuf {
-
-/// When what was written to files and recordings is brought onto the device.
-enum class FilesSync : std::uint8_t {
-  kAck,     ///< before it is acknowledged
-  kSecond,  ///< within a second or so
-  kOff,     ///< when the kernel does it
-};
 
 /// Which sinks a session gets.
 struct SinkSettings {
   bool files_enabled = true;
   std::filesystem::path files_path = "orbbuf-data";  ///< of the recordings, too
-  FilesSync files_sync = FilesSync::kAck;            ///< of the recordings, too
+  Durability files_sync = Durability::kAck;          ///< of the recordings, too
   bool mcap_enabled = false;
+  std::chrono::nanoseconds mcap_split = std::chrono::minutes(5);  ///< of a part; 0: no limit
   SlamSettings slam;
   std::map<std::string, SlamSettings> slam_of;  ///< robot id -> its own, in place of `slam`
   RosSettings ros;
@@ -49,6 +46,7 @@ struct SinkSettings {
 };
 
 /// For the start: throws std::runtime_error if the folder for files cannot be made or written to.
+/// Warns if it is on a file system that may not keep what is synced.
 void check_sinks(const SinkSettings& settings);
 
 /// What sinks share begins: DDS, if it is enabled. Throws std::runtime_error. Before the first
@@ -59,25 +57,17 @@ void begin_sinks(const SinkSettings& settings);
 std::unique_ptr<GroupCommit> make_group_commit(const SinkSettings& settings,
                                                boost::asio::io_context& main);
 
-/// A session as the disk has it.
-struct OpenedSession {
-  RecordSink::Records records;  ///< empty: it is not kept there
-  wire::Position position;
-  std::optional<KeptFrames> kept;
-};
+/// A session as the disk has it; without a store it is not kept there.
+using OpenedSession = SessionStores::Opened;
 
-/// Opens a new or resumed session: reads and repairs what the disk holds of it (see
-/// SessionFiles::recover(), mcap::Recording::recover()). An error if that cannot be read. Blocking:
-/// up to a second for 300,000 frames, longer on a cold disk. Reentrant for different sessions.
-Result<OpenedSession> open_session(const SinkSettings& settings, const SessionInfo& info);
-
-/// The sinks of an opened session, those that keep frames before the one that shows them. `main`,
-/// `pool` and `commit` as in RecordSink.
+/// The sinks of an opened session, the one that keeps frames before the one that shows them.
+/// earlier: frames of the session's parts before this one; null: there are none. `main` and `pool`
+/// as in SharedStore.
 std::vector<std::shared_ptr<FrameSink>> make_sinks(const SinkSettings& settings,
                                                    const SessionInfo& info, OpenedSession opened,
+                                                   std::shared_ptr<EarlierFrames> earlier,
                                                    boost::asio::io_context& main,
-                                                   boost::asio::thread_pool& pool,
-                                                   GroupCommit* commit = nullptr);
+                                                   boost::asio::thread_pool& pool);
 
 /// When serving is over and no sink is left: what they shared ends, in some seconds. False if it
 /// does not; it may then still run, so no destructor of the process's may.

@@ -1,93 +1,76 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/sink/record_sink.hpp"
 
-#include <spdlog/spdlog.h>
-
-#include <boost/asio/post.hpp>
+#include <chrono>
 #include <utility>
 
-#include "server/runtime/run_in_pool.hpp"
+#include "common/byte_order.hpp"
+#include "common/log.hpp"
 
 namespace orbbuf {
-namespace asio = boost::asio;
+namespace {
 
-struct RecordSink::Job {
-  Records records;        // in the pool only
-  std::size_t next = 0;   // the first record that lacks what is written; in the pool only
-  bool is_begun = false;  // `next` is not the first; on `main` only
-};
-
-RecordSink::RecordSink(asio::io_context& main, asio::thread_pool& pool, Records records,
-                       wire::Position position, Commit commit)
-    : main_(main),
-      strand_(asio::make_strand(pool)),
-      job_(std::make_shared<Job>(Job{std::move(records)})),
-      position_(position),
-      commit_(commit) {}
-
-RecordSink::~RecordSink() = default;
-
-void RecordSink::async_write(FramePtr frame, Done done) {
-  write_each([frame = std::move(frame)](SessionRecord& record) { return record.write(*frame); },
-             std::move(done));
+std::int64_t now_ns() {
+  return std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
 }
 
-void RecordSink::async_write_drops(wire::Dropped dropped, Done done) {
-  write_each(
-      [dropped = std::move(dropped)](SessionRecord& record) { return record.write_drops(dropped); },
-      std::move(done));
+/// The payload of each stream begins with the count of its items.
+RecordedItems record_of(const wire::Items& items) {
+  const auto count = wire::Reader(items.payload).take<std::uint16_t>();
+  return {items.stream, items.first, items.first + count, items.payload};
 }
 
-void RecordSink::write_each(Write write, Done done) {
-  struct Outcome {
-    std::optional<Error> error;
-    bool is_begun = false;
-  };
-  run_in_pool(
-      main_, strand_,
-      [job = job_, write = std::move(write)]() -> Outcome {
-        for (; job->next < job->records.size(); ++job->next) {
-          if (auto error = write(*job->records[job->next]))
-            return {std::move(error), job->next > 0};
-        }
-        job->next = 0;
-        return {};
+/// As far as the robot has reported.
+std::optional<Error> note(SessionStore& store, const SessionClosing& closing) {
+  if (!closing.stats) return std::nullopt;
+  return store.note({*closing.stats, closing.clock_offset_ns.value_or(
+                                         store.summary().closing.clock_offset_ns.value_or(0))});
+}
+
+}  // namespace
+
+RecordSink::RecordSink(std::shared_ptr<SharedStore> store, wire::Position position)
+    : store_(std::move(store)), position_(position) {}
+
+void RecordSink::write(Write write, Done done) {
+  store_->run(
+      [write = std::move(write)](SessionStore& store) -> Result<bool> {
+        if (auto error = write(store)) return std::move(*error);
+        return true;
       },
-      [job = job_, done = std::move(done)](const Outcome& outcome) {
-        job->is_begun = outcome.is_begun;
-        done(outcome.error);
+      [done = std::move(done)](const Result<bool>& written) {
+        done(written ? std::nullopt : std::optional(written.error()));
       });
 }
 
-void RecordSink::async_commit(Done done) {
-  if (commit_.group == nullptr) return done({});
-  if (commit_.is_awaited) return commit_.group->async_commit(std::move(done));
-  if (!std::exchange(*is_commit_due_, true)) {
-    commit_.group->async_commit([is_due = is_commit_due_](const auto&) { *is_due = false; });
-  }
-  done({});
+void RecordSink::async_write(FramePtr frame, Done done) {
+  write([frame = std::move(frame)](SessionStore& store) { return store.write(*frame, now_ns()); },
+        std::move(done));
+}
+
+void RecordSink::async_write_items(ItemsPtr items, Done done) {
+  write([items = std::move(items)](
+            SessionStore& store) { return store.write_items(record_of(*items)); },
+        std::move(done));
 }
 
 void RecordSink::note(const SessionClosing& reported) {
-  asio::post(strand_, [job = job_, reported] {
-    for (const auto& record : job->records) record->note(reported);
-  });
+  write([reported](SessionStore& store) { return orbbuf::note(store, reported); },
+        [](const std::optional<Error>& error) {
+          if (error) log_warn("not noted: {}", error->text);
+        });
 }
 
-bool RecordSink::is_partly_taken() const { return job_->is_begun; }
-
 void RecordSink::async_drain(const SessionClosing& closing, std::function<void()> drained) {
-  run_in_pool(
-      main_, strand_,
-      [job = job_, closing = closing]() mutable {
-        // The last one, the files, may know more than the session does.
-        for (std::size_t i = job->records.size(); i-- > 0;) {
-          if (const auto error = job->records[i]->finish(closing))
-            spdlog::warn("not finished: {}", error->text);
-        }
-        return true;
+  write(
+      [closing](SessionStore& store) {
+        auto error = orbbuf::note(store, closing);
+        return error ? error : store.finish(closing.has_ended);
       },
-      [drained = std::move(drained)](bool /*is_over*/) { drained(); });
+      [drained = std::move(drained)](const std::optional<Error>& error) {
+        if (error) log_warn("not finished: {}", error->text);
+        drained();
+      });
 }
 
 }  // namespace orbbuf

@@ -5,7 +5,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <pthread.h>
-#include <spdlog/spdlog.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -51,7 +50,7 @@ class Log : public testing::Test {
 
 TEST_F(Log, LineHasTimeLevelThreadAndMessage) {
   set_up_log("info");
-  spdlog::info("connected to {}", "server:7722");
+  log_info("connected to {}", "server:7722");
   EXPECT_THAT(output(), MatchesRegex("[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}"
                                      "\\.[0-9]{3}Z info \\[main\\] connected to server:7722\n"));
 }
@@ -70,7 +69,7 @@ TEST_F(Log, TimeIsUtc) {
   ::tzset();
   set_up_log("info");
   const auto begin = utc_hour();
-  spdlog::info("x");
+  log_info("x");
   const auto end = utc_hour();
   ::unsetenv("TZ");
   ::tzset();
@@ -79,27 +78,40 @@ TEST_F(Log, TimeIsUtc) {
 
 TEST_F(Log, LevelsBelowTheChosenOneAreSilent) {
   set_up_log("warn");
-  spdlog::info("quiet");
-  spdlog::warn("loud");
-  spdlog::error("louder");
+  log_info("quiet");
+  log_warn("loud");
+  log_error("louder");
   EXPECT_THAT(output(),
               MatchesRegex("[^ ]* warn \\[main\\] loud\n[^ ]* error \\[main\\] louder\n"));
 }
 
 TEST_F(Log, LevelsHaveTheNamesOfTheConfiguration) {
   set_up_log("trace");
-  spdlog::trace("x");
-  spdlog::debug("x");
+  log_at(LogLevel::kTrace, "x");
+  log_debug("x");
   EXPECT_THAT(output(), MatchesRegex("[^ ]* trace \\[main\\] x\n[^ ]* debug \\[main\\] x\n"));
 }
 
-TEST_F(Log, UnknownLevelIsRefused) { EXPECT_THROW(set_up_log("verbose"), std::invalid_argument); }
+TEST_F(Log, UnknownLevelIsRefused) {
+  EXPECT_THROW(set_up_log("verbose"), std::invalid_argument);
+  EXPECT_THROW(set_log_level("verbose"), std::invalid_argument);
+}
+
+TEST_F(Log, LevelMayBeChosenAnew) {
+  set_up_log("info");
+  set_log_level("error");
+  EXPECT_FALSE(is_logged(LogLevel::kWarn));
+  EXPECT_TRUE(is_logged(LogLevel::kError));
+  log_warn("quiet");
+  log_error("{} of {}", 1, "two");
+  EXPECT_THAT(output(), MatchesRegex("[^ ]* error \\[main\\] 1 of two\n"));
+}
 
 TEST_F(Log, ThreadThatLogsIsNamed) {
   set_up_log("info");
   std::thread([] {
     name_this_thread("worker");
-    spdlog::info("x");
+    log_info("x");
   }).join();
   EXPECT_THAT(output(), MatchesRegex("[^ ]* info \\[worker\\] x\n"));
 }
@@ -116,17 +128,17 @@ TEST_F(Log, LongThreadNameIsCut) {
 TEST_F(Log, JournalGetsItsPrefixInsteadOfTimeAndLevel) {
   pretend_journal(0);
   set_up_log("debug");
-  spdlog::debug("d");
-  spdlog::info("i");
-  spdlog::warn("w");
-  spdlog::error("e");
+  log_debug("d");
+  log_info("i");
+  log_warn("w");
+  log_error("e");
   EXPECT_EQ(output(), "<7>[main] d\n<6>[main] i\n<4>[main] w\n<3>[main] e\n");
 }
 
 TEST_F(Log, RedirectedStderrIsNotTheJournal) {
   pretend_journal(1);
   set_up_log("info");
-  spdlog::info("x");
+  log_info("x");
   EXPECT_THAT(output(), MatchesRegex("[^ ]*Z info \\[main\\] x\n"));
 }
 

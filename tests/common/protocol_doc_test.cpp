@@ -34,25 +34,39 @@ std::vector<Example> examples() {
 
 /// The conversation that the document tells.
 std::vector<Example> conversation() {
-  EncodedFrame late{7, 1'600'000'000'033'333'333, 8'000'000, 640, 480, 0, {0xFF, 0xD8, 0xFF, 0xD9}};
+  constexpr std::int64_t kSecond = 1'000'000'000;
+  constexpr std::int64_t kBegin = 1'600'000'000 * kSecond;
+  EncodedFrame late{7, kBegin - kSecond - 33'333'333, 8'000'000, 640, 480,
+                    0, {0xFF, 0xD8, 0xFF, 0xD9}};
   late.jpeg_crc = crc32(late.jpeg);
   late.quality = 80;
   EncodedFrame frame = late;
-  frame.sequence = 1;
+  frame.sequence = 2;
+  frame.capture_time_ns = kBegin + 66'666'667;
   frame.quality = 30;
   frame.whole_bytes = 30'000;
   frame.whole_crc = 0x0A1B2C3D;
-  const DropRecord record{0, 1'600'000'000'000'000'000, DropReason::kBusy};
-  return {{"hello", hex(encode(Hello{5, 5, "tb3", "s1", "orbbufd 0.1.0", ""}))},
-          {"welcome", hex(encode(Welcome{5, {0, 0}, 16U << 20, true}))},
-          {"dropped", hex(encode(Dropped{0, {record}}))},
+  const DropRecord busy{0, kBegin, DropReason::kBusy, kUnknownSimilarity, 2, kBegin + 33'333'333};
+  const Account killed{"s0", true, false, 9, kBegin - kSecond, 7, 1, 7, {}};
+  Welcome welcome;
+  welcome.max_frame_bytes = 16U << 20;
+  welcome.takes.set(kFrames).set(kDrops).set(kLate).set(kAccounts);
+  Ack ack{{3, 1}, 3};
+  ack.position[kAccounts] = 1;
+  Ack late_ack = ack;
+  late_ack.position[kLate] = 1;
+  const auto record = encode_late_record("s0", late);
+  const auto record_bytes = static_cast<std::uint32_t>(record.size());
+  return {{"hello", hex(encode(Hello{6, 6, "tb3", "s1", "orbbufd 0.1.0", "", {}}))},
+          {"welcome", hex(encode(welcome))},
+          {"account", hex(encode(Items{kAccounts, 0, encode_account(killed)}))},
+          {"drops", hex(encode(Items{kDrops, 0, encode_drops({&busy, 1})}))},
           {"frame", hex(encode_whole(frame))},
-          {"ack", hex(encode(Ack{{2, 1}, 2}))},
-          {"stats", hex(encode(Report{{2, 1, 0, 0, 1, 0, 0}, 25, 0, 1'000'000, 40'000}))},
-          {"spool", hex(encode(Spool{{{"s0", 1, 7}}}))},
-          {"late", hex(encode(LatePart{0, 0, 52, encode_late_record("s0", late)}))},
-          {"ack of late frames", hex(encode(LateAck{1}))},
-          {"bye", hex(encode(Bye{{2, 1}}))},
+          {"ack", hex(encode(ack))},
+          {"stats", hex(encode(Report{{3, 2, 0, 0, 1, 0, 0}, 25, 0, 1'000'000, 40'000}))},
+          {"late", hex(encode(Items{kLate, 0, encode_late_part({0, record_bytes, record})}))},
+          {"ack of the late frame", hex(encode(late_ack))},
+          {"bye", hex(encode(Bye{{3, 1}}))},
           {"error", hex(encode(ErrorMessage{ErrorCode::kReplaced, "replaced"}))}};
 }
 

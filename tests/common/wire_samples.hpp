@@ -11,7 +11,7 @@
 #include "common/byte_order.hpp"
 #include "common/wire.hpp"
 
-/// One valid message of each type, and ways to take one apart.
+/// Valid messages of each type, and ways to take one apart.
 namespace orbbuf::wire {
 
 using Bytes = std::vector<std::uint8_t>;
@@ -58,25 +58,45 @@ inline Bytes encode_whole(const EncodedFrame& frame) {
   return bytes;
 }
 
-inline std::map<Type, Bytes> sample_messages() {
-  const Hello hello{5, 5, "tb3-07", "20201024T101500Z", "orbbufd 0.1.0", "0.5\t0.5\n"};
-  const Dropped dropped{5,
-                        {{10, -1, DropReason::kPolicy, 257},
-                         {11, 0, DropReason::kBusy},
-                         {12, 1, DropReason::kFailed},
-                         {13, 2, DropReason::kShutdown}}};
-  return {
-      {Type::kHello, encode(hello)},
-      {Type::kWelcome, encode(Welcome{5, {0x0102030405060708, 0x1112131415161718}})},
-      {Type::kFrame, encode_whole(reduced_frame())},
-      {Type::kAck, encode(Ack{{7, 3}, 9})},
-      {Type::kDropped, encode(dropped)},
-      {Type::kStats, encode(Report{{21, 1, 2, 3, 4, 5, 6}, 25, 80'000, 1'000'000, 40'000, -2, 7})},
-      {Type::kBye, encode(Bye{{8, 4}})},
-      {Type::kError, encode(ErrorMessage{ErrorCode::kVersion, "no version in common"})},
-      {Type::kLate, encode(LatePart{7, 3, 7, as_bytes("late")})},
-      {Type::kLateAck, encode(LateAck{8})},
-      {Type::kSpool, encode(Spool{{{"s1", 25, 3}, {"s2", 1, 0}}})}};
+inline std::vector<DropRecord> sample_drops() {
+  return {{10, -1, DropReason::kPolicy, 257},
+          {11, 0, DropReason::kBusy, kUnknownSimilarity, 3, 2},
+          {14, 3, DropReason::kLost}};
+}
+
+inline Account sample_account() {
+  return {"s1", true, true, 0x0102030405060708, -2, 7, 5, 3, sample_drops()};
+}
+
+/// By name: items have a payload for each stream, and an item of a stream without one of its own.
+inline std::map<std::string, Bytes> sample_messages() {
+  const Hello hello{6,
+                    7,
+                    "tb3-07",
+                    "20201024T101500Z",
+                    "orbbufd 0.1.0",
+                    "0.5\t0.5\n",
+                    {{4, "imu", "orbbuf/imu"}, {31, "scan", ""}}};
+  Welcome welcome;
+  welcome.position = {0x0102030405060708, 0x1112131415161718};
+  welcome.max_frame_bytes = 16U << 20;
+  welcome.position[4] = 9;
+  welcome.takes.set(kFrames).set(kDrops).set(kLate).set(kAccounts).set(4);
+  welcome.has_heartbeat = true;
+  Ack ack{{7, 3}, 9};
+  ack.position[kMostStreams - 1] = 2;
+  return {{"hello", encode(hello)},
+          {"welcome", encode(welcome)},
+          {"frame", encode_whole(reduced_frame())},
+          {"ack", encode(ack)},
+          {"drops", encode(Items{kDrops, 5, encode_drops(sample_drops())})},
+          {"late", encode(Items{kLate, 7, encode_late_part({3, 7, as_bytes("late")})})},
+          {"account", encode(Items{kAccounts, 0, encode_account(sample_account())})},
+          {"other",
+           encode(Items{4, 0x0102030405060708, bytes_of(std::string_view("\0\1one item", 10))})},
+          {"stats", encode(Report{{21, 1, 2, 3, 4, 5, 6}, 25, 80'000, 1'000'000, 40'000, -2, 7})},
+          {"bye", encode(Bye{{8, 4}})},
+          {"error", encode(ErrorMessage{ErrorCode::kVersion, "no version in common"})}};
 }
 
 inline Parsed<Header> header_of(std::span<const std::uint8_t> message) {
@@ -97,7 +117,35 @@ Parsed<Bytes> encode_again(const Parsed<Message>& message) {
   return encode(message.value());
 }
 
-/// Parses the body and encodes what came of it.
+/// Parses the payload, if it is one that this version defines, and encodes what came of it.
+inline Parsed<Bytes> payload_and_back(const Items& items) {
+  switch (items.stream) {
+    case kDrops: {
+      const auto drops = parse_drops(items.payload);
+      return drops ? Parsed<Bytes>(encode_drops(drops.value())) : drops.error();
+    }
+    case kLate: {
+      const auto part = parse_late_part(items.payload);
+      return part ? Parsed<Bytes>(encode_late_part(part.value())) : part.error();
+    }
+    case kAccounts: {
+      const auto account = parse_account(items.payload);
+      return account ? Parsed<Bytes>(encode_account(account.value())) : account.error();
+    }
+    default:
+      return items.payload;
+  }
+}
+
+inline Parsed<Bytes> items_and_back(const Header& header, std::span<const std::uint8_t> body) {
+  const auto items = parse_items(header, body);
+  if (!items) return items.error();
+  auto payload = payload_and_back(items.value());
+  if (!payload) return payload;
+  return encode(Items{items.value().stream, items.value().first, std::move(payload).value()});
+}
+
+/// The same with any body.
 inline Parsed<Bytes> body_and_back(const Header& header, std::span<const std::uint8_t> body) {
   switch (header.type) {
     case Type::kHello:
@@ -106,20 +154,14 @@ inline Parsed<Bytes> body_and_back(const Header& header, std::span<const std::ui
       return encode_again(parse_welcome(header, body));
     case Type::kAck:
       return encode_again(parse_ack(header, body));
-    case Type::kDropped:
-      return encode_again(parse_dropped(header, body));
+    case Type::kItems:
+      return items_and_back(header, body);
     case Type::kStats:
       return encode_again(parse_stats(header, body));
     case Type::kBye:
       return encode_again(parse_bye(header, body));
     case Type::kError:
       return encode_again(parse_error(header, body));
-    case Type::kLate:
-      return encode_again(parse_late(header, body));
-    case Type::kLateAck:
-      return encode_again(parse_late_ack(header, body));
-    case Type::kSpool:
-      return encode_again(parse_spool(header, body));
     case Type::kFrame:
       break;
   }

@@ -54,7 +54,6 @@ TEST(Settings, SampleFileHoldsEveryKeyWithItsDefault) {
   EXPECT_EQ(sample.buffer.capacity, fallback.buffer.capacity);
   EXPECT_EQ(sample.buffer.policy, fallback.buffer.policy);
   EXPECT_EQ(sample.buffer.seed, fallback.buffer.seed);
-  EXPECT_EQ(sample.buffer.drop_log, fallback.buffer.drop_log);
   EXPECT_EQ(sample.link.servers, fallback.link.servers);
   EXPECT_EQ(sample.link.interfaces, fallback.link.interfaces);
   EXPECT_EQ(sample.buffer.plan.least_quality, fallback.buffer.plan.least_quality);
@@ -66,29 +65,40 @@ TEST(Settings, SampleFileHoldsEveryKeyWithItsDefault) {
   EXPECT_EQ(sample.link.drain_timeout, fallback.link.drain_timeout);
   EXPECT_EQ(sample.link.unsent_bytes, fallback.link.unsent_bytes);
   EXPECT_EQ(sample.link.tls, fallback.link.tls);
-  EXPECT_EQ(sample.spool.path, fallback.spool.path);
-  EXPECT_EQ(sample.spool.size_bytes, fallback.spool.size_bytes);
-  EXPECT_EQ(sample.spool.rate_bytes_per_s, fallback.spool.rate_bytes_per_s);
+  EXPECT_EQ(sample.record.path, fallback.record.path);
+  EXPECT_EQ(sample.record.size_bytes, fallback.record.size_bytes);
+  EXPECT_EQ(sample.record.rate_bytes_per_s, fallback.record.rate_bytes_per_s);
 }
 
 TEST(Settings, DropLogIsInTheServicesStateFolder) {
-  EXPECT_EQ(with({}).buffer.drop_log, "");
+  EXPECT_EQ(with({}).record.path, "");
   ::setenv("STATE_DIRECTORY", "/var/lib/robot", 1);
-  EXPECT_EQ(with({}).buffer.drop_log, "/var/lib/robot/drops");
-  EXPECT_EQ(with({"buffer.drop_log="}).buffer.drop_log, "");
-  EXPECT_EQ(with({"buffer.drop_log=/tmp/drops"}).buffer.drop_log, "/tmp/drops");
+  EXPECT_EQ(with({}).record.path, "/var/lib/robot/drops");
+  EXPECT_EQ(with({"buffer.drop_log="}).record.path, "");
+  EXPECT_EQ(with({"buffer.drop_log=/tmp/drops"}).record.path, "/tmp/drops");
   ::unsetenv("STATE_DIRECTORY");
 }
 
 TEST(Settings, SpoolIsOffUntilItHasAFolder) {
-  EXPECT_EQ(with({}).spool.path, "");
-  EXPECT_EQ(with({}).spool.size_bytes, 8ULL << 30);
-  EXPECT_EQ(with({}).spool.rate_bytes_per_s, 4U << 20);
+  EXPECT_FALSE(with({}).record.keeps_frames);
+  EXPECT_EQ(with({}).record.size_bytes, 8ULL << 30);
+  EXPECT_EQ(with({}).record.rate_bytes_per_s, 4U << 20);
   const Settings s = with({"spool.path=/tmp/spool", "spool.size=4 MiB", "spool.rate=0 B"});
-  EXPECT_EQ(s.spool.path, "/tmp/spool");
-  EXPECT_EQ(s.spool.size_bytes, SpoolSettings::kMinBytes);
-  EXPECT_EQ(s.spool.rate_bytes_per_s, 0U);
+  EXPECT_TRUE(s.record.keeps_frames);
+  EXPECT_EQ(s.record.path, "/tmp/spool");
+  EXPECT_EQ(s.record.size_bytes, RecordSettings::kMinBytes);
+  EXPECT_EQ(s.record.rate_bytes_per_s, 0U);
   EXPECT_NE(why({"spool.size=4095 KiB"}).find("spool.size"), std::string::npos);
+}
+
+TEST(Settings, DropRecordsAreInTheFolderOfTheSpool) {
+  ::setenv("STATE_DIRECTORY", "/var/lib/robot", 1);
+  EXPECT_EQ(with({"spool.path=/tmp/spool"}).record.path, "/tmp/spool");
+  ::unsetenv("STATE_DIRECTORY");
+  EXPECT_NE(why({"spool.path=/tmp/spool", "buffer.drop_log=/tmp/drops"}).find("buffer.drop_log"),
+            std::string::npos);
+  EXPECT_EQ(with({"spool.path=/tmp/spool", "buffer.drop_log=/tmp/../tmp/spool/"}).record.path,
+            "/tmp/spool");
 }
 
 TEST(Settings, TheLeastQualityIsNoMoreThanTheQuality) {

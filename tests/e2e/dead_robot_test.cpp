@@ -27,17 +27,15 @@ TEST(DeadRobot, FramesThatTheServerDidNotConfirmAreNamedAtTheNextStart) {
   const Record record = read_record(folder / "out", kRobot);
   const std::string session = record.folder.filename().string();
   Process next(robot_command(kRobot, server.address(), settings));
-  const auto line = next.wait_for_line("session " + session + " ended with frames ");
+  const auto line = next.wait_for_line(session + " ended with frames ");
   ASSERT_TRUE(line) << next.output();
   const std::string first = line->substr(line->find("frames ") + 7);
   EXPECT_LE(std::stoull(first), record.delivered.back() + 1) << *line;
   EXPECT_GT(std::stoull(first.substr(first.find("to ") + 3)), record.delivered.back() + 20)
       << *line;
-  EXPECT_NE(line->find((folder / "drops" / (session + ".csv")).string()), std::string::npos);
 
   const Server again(folder / "out", {}, server.address());
-  ASSERT_TRUE(next.wait_for_line("session " + session + ": the server has its "));
-  ASSERT_TRUE(next.wait_for_lines("connected to", 2));  // now with its own session
+  ASSERT_TRUE(next.wait_for_line("the server knows what became of session " + session));
   const Finished check = run({ORBBUF_SERVER, "check", record.folder});
   EXPECT_NE(check.output.find("not ended"), std::string::npos) << check.output;
   const std::string drops = read_file(record.folder / "drops.csv");

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A fleet of real servers and a real etcd, and the commands `drain` and `join`.
+#include <fmt/core.h>
 #include <gmock/gmock.h>
-#include <spdlog/fmt/fmt.h>
 
 #include <csignal>
 #include <regex>
@@ -118,7 +118,8 @@ TEST_F(FleetTest, ADrainMovesRobotAndSlamProgramAndJoinMakesOneSession) {
   EXPECT_EQ(joining.status, 0) << joining.output;
   EXPECT_THAT(joining.output, HasSubstr(session + ".e2: fetched from b, 127.0.0.1:"));
   const auto frames = joined();
-  EXPECT_EQ(frames.size() + read_lines(out_ / "drops.csv").size() - 1, captured);
+  const std::size_t lines = read_lines(out_ / "drops.csv").size();  // the first is the head
+  EXPECT_EQ(frames.size() + lines - (lines > 0 ? 1 : 0), captured);
 
   // The program at b has each of them, in order.
   EXPECT_EQ(read_by_slam("b"), frames);
@@ -151,7 +152,7 @@ TEST_F(FleetTest, TheProgramOfTheNextOwnerGetsTheFramesOfAServerThatWasKilledAnd
 TEST_F(FleetTest, DrainSaysThatNoServerListens) {
   const Finished drained = drain("a");
   EXPECT_EQ(drained.status, 1);
-  EXPECT_THAT(drained.output, ContainsRegex("drain: .*a.socket.drain: No such file"));
+  EXPECT_THAT(drained.output, ContainsRegex("drain: no server answers: .*a.socket: No such file"));
 }
 
 TEST_F(FleetTest, UnderTlsARobotGoesToTheServerThatIsNamedOverTls) {
@@ -184,25 +185,31 @@ class LateInFleet : public FleetTest {
     const RobotClient at_a(port("a"));
     ASSERT_TRUE(at_a.hello("robot", "s"));
     send(at_a, {0, 1, 3});
-    at_a.send(wire::encode(wire::Dropped{0, {{2, 2 * kFrameNs, DropReason::kPolicy}}}));
+    at_a.send_drops(0, {{2, 2 * kFrameNs, DropReason::kPolicy}});
     ASSERT_TRUE(at_a.acked(4));
     ASSERT_EQ(drain("a").status, 0);
     at_b_.emplace(port("b"));
     ASSERT_TRUE(at_b_->hello("robot", "s"));
     send(*at_b_, {4, 5});
     ASSERT_TRUE(at_b_->acked(6));
-    at_b_->send(wire::encode(wire::Spool{{{"s", 1, 2}}}));
-    const auto record = wire::encode_late_record("s", *jpeg_frame_ptr(2, 16, 16));
-    at_b_->send(
-        wire::encode(wire::LatePart{0, 0, static_cast<std::uint32_t>(record.size()), record}));
-    ASSERT_TRUE(at_b_->late_ack());
+    wire::Account account;
+    account.session_id = "s";
+    account.captured = 6;
+    account.held = 1;
+    account.first_held = 2;
+    at_b_->send_account(0, account);
+    at_b_->send_late(0, "s", *jpeg_frame_ptr(2, 16, 16));
+    ASSERT_TRUE(at_b_->acked(1, wire::kLate));
   }
   static void send(const RobotClient& robot, const std::vector<Sequence>& frames) {
     for (const Sequence frame : frames) robot.send_frame(*jpeg_frame_ptr(frame, 16, 16));
   }
   /// The robot has sent all: b merges.
   void end() {
-    at_b_->send(wire::encode(wire::Spool{}));
+    wire::Account account;
+    account.session_id = "s";
+    account.captured = 6;
+    at_b_->send_account(1, account);
     at_b_->send(wire::encode(wire::Report{{6, 0, 0, 1, 5, 0, 0}, 25, 1000, 2'000'000, 40'000}));
     at_b_->send(wire::encode(wire::Bye{{6, 1}}));
     ASSERT_TRUE(b_->process().wait_for_line("1 late frames have completed the session"))

@@ -60,7 +60,24 @@ std::vector<Bytes> valid_session(Random& random) {
     messages.emplace_back(head.begin(), head.end());
     append(messages.back(), frame.jpeg);
   }
-  messages.push_back(wire::encode(wire::Dropped{0, {{3, 3, DropReason::kPolicy}}}));
+  const auto add_items = [&](wire::StreamId stream, const Bytes& payload) {
+    messages.push_back(wire::encode(wire::Items{stream, 0, payload}));
+  };
+  const DropRecord drop{3, 3, DropReason::kPolicy};
+  add_items(wire::kDrops, wire::encode_drops({&drop, 1}));
+  wire::Account account;
+  account.session_id = hello.session_id;
+  account.held = 1;
+  account.first_held = 3;
+  account.given_up = {{0, 0, DropReason::kLost, kUnknownSimilarity, 2, 5}};
+  add_items(wire::kAccounts, wire::encode_account(account));
+  EncodedFrame late;
+  late.sequence = 3;
+  late.jpeg.assign(500, 7);
+  late.jpeg_crc = wire::crc32(late.jpeg);
+  const Bytes record = wire::encode_late_record(hello.session_id, late);
+  add_items(wire::kLate,
+            wire::encode_late_part({0, static_cast<std::uint32_t>(record.size()), record}));
   messages.push_back(wire::encode(wire::Report{}));
   messages.push_back(wire::encode(wire::Bye{{4, 1}}));
   return messages;

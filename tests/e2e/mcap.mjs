@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares a session's MCAP file, as the format's own library reads it, with the files beside it:
+// Compares the parts of a session's MCAP recording, as the format's own library reads them from front to back and by
+// their indexes, with the files beside them:
 //   node mcap.mjs whole|killed SESSION CALIBRATED
-// whole: finished; read from front to back and by its index, both with all messages.
-// killed: without an end; all chunks, of which the last may hold one frame more than the files.
+// whole: they have all messages. killed: those of the first frames.
 import assert from "node:assert/strict";
 import { readFile, readdir } from "node:fs/promises";
 import { createRequire } from "node:module";
@@ -14,7 +14,6 @@ const protobuf = require("protobufjs");
 const { FileDescriptorSet } = require("protobufjs/ext/descriptor");
 
 const [mode, session, calibrated] = process.argv.slice(2);
-const kKills = 5;  // as many as mcap.sh makes
 const nanoseconds = (text) => BigInt(text.replace(".", ""));  // they have nine digits behind it
 
 async function lines(name) {
@@ -26,26 +25,14 @@ async function lines(name) {
 async function recorded() {
   const frames = (await lines("times.txt")).map((line) => line.split(" "));
   const drops = (await lines("drops.csv")).slice(1).map((line) => line.split(","));
-  const taken = new Set(frames.map(([sequence]) => Number(sequence)));
-  // Of two lines for one frame the last counts; those of late frames stand behind the others.
-  const qualities = [...new Map((await lines("quality.csv")).slice(1).map((line) => line.split(","))
-    .map(([sequence, quality, bytes, crc]) => [Number(sequence),
-      [Number(sequence), Number(quality), Number(bytes), parseInt(crc, 16)]])).values()]
-    .sort(([a], [b]) => a - b);
-  // A kill between the two lists leaves the line of a frame that was not taken, and that the robot may pass over
-  // afterwards: at most one of each kill, and the next start removes its image.
-  const images = new Set(await readdir(join(session, "images")));
-  const left_over = qualities.filter(([sequence]) => !taken.has(sequence));
-  assert(left_over.length <= kKills);
-  if (mode === "whole") {
-    assert(left_over.every(([sequence]) => !images.has(`${String(sequence).padStart(6, "0")}.jpg`)));
-  }
   return {
     frames: frames.map(([sequence, time]) =>
       ({ sequence: Number(sequence), time: nanoseconds(time) })),
     drops: drops.map(([sequence, reason, time]) =>
       ({ sequence: Number(sequence), reason, time: nanoseconds(time) })),
-    qualities: qualities.filter(([sequence]) => taken.has(sequence)),
+    qualities: (await lines("quality.csv")).slice(1).map((line) => line.split(","))
+      .map(([sequence, quality, bytes, crc]) =>
+        [Number(sequence), Number(quality), Number(bytes), parseInt(crc, 16)]),
     isStereo: (await readdir(session)).includes("images_right"),
   };
 }
@@ -148,9 +135,18 @@ function check_calibrations(list, frames, tx) {
   }
 }
 
-/// The one that the files may lack after a kill: it is written before them.
-function without_last(list, expected) {
-  return mode === "killed" && list.length === expected.length + 1 ? list.slice(0, -1) : list;
+/// What the parts must have: after a kill they have the first ones.
+function expected_of(list, all) {
+  return mode === "killed" ? all.slice(0, list.length) : all;
+}
+
+/// Parts as one: the ids of schemas and channels are the same in all.
+function joined(contents) {
+  return {
+    schemas: new Map(contents.flatMap(({ schemas }) => [...schemas])),
+    channels: new Map(contents.flatMap(({ channels }) => [...channels])),
+    messages: contents.flatMap(({ messages }) => messages),
+  };
 }
 
 async function check(contents, expected) {
@@ -161,37 +157,35 @@ async function check(contents, expected) {
   const kinds = calibrated === "yes" ? ["image", "calibration"] : ["image"];
   const names = sides.flatMap(([side]) => kinds.map((kind) => side + kind));
   if (topics.drops) names.push("drops");
-  if (qualities.length > 0) names.push("quality");
-  assert.deepEqual(Object.keys(topics).sort(), names.sort());
+  if (topics.quality || (mode === "whole" && qualities.length > 0)) names.push("quality");
+  if (mode === "whole" || contents.messages.length > 0) {
+    assert.deepEqual(Object.keys(topics).sort(), names.sort());
+  }
   for (const [side, folder, tx] of sides) {
-    await check_images(without_last(topics[`${side}image`], frames), frames, folder);
+    const images = topics[`${side}image`] ?? [];
+    await check_images(images, expected_of(images, frames), folder);
     if (calibrated !== "yes") continue;
-    check_calibrations(without_last(topics[`${side}calibration`], frames), frames, tx);
+    const calibrations = topics[`${side}calibration`] ?? [];
+    check_calibrations(calibrations, expected_of(calibrations, frames), tx);
   }
   const told = (topics.quality ?? []).map(({ number, value }) =>
     [number, value.quality ?? 0, value.whole_bytes ?? 0, value.whole_crc ?? 0]);
-  assert.deepEqual(without_last(told, qualities), qualities);
-  const late = new Set(drops.filter(({ reason }) => reason === "late").map(({ sequence }) => sequence));
+  assert.deepEqual(told, expected_of(told, qualities));
   const dropped = (topics.drops ?? []).map(({ time, value }) => {
     assert.equal(BigInt(value.timestamp.sec) * 1000000000n + BigInt(value.timestamp.nsec), time);
-    // The files say of a frame that arrived late that it did, the recording why it did not come live.
-    const isLate = late.has(value.sequence) && value.reason !== "late";
-    return { sequence: value.sequence, reason: isLate ? "late" : value.reason, time };
+    return { sequence: value.sequence, reason: value.reason, time };
   });
-  assert.deepEqual(mode === "killed" ? dropped.slice(0, drops.length) : dropped, drops);
+  const named = new Set(dropped.map(({ sequence }) => sequence));
+  assert.deepEqual(dropped, mode === "killed" ? drops.filter(({ sequence }) => named.has(sequence)) : drops);
   return contents.messages.length;
 }
 
-const [name] = (await readdir(session)).filter((file) => file.endsWith(".mcap"));
-const data = await readFile(join(session, name));
+const names = (await readdir(session)).filter((file) => file.endsWith(".mcap")).sort();
+const parts = await Promise.all(names.map((name) => readFile(join(session, name))));
 const expected = await recorded();
-const streamed = stream(data);
-const count = await check(streamed, expected);
-if (mode === "whole") {
-  assert(streamed.isDone);
-  assert.equal(await check(await indexed(data), expected), count);
-} else {
-  assert(!streamed.isDone);
-}
+const streamed = parts.map(stream);
+assert(streamed.every(({ isDone }) => isDone));
+const count = await check(joined(streamed), expected);
+assert.equal(await check(joined(await Promise.all(parts.map(indexed))), expected), count);
 const { frames, drops } = expected;
-console.log(`mcap ${mode}: ${count} messages, ${frames.length} frames, ${drops.length} drops`);
+console.log(`mcap ${mode}: ${names.length} parts, ${count} messages, ${frames.length} frames, ${drops.length} drops`);

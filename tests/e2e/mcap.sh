@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Recordings of real sessions, read by MCAP's own library from the npm registry: ended, killed in
-# mid-write, and continued: mcap.sh BUILD. Exits with 77 (skipped) where node, npm or the registry
+# Recordings of real sessions, read by MCAP's own library from the npm registry: ended, killed between
+# two parts or in one, and continued: mcap.sh BUILD. Exits with 77 (skipped) where node, npm or the registry
 # is missing.
 set -euo pipefail
 build=$1
@@ -34,7 +34,7 @@ port=0
 start_server() {
   : >"$work/server.log" # the last one's
   "$build/server/orbbuf-server" --set "listen.address=127.0.0.1:$port" --set "files.path=$work/data" \
-    --set mcap.enabled=true >"$work/server.log" 2>&1 &
+    --set mcap.enabled=true --set 'mcap.split=200 ms' >"$work/server.log" 2>&1 &
   server=$!
   pids+=("$server")
   until grep -q 'listening on' "$work/server.log"; do
@@ -88,8 +88,9 @@ start_robot killed "${small[@]}" --set "$camera" --set source.fps=200 \
   --set source.frames=100000 --set buffer.policy=uniform --set buffer.capacity=10
 # Each time more frames must come first: only then has the server taken back what a kill left over.
 for _ in 1 2 3 4 5; do
-  more_frames killed 60
+  more_frames killed 150
   stop_server KILL
+  "$build/server/orbbuf-server" views "$(session_of killed)" || fail 'no views'
   check killed killed yes
   start_server
 done
@@ -103,4 +104,5 @@ robot_ends
 stop_server TERM
 check whole killed yes
 [ "$(wc -l <"$(session_of killed)/drops.csv")" -gt 5 ] || fail 'no outage has cost a frame'
-[ "$(find "$work/data/killed" -name '*.mcap' | wc -l)" -eq 1 ] || fail 'it was to be one session'
+[ "$(find "$work/data/killed" -mindepth 1 -maxdepth 1 | wc -l)" -eq 1 ] || fail 'it was to be one session'
+[ "$(find "$work/data/killed" -name '*.mcap' | wc -l)" -gt 2 ] || fail 'no parts'

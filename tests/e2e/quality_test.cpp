@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // A link with a rate, between two network namespaces: what the robot sends smaller, and that the
 // server's account of it is true.
+#include <fmt/core.h>
 #include <gtest/gtest.h>
-#include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
 #include <csignal>

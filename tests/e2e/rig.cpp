@@ -80,6 +80,11 @@ Record read_record(const fs::path& out, const std::string& robot) {
   }
   Record record;
   record.folder = sessions.front();
+  // Until it is closed a session has no drops.csv.
+  if (read_file(record.folder / "session.txt").find("state ended") == std::string::npos) {
+    const Finished views = run({ORBBUF_SERVER, "views", record.folder});
+    if (views.status != 0) throw std::runtime_error(views.output);
+  }
   for (const std::string& line : read_lines(record.folder / "times.txt")) {
     std::istringstream fields(line);
     std::uint64_t id = 0;

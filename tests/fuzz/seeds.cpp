@@ -31,10 +31,10 @@ EncodedFrame reduced_frame(Sequence sequence) {
 
 /// A short life: hello, frames with a repeat, drop records, stats, bye.
 Bytes life(const std::string& session) {
-  return joined({wire::encode(wire::Hello{5, 5, "r", session, "orbbufd", ""}),
+  return joined({wire::encode(wire::Hello{6, 6, "r", session, "orbbufd", "", {}}),
                  wire::encode_whole(test::plain_frame(0)), wire::encode_whole(reduced_frame(2)),
                  wire::encode_whole(test::plain_frame(0)),
-                 wire::encode(wire::Dropped{0, {{1, 0, DropReason::kPolicy}}}),
+                 wire::encode(*test::drops_ptr(0, {{1, 0, DropReason::kPolicy}})),
                  wire::encode(wire::Report{{3, 0, 0, 1, 2, 0, 0}}),
                  wire::encode(wire::Bye{{3, 1}})});
 }
@@ -45,9 +45,8 @@ void write(const fs::path& file, const Bytes& bytes) {
 }
 
 void write_seeds(const fs::path& folder) {
-  for (const auto& [type, bytes] : wire::sample_messages()) {
-    write(folder / "wire" / std::string(to_string(type)), bytes);
-  }
+  for (const auto& [name, bytes] : wire::sample_messages()) write(folder / "wire" / name, bytes);
+  write(folder / "wire/late record", wire::encode_late_record("s", wire::sample_frame()));
   // Bytes at a time, and where the first connection ends: session_fuzz.cpp.
   write(folder / "session/one", joined({{255, 255}, life("s")}));
   write(folder / "session/replaced", joined({{255, 128}, life("s"), life("s")}));

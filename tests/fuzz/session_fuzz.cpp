@@ -39,8 +39,10 @@ class CheckingSink final : public FrameSink {
     next_ = frame->sequence + 1;
     finish(std::move(done));
   }
-  void async_write_drops(wire::Dropped dropped, Done done) override {
-    require(!is_busy_ && !dropped.records.empty());
+  bool takes_items() const override { return true; }
+  void async_write_items(ItemsPtr items, Done done) override {
+    require(!is_busy_ && items->stream == wire::kDrops && items->first >= next_drop_);
+    next_drop_ = items->first + wire::parse_drops(items->payload).value().size();
     finish(std::move(done));
   }
 
@@ -55,6 +57,7 @@ class CheckingSink final : public FrameSink {
 
   boost::asio::io_context& main_;
   Sequence next_ = 0;
+  std::uint64_t next_drop_ = 0;
   bool is_busy_ = false;
 };
 
@@ -102,7 +105,7 @@ class World final : public ConnectionOwner {
     if (session->is_closing()) return connection->refuse("closing");
     connection->join(session);
   }
-  LateArrivals* late_arrivals() override { return nullptr; }
+  SessionStores* stores() override { return nullptr; }
   bool has_heartbeat() const override { return false; }
   void on_closed(const std::shared_ptr<Connection>& /*connection*/) override {}
 

@@ -160,10 +160,10 @@ async function fleetPage() {
     servers: [{ name: "one", instance: "i", address: "10.0.0.21:7722", http: "", robots: 0, draining: true },
       { name: "two", instance: "i", address: "10.0.0.22:7722", http: "10.0.0.22:7723", robots: 1, draining: false }],
     sessions: [{ robot: "front", session: "s1", server: "two", instance: "i", epoch: 2, ended: false,
-      next_sequence: 500, next_drop: 3, segments: [{ server: "one", epoch: 1, next_sequence: 0, next_drop: 0 },
-        { server: "two", epoch: 2, next_sequence: 300, next_drop: 1 }] },
+      next: [500, 3], segments: [{ server: "one", epoch: 1, next: [] },
+        { server: "two", epoch: 2, next: [300, 1] }] },
       { robot: "rear", session: "s0", server: "away", instance: "i", epoch: 1, ended: false,
-        segments: [{ server: "away", epoch: 1, next_sequence: 0, next_drop: 0 }] }] };
+        segments: [{ server: "away", epoch: 1, next: [] }] }] };
   await page.route("**/fleet.json", (route) => route.fulfill({ json: overview }));
   await page.goto(`${origin}/fleet`);
   await page.waitForSelector("tr td code");

@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 import os
-import re
 import subprocess
 import unittest
-from decimal import Decimal
 from pathlib import Path
 
 import orbbuf
 from orbbuf.export import parse_camera
-from support import SERVER, FolderTest, needs, write_session
+from support import FolderTest, write_session
 
 CAMERAS = {
     "pinhole": "Pinhole 500.5 501 319.5 239.5 0\n640 480\ncrop\n640 480\n",
@@ -20,19 +18,6 @@ CAMERAS = {
 }
 
 
-def tree(folder: Path) -> dict:
-    """What each file has, numbers as numbers: their digits are the printer's choice."""
-
-    def content(path):
-        if path.suffix in (".jpg", ".png"):
-            return path.read_bytes()
-        text = path.read_text().replace("orbbuf-server export", "orbbuf")
-        return [Decimal(word) if re.fullmatch(r"-?\d+(\.\d+)?(e[+-]?\d+)?", word) else word
-                for word in re.split(r"[\s,\[\]]+", text)]
-
-    return {str(path.relative_to(folder)): content(path) for path in sorted(folder.rglob("*")) if path.is_file()}
-
-
 class ExportTest(FolderTest):
     def export(self, layout, camera, stereo=False):
         session = self.folder / f"session-{camera}-{stereo}"
@@ -42,20 +27,6 @@ class ExportTest(FolderTest):
         notes = {"tum": orbbuf.to_tum, "kitti": orbbuf.to_kitti, "euroc": orbbuf.to_euroc}[layout](
             orbbuf.Session(session), out)
         return session, out, notes
-
-    @needs(SERVER)
-    def test_makes_what_the_server_s_export_makes(self):
-        for layout, name in (("tum", "tum-rgbd"), ("kitti", "kitti"), ("euroc", "euroc")):
-            for camera in (*CAMERAS, "none"):
-                for stereo in (False, True):
-                    with self.subTest(layout=layout, camera=camera, stereo=stereo):
-                        session, out, notes = self.export(layout, camera, stereo)
-                        other = self.folder / "other" / out.name
-                        said = subprocess.run([SERVER, "export", "--layout", name, session, other],
-                                              capture_output=True, text=True, check=True)
-                        self.assertEqual(tree(out), tree(other))
-                        for note in notes:
-                            self.assertIn(note, said.stderr)
 
     def test_images_are_hard_links(self):
         session, out, _ = self.export("kitti", "none")

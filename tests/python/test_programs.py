@@ -7,13 +7,16 @@ import queue
 import re
 import shutil
 import socket
+import subprocess
 import threading
 import unittest
+from decimal import Decimal
 from pathlib import Path
 
 import orbbuf
 from orbbuf.watch import Watch
 from support import ROBOT, SERVER, FolderTest, Program, needs, set_keys
+from test_export import CAMERAS
 
 PATIENCE = 60  # seconds; nothing waits for it to pass
 
@@ -76,6 +79,19 @@ class Link:
 def without_comment(image: bytes) -> bytes:
     """The JPEG as the robot sent it."""
     return image[:2] + image[4 + int.from_bytes(image[4:6], "big"):]
+
+
+def tree(folder: Path) -> dict:
+    """What each file has, numbers as numbers: their digits are the printer's choice."""
+
+    def content(path):
+        if path.suffix in (".jpg", ".png"):
+            return path.read_bytes()
+        text = path.read_text().replace("orbbuf-server export", "orbbuf")
+        return [Decimal(word) if re.fullmatch(r"-?\d+(\.\d+)?(e[+-]?\d+)?", word) else word
+                for word in re.split(r"[\s,\[\]]+", text)]
+
+    return {str(path.relative_to(folder)): content(path) for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 @needs(SERVER, ROBOT)
@@ -156,12 +172,40 @@ class ProgramsTest(FolderTest):
                              (twin.image, twin.time_ns, twin.session))
         self.assertTrue(live.empty() and recorded.empty())
 
+    def record(self, name, **keys) -> Path:
+        """A whole session's folder."""
+        robot = self.start_robot(self.address, robot__id=name, **keys)
+        self.assertEqual(robot.process.wait(PATIENCE), 0, robot.log.read_text())
+        [session] = orbbuf.sessions(self.folder / "frames" / name)
+        return session
+
+    def test_python_exports_what_the_server_exports(self):
+        layouts = (("tum-rgbd", orbbuf.to_tum), ("kitti", orbbuf.to_kitti), ("euroc", orbbuf.to_euroc))
+        self.start_server()
+        small = {"source__frames": 5, "source__realtime": "false", "source__width": 64, "source__height": 64}
+        images = self.record("images", **small) / "images"
+        right_images = self.record("right", **small, source__seed=2) / "images"
+        for camera, text in (*CAMERAS.items(), ("none", "")):
+            calibration = {"camera__calibration": '"' + text.replace("\n", "\\n") + '"'} if text else {}
+            for right in ({}, {"source__path_right": right_images}):
+                name = f"{camera}{len(right)}"
+                session = self.record(name, source__kind="folder", source__path=images, source__realtime="false",
+                                      **right, **calibration)
+                for layout, export in layouts:
+                    with self.subTest(layout=layout, camera=camera, stereo=bool(right)):
+                        ours, other = self.folder / f"{layout}-{name}", self.folder / "other" / f"{layout}-{name}"
+                        notes = export(orbbuf.Session(session), ours)
+                        said = subprocess.run([SERVER, "export", "--layout", layout, session, other],
+                                              capture_output=True, text=True)
+                        self.assertEqual(said.returncode, 0, said.stderr)
+                        self.assertEqual(tree(ours), tree(other))
+                        for note in notes:
+                            self.assertIn(note, said.stderr)
+
     def test_stereo_pairs_come_whole_through_the_pipe_and_the_folder(self):
         left, right = self.folder / "left", self.folder / "right"
         self.start_server()
-        robot = self.start_robot(self.address, robot__id="maker", source__frames=25, source__realtime="false", source__width=64, source__height=64)
-        self.assertEqual(robot.process.wait(PATIENCE), 0, robot.log.read_text())
-        [first] = orbbuf.sessions(self.folder / "frames")
+        first = self.record("maker", source__frames=25, source__realtime="false", source__width=64, source__height=64)
         (first / "images").rename(left)
         right.mkdir()
         for number, image in enumerate(sorted(left.iterdir(), reverse=True)):

@@ -64,6 +64,13 @@ inline EncodedFrame plain_pair(Sequence sequence, std::size_t left_bytes, std::s
   return frame;
 }
 
+/// Drop records, numbered from `first` on.
+inline std::shared_ptr<const wire::Items> drops_ptr(std::uint64_t first,
+                                                    const std::vector<DropRecord>& records) {
+  return std::make_shared<const wire::Items>(
+      wire::Items{wire::kDrops, first, wire::encode_drops(records)});
+}
+
 /// A frame that is a real JPEG, of noise, so that it is about as large as its pixels.
 inline FramePtr jpeg_frame_ptr(Sequence sequence, int width_px, int height_px) {
   std::vector<std::uint8_t> pixels(static_cast<std::size_t>(width_px * height_px));

@@ -7,11 +7,13 @@
 #include <csignal>
 #include <cstdint>
 #include <future>
+#include <memory>
 #include <optional>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "server/fleet_member.hpp"
 #include "server/http/http_server.hpp"
 #include "server/link/listener.hpp"
 #include "server/settings.hpp"
@@ -25,15 +27,13 @@ class RunningServer {
   explicit RunningServer(Settings settings) {
     std::signal(SIGPIPE, SIG_IGN);
     settings.listen.address.port = 0;
-    if (settings.fleet.is_on()) {
-      fleet_.emplace(main_, settings.fleet, [this] { return listener_->robots(); });
-    }
+    fleet_ = make_fleet_member(main_, files_, settings);
     if (settings.http_address) {
-      http_.emplace(main_, files_, settings, metrics_, fleet_ ? &*fleet_ : nullptr);
+      http_.emplace(main_, files_, settings, metrics_, fleet_ ? fleet_->page() : FleetPage{});
     }
     listener_.emplace(main_, files_, settings, http_ ? &metrics_ : nullptr);
     if (fleet_) {
-      listener_->join(*fleet_);
+      fleet_->share(*listener_);
       fleet_->start();
     }
     port_ = listener_->endpoint().port();
@@ -79,9 +79,8 @@ class RunningServer {
   std::optional<Error> drain() {
     std::promise<std::optional<Error>> done;
     boost::asio::post(main_, [&] {
-      fleet_->async_drain([&](const std::optional<Error>& error) {
-        if (error) return done.set_value(error);
-        listener_->move_all([&] { done.set_value(std::nullopt); });
+      fleet_->drain([&](const Result<std::string>& answer) {
+        done.set_value(answer ? std::nullopt : std::optional(answer.error()));
       });
     });
     return done.get_future().get();
@@ -103,7 +102,7 @@ class RunningServer {
   boost::asio::io_context main_{1};
   boost::asio::thread_pool files_{2};
   Metrics metrics_{256};
-  std::optional<fleet::Fleet> fleet_;
+  std::unique_ptr<FleetMember> fleet_;
   std::optional<HttpServer> http_;
   std::optional<Listener> listener_;
   std::uint16_t port_ = 0;

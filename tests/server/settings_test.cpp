@@ -50,6 +50,7 @@ TEST(Settings, EveryKeyIsRead) {
                              "files.keep_size=2 GiB",
                              "files.keep_time=720 h",
                              "mcap.enabled=true",
+                             "mcap.split=2 min",
                              "slam.fifo=/run/{robot}",
                              "slam.format=mjpeg",
                              "slam.restart=never",
@@ -77,8 +78,9 @@ TEST(Settings, EveryKeyIsRead) {
   expected.drain_timeout = std::chrono::seconds(3);
   expected.sinks = {false,
                     "/out",
-                    FilesSync::kOff,
+                    Durability::kOff,
                     true,
+                    std::chrono::minutes(2),
                     {"", "/run/{robot}", PipeFormat::kMjpeg, Restart::kNever, Resume::kLive},
                     {},
                     {false, "camera", 7, 3.5, std::chrono::seconds(9)},

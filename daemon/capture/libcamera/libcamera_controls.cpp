@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/capture/libcamera/libcamera_controls.hpp"
 
+#include <fmt/format.h>
 #include <libcamera/control_ids.h>
 #include <libcamera/controls.h>
-#include <spdlog/fmt/fmt.h>
-#include <spdlog/fmt/ranges.h>
 
 #include <algorithm>
 #include <array>

@@ -2,10 +2,11 @@
 #include "daemon/capture/libcamera/libcamera_formats.hpp"
 
 #include <libcamera/libcamera.h>
-#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <stdexcept>
+
+#include "common/log.hpp"
 
 namespace orbbuf {
 namespace {
@@ -73,8 +74,7 @@ CameraMode validate(libcamera::Camera& camera, CameraConfiguration& config,
                                describe(offers)));
   }
   const auto given = size_text(to_string(*format));
-  if (given != asked)
-    spdlog::info("camera {}: captures {} instead of {}", camera.id(), given, asked);
+  if (given != asked) log_info("camera {}: captures {} instead of {}", camera.id(), given, asked);
   return {.format = *format,
           .width_px = static_cast<int>(wanted.size.width),
           .height_px = static_cast<int>(wanted.size.height),

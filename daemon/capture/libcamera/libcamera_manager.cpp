@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/capture/libcamera/libcamera_manager.hpp"
 
+#include <fmt/format.h>
 #include <libcamera/libcamera.h>
-#include <spdlog/fmt/ranges.h>
-#include <spdlog/spdlog.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -16,6 +15,7 @@
 #include <vector>
 
 #include "common/error.hpp"
+#include "common/log.hpp"
 #include "daemon/capture/camera_stream.hpp"
 #include "daemon/capture/libcamera/libcamera_controls.hpp"
 #include "daemon/capture/libcamera/libcamera_formats.hpp"
@@ -47,10 +47,9 @@ void destroy(const CameraManager* manager) {
 
 /// By the environment, since libcamera::logSetLevel() knows only categories that have been used.
 void set_libcamera_log() {
-  const auto level = spdlog::get_level();
-  const char* const shown = level <= spdlog::level::trace   ? "*:DEBUG"
-                            : level <= spdlog::level::debug ? "*:INFO"
-                                                            : "*:WARN";
+  const char* const shown = is_logged(LogLevel::kTrace)   ? "*:DEBUG"
+                            : is_logged(LogLevel::kDebug) ? "*:INFO"
+                                                          : "*:WARN";
   ::setenv("LIBCAMERA_LOG_LEVELS", shown, 0);
   ::setenv("LIBCAMERA_LOG_NO_COLOR", "1", 0);  // of old releases; new ones colour terminals only
 }

@@ -4,8 +4,8 @@
 // Span, and FrameStartup, unknown to old releases: an image like others.
 #include "daemon/capture/libcamera/libcamera_stream.hpp"
 
+#include <fmt/core.h>
 #include <libcamera/libcamera.h>
-#include <spdlog/fmt/fmt.h>
 #include <sys/eventfd.h>
 
 #include <algorithm>

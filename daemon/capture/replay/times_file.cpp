@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/capture/replay/times_file.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
@@ -11,6 +9,8 @@
 #include <map>
 #include <stdexcept>
 #include <system_error>
+
+#include "common/log.hpp"
 
 namespace orbbuf {
 namespace {
@@ -158,8 +158,8 @@ std::vector<ImageTime> read_times_file(const std::filesystem::path& file,
   const auto keys = keys_of_images(layout, names);
   const auto by_key = lines_by_key(file, layout, lines);
   if (by_key.size() > names.size()) {
-    spdlog::warn("{} has {} times for {} images; images are missing", file.string(), by_key.size(),
-                 names.size());
+    log_warn("{} has {} times for {} images; images are missing", file.string(), by_key.size(),
+             names.size());
   }
   std::vector<ImageTime> times;
   for (std::size_t i = 0; i < names.size(); ++i) {

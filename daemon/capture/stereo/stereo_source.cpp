@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/capture/stereo/stereo_source.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <utility>
 
+#include "common/log.hpp"
 #include "common/watched_thread.hpp"
 
 namespace orbbuf {
@@ -33,7 +32,7 @@ StereoSource::~StereoSource() {
   right_thread_.request_stop();
   left_thread_.join();
   right_thread_.join();
-  spdlog::info(
+  log_info(
       "stereo: {} pairs, {} of them overwritten, {} left and {} right images without a partner",
       pairer_.pairs(), overtaken_, pairer_.unpaired(Side::kLeft), pairer_.unpaired(Side::kRight));
 }
@@ -81,7 +80,7 @@ void StereoSource::add(Side side, RawFrame frame) {
   }
   const auto unpaired = pairer_.unpaired(Side::kLeft) + pairer_.unpaired(Side::kRight);
   if (unpaired == logged_ || !unpaired_log_.lets_through()) return;
-  spdlog::warn(
+  log_warn(
       "stereo: {} images without a partner within {:.4g} ms, {} in all (not logged again "
       "for 10 s)",
       unpaired - logged_, ms(pairer_.tolerance()), unpaired);

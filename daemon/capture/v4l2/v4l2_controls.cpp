@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/capture/v4l2/v4l2_controls.hpp"
 
+#include <fmt/format.h>
 #include <linux/videodev2.h>
-#include <spdlog/fmt/fmt.h>
-#include <spdlog/fmt/ranges.h>
 
 #include <algorithm>
 #include <cctype>

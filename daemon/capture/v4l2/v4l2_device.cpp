@@ -2,9 +2,8 @@
 #include "daemon/capture/v4l2/v4l2_device.hpp"
 
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <linux/videodev2.h>
-#include <spdlog/fmt/fmt.h>
-#include <spdlog/fmt/ranges.h>
 #include <sys/ioctl.h>
 
 #include <algorithm>

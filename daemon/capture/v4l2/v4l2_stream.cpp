@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/capture/v4l2/v4l2_stream.hpp"
 
+#include <fmt/core.h>
 #include <linux/videodev2.h>
-#include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
 #include <cerrno>

@@ -294,7 +294,7 @@ function showList(title, names, link) {
   summary(`${names.length}${names.length >= 1000 ? " or more" : ""}`);
 }
 
-// times.txt: SEQUENCE SECONDS EXPOSURE. drops.csv: sequence,reason,seconds; what came late is in times.txt, too.
+// times.txt: SEQUENCE SECONDS EXPOSURE. drops.csv, once the session is over: sequence,reason,seconds.
 function readRecord(times, drops) {
   const frames = [], lost = [];
   for (const line of times.split("\n")) {
@@ -303,7 +303,7 @@ function readRecord(times, drops) {
   }
   for (const line of drops.split("\n").slice(1)) {
     const [sequence, reason, at] = line.split(",");
-    if (at !== undefined && reason !== "late") lost.push({ sequence: Number(sequence), reason, at: Number(at) });
+    if (at !== undefined) lost.push({ sequence: Number(sequence), reason, at: Number(at) });
   }
   return { frames, lost };
 }
@@ -323,7 +323,8 @@ function showSession(robot, session, files, { frames, lost }) {
   put(card, "title", `${robot} ${session}`);
   put(card, "span", all.length > 0 ? `${clockTime(begin)}, ${duration(end - begin)}` : "empty");
   put(card, "delivered", frames.length.toLocaleString("en"), frames.length);
-  put(card, "dropped", lost.length.toLocaleString("en"), lost.length);
+  const dropped = files.drops === null ? files.dropped : lost.length;
+  put(card, "dropped", dropped.toLocaleString("en"), dropped);
   put(card, "frame_rate", frames.length > 1 ? (frames.length / span).toFixed(1) : "–");
   let gap = 0;
   for (let i = 1; i < frames.length; ++i) gap = Math.max(gap, frames[i].at - frames[i - 1].at);
@@ -443,8 +444,8 @@ function showFleet({ etcd, servers, sessions }) {
       linked(server.name, server.name), server.address, String(server.robots), server.draining ? "drains" : "serves"])),
     showTable("Sessions", ["Robot", "Session", "State", "Owner", "Next frame", "Segments", "To make one session of them"],
       sessions.sort(order).map((session) => [session.robot, part(session, session.segments.at(-1), session.session),
-        state(session), linked(session.server, session.server), String(session.next_sequence ?? 0),
-        session.segments.map((one) => part(session, one, `${one.server} from ${one.next_sequence}`)),
+        state(session), linked(session.server, session.server), String(session.next?.[0] ?? 0),
+        session.segments.map((one) => part(session, one, `${one.server} from ${one.next[0] ?? 0}`)),
         join(session)])));
   const open = sessions.filter((session) => !session.ended).length;
   summary(`${servers.length} server${servers.length === 1 ? "" : "s"}, ${open} of ${sessions.length} sessions open`);

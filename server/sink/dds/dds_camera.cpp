@@ -2,8 +2,8 @@
 #include "server/sink/dds/dds_camera.hpp"
 
 #include <dds/dds.h>
+#include <fmt/core.h>
 #include <ros_messages.h>  // made of ros_messages.idl by idlc
-#include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
 #include <charconv>

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/sink/dds/dds_sink.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <atomic>
 #include <boost/asio/post.hpp>
 #include <boost/asio/thread_pool.hpp>
@@ -62,8 +60,8 @@ class Topics {
         frame_id_(ros_frame_id(frame_id, name_)),
         cameras_(calibrated_cameras(info.calibration, session_ + ": published")) {
     if (name_ != info.robot_id) {
-      spdlog::info("{}: ROS 2 allows letters, digits and _ in a topic's name: publishing on /{}",
-                   info.robot_id, name_);
+      log_info("{}: ROS 2 allows letters, digits and _ in a topic's name: publishing on /{}",
+               info.robot_id, name_);
     }
   }
 
@@ -148,10 +146,6 @@ class DdsSink final : public FrameSink {
     } else {
       topics_->losses.add("64 MiB of frames wait for DDS");
     }
-    asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
-  }
-
-  void async_write_drops(wire::Dropped /*dropped*/, Done done) override {
     asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
   }
 

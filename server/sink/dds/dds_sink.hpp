@@ -5,7 +5,7 @@
 #include <memory>
 #include <string_view>
 
-#include "server/recording/session_info.hpp"
+#include "server/session/session_info.hpp"
 #include "server/sink/frame_sink.hpp"
 
 namespace orbbuf {

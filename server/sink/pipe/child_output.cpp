@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/sink/pipe/child_output.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <boost/asio/buffer.hpp>
 #include <utility>
@@ -47,11 +45,11 @@ void OutputLog::log_line(Moment now) {
     return;
   }
   if (left_out_ > 0) log_left_out();
-  spdlog::info("{}: {}{}", label_, printable(line), is_cut ? "..." : "");
+  log_info("{}: {}{}", label_, printable(line), is_cut ? "..." : "");
 }
 
 void OutputLog::log_left_out() {
-  spdlog::info("{}: ({} lines left out)", label_, std::exchange(left_out_, 0));
+  log_info("{}: ({} lines left out)", label_, std::exchange(left_out_, 0));
 }
 
 bool OutputLog::lets_through(Moment now) {

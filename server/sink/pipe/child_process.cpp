@@ -2,7 +2,6 @@
 #include "server/sink/pipe/child_process.hpp"
 
 #include <fcntl.h>
-#include <spdlog/spdlog.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -15,6 +14,7 @@
 #include <cstring>
 #include <utility>
 
+#include "common/log.hpp"
 #include "common/quantity.hpp"
 #include "server/runtime/adopt.hpp"
 #include "server/sink/pipe/spawn.hpp"
@@ -70,12 +70,12 @@ struct ChildProcess::History {
     is_over = restart == Restart::kNever || (restart == Restart::kOnFailure && status == 0);
     const std::string text = exit_text(status);
     const bool is_news = std::exchange(last_exit, text) != text;  // a crash loop is one warning
-    const auto level = status == 0 ? spdlog::level::info : spdlog::level::warn;
+    const auto level = status == 0 ? LogLevel::kInfo : LogLevel::kWarn;
     std::string next;
     if (is_over) next = "; not started again";
     if (!is_over && wait > wait.zero()) next = "; next start in " + format_duration(wait);
-    spdlog::log(is_news ? level : spdlog::level::debug, "{}: {}: process {} {}{}", label, name, pid,
-                text, next);
+    log_at(is_news ? level : LogLevel::kDebug, "{}: {}: process {} {}{}", label, name, pid, text,
+           next);
   }
 
   const std::string label;
@@ -127,8 +127,8 @@ struct ChildProcess::Child : std::enable_shared_from_this<Child> {
   }
 
   void signal(int number, const char* ignored) const {
-    spdlog::warn("{}: {}: process {} ignores {}; sending SIG{}", history->label, name, pid, ignored,
-                 ::sigabbrev_np(number));
+    log_warn("{}: {}: process {} ignores {}; sending SIG{}", history->label, name, pid, ignored,
+             ::sigabbrev_np(number));
     ::kill(-pid, number);
   }
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/sink/pipe/pipe_sink.hpp"
 
-#include <spdlog/spdlog.h>
 #include <sys/ioctl.h>
 
 #include <algorithm>
@@ -11,6 +10,7 @@
 #include <chrono>
 #include <utility>
 
+#include "common/log.hpp"
 #include "server/runtime/adopt.hpp"
 #include "server/runtime/run_in_pool.hpp"
 
@@ -33,9 +33,9 @@ PipeSink::PipeSink(asio::io_context& main, asio::thread_pool& pool, const Sessio
       format_(format),
       without_reader_(without_reader),
       now_(std::move(now)),
-      backlog_(kept.folder),
+      follower_(kept.folder),
       earlier_(without_reader == WithoutReader::kCatchUp ? kept.earlier : nullptr),
-      first_here_(info.segment.from.next_sequence),
+      first_here_(info.segment.from[wire::kFrames]),
       pipe_(main),
       retry_(main),
       place_(without_reader == WithoutReader::kCatchUp && kept.next_sequence > 0 ? Place::kBehind
@@ -52,10 +52,6 @@ void PipeSink::async_write(FramePtr frame, Done done) {
   assert(!call_);
   call_ = Call{std::move(frame), std::move(done)};
   go_on();
-}
-
-void PipeSink::async_write_drops(wire::Dropped /*dropped*/, Done done) {
-  asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
 }
 
 void PipeSink::cancel() {
@@ -88,13 +84,13 @@ void PipeSink::look_for_reader() {
     if (const auto self = weak.lock()) self->on_reader_left();
   });
   if (!end) {
-    log_state(spdlog::level::err, end.error().text);
+    log_state(LogLevel::kError, end.error().text);
   } else if (!end.value()) {
-    log_state(spdlog::level::info, "no reader");
+    log_state(LogLevel::kInfo, "no reader");
   } else if (auto error = adopt(pipe_, std::move(end).value(), reader_->name())) {
-    log_state(spdlog::level::err, error->text);
+    log_state(LogLevel::kError, error->text);
   } else {
-    log_state(spdlog::level::info, "has a reader");
+    log_state(LogLevel::kInfo, "has a reader");
     frames_read_ = 0;
     reader_state_ = ReaderState::kPresent;
     watch_reader();
@@ -127,7 +123,7 @@ void PipeSink::on_reader_left() {
   error_code ignored;  // a pipe without a reader has nothing left to lose
   pipe_.close(ignored);
   if (frames_read_ > 0) {  // a program that does not even start is told of by its exit status
-    log_state(spdlog::level::info, fmt::format("lost its reader after {} frames", frames_read_));
+    log_state(LogLevel::kInfo, fmt::format("lost its reader after {} frames", frames_read_));
   }
   look_again_later();
   go_on();
@@ -146,9 +142,9 @@ void PipeSink::rewind() {
   unread_bytes_.reset();
 }
 
-void PipeSink::log_state(spdlog::level::level_enum level, std::string state) {
+void PipeSink::log_state(LogLevel level, std::string state) {
   if (state == last_state_) return;
-  spdlog::log(level, "{}: {}: {}", label_, reader_->name(), state);
+  log_at(level, "{}: {}: {}", label_, reader_->name(), state);
   last_state_ = std::move(state);
 }
 
@@ -196,21 +192,21 @@ void PipeSink::catch_up() {
   }
   run_in_pool(
       main_, pool_,
-      [self = shared_from_this(), first = next_] { return self->backlog_.next(first); },
-      [self = shared_from_this()](Result<FramePtr> frame) { self->on_backlog(std::move(frame)); });
+      [self = shared_from_this(), first = next_] { return self->follower_.next(first); },
+      [self = shared_from_this()](Result<FramePtr> frame) { self->on_followed(std::move(frame)); });
 }
 
 void PipeSink::on_earlier(FramePtr frame) {
-  if (frame) return on_backlog(std::move(frame));
+  if (frame) return on_followed(std::move(frame));
   next_ = first_here_;
   work_ = Work::kNone;
   go_on();
 }
 
-void PipeSink::on_backlog(Result<FramePtr> frame) {
+void PipeSink::on_followed(Result<FramePtr> frame) {
   if (frame && frame.value()) return send(std::move(frame).value());
   work_ = Work::kNone;
-  if (!frame) log_state(spdlog::level::err, "cannot catch up: " + frame.error().text);
+  if (!frame) log_state(LogLevel::kError, "cannot catch up: " + frame.error().text);
   if (place_ == Place::kBehind) place_ = Place::kLive;
   go_on();
 }
@@ -237,8 +233,8 @@ PipeNote PipeSink::note_of(const EncodedFrame& frame) const {
 
 void PipeSink::on_encoded(const FramePtr& frame, Result<Block> block) {
   if (!block) {
-    spdlog::warn("{}: {}: skipped frame {}: {}", label_, reader_->name(), frame->sequence,
-                 block.error().text);
+    log_warn("{}: {}: skipped frame {}: {}", label_, reader_->name(), frame->sequence,
+             block.error().text);
     return on_sent(frame);
   }
   block_ = std::move(block).value();

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <spdlog/common.h>
-
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/posix/stream_descriptor.hpp>
 #include <boost/asio/steady_timer.hpp>
@@ -18,9 +16,10 @@
 #include <vector>
 
 #include "common/jpeg.hpp"
-#include "server/recording/backlog.hpp"
-#include "server/recording/earlier_frames.hpp"
-#include "server/recording/session_info.hpp"
+#include "common/log.hpp"
+#include "server/session/earlier_frames.hpp"
+#include "server/session/session_info.hpp"
+#include "server/session/session_reader.hpp"
 #include "server/sink/frame_sink.hpp"
 #include "server/sink/pipe/pipe_format.hpp"
 #include "server/sink/pipe/pipe_reader.hpp"
@@ -37,7 +36,7 @@ enum class WithoutReader : std::uint8_t {
 
 /// The frames of a session that are kept, whatever becomes of its pipe.
 struct KeptFrames {
-  std::filesystem::path folder;              ///< SessionFiles'; empty: they are not in files
+  std::filesystem::path folder;              ///< SessionStore's; empty: they are not in files
   Sequence next_sequence = 0;                ///< of the session, when the sink is made
   std::shared_ptr<EarlierFrames> earlier{};  ///< of a session that began elsewhere; else null
 };
@@ -80,7 +79,6 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   void start();
 
   void async_write(FramePtr frame, Done done) override;
-  void async_write_drops(wire::Dropped dropped, Done done) override;
   void cancel() override;
   void pass_on() override;
   /// Waits until the reader has caught up, or has left.
@@ -123,7 +121,7 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   void serve_call();
   void catch_up();
   void on_earlier(FramePtr frame);
-  void on_backlog(Result<FramePtr> frame);
+  void on_followed(Result<FramePtr> frame);
   void send(const FramePtr& frame);
   PipeNote note_of(const EncodedFrame& frame) const;
   void on_encoded(const FramePtr& frame, Result<Block> block);
@@ -131,7 +129,7 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   void note_sent(Sequence sequence);
   void on_sent(const FramePtr& frame);
   void finish(std::optional<Error> error);
-  void log_state(spdlog::level::level_enum level, std::string state);
+  void log_state(LogLevel level, std::string state);
 
   boost::asio::io_context& main_;
   boost::asio::thread_pool& pool_;
@@ -142,7 +140,7 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   const WithoutReader without_reader_;
   const WallClock now_;
   JpegCodec codec_;                         // `files` only
-  Backlog backlog_;                         // `files` only
+  FrameFollower follower_;                  // `files` only
   std::shared_ptr<EarlierFrames> earlier_;  // null: there are none
   const Sequence first_here_;               // earlier_ has those below
   boost::asio::posix::stream_descriptor pipe_;

@@ -9,7 +9,7 @@
 #include <optional>
 #include <string>
 
-#include "server/recording/session_info.hpp"
+#include "server/session/session_info.hpp"
 #include "server/sink/frame_sink.hpp"
 #include "server/sink/pipe/child_process.hpp"
 #include "server/sink/pipe/pipe_format.hpp"

@@ -7,13 +7,14 @@
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/image_encodings.h>
-#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <map>
 #include <utility>
+
+#include "common/log.hpp"
 
 namespace orbbuf {
 namespace {
@@ -168,12 +169,12 @@ bool RosNode::is_connected() {
   }
   if (!ros::master::check()) {
     if (!std::exchange(is_waiting_, true)) {
-      spdlog::warn("ros: no master at {}; frames pass it by", ros::master::getURI());
+      log_warn("ros: no master at {}; frames pass it by", ros::master::getURI());
     }
     return false;
   }
   topics_ = std::make_unique<Topics>();
-  spdlog::info("ros: publishing by the master at {}", ros::master::getURI());
+  log_info("ros: publishing by the master at {}", ros::master::getURI());
   return true;
 }
 

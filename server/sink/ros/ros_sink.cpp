@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/sink/ros/ros_sink.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <atomic>
 #include <boost/asio/post.hpp>
@@ -121,7 +119,7 @@ class Stream : public std::enable_shared_from_this<Stream> {
       const bool is_awaited = !has_subscribers(frame);
       if (is_awaited && now < last_look) return std::min(now + kLookForSubscriber, last_look);
       is_begun_ = true;
-      if (is_awaited) spdlog::info("{}: ros: publishing without a subscriber", session_);
+      if (is_awaited) log_info("{}: ros: publishing without a subscriber", session_);
     }
     return the_ros().waiting_bytes > kMostPacedBytes ? now : pace_.due(frame);
   }
@@ -206,10 +204,6 @@ class RosSink final : public FrameSink {
     } else {
       stream_->losses.add("64 MiB of frames wait for ROS");
     }
-    asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
-  }
-
-  void async_write_drops(wire::Dropped /*dropped*/, Done done) override {
     asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
   }
 

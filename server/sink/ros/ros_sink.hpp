@@ -7,7 +7,7 @@
 #include <memory>
 #include <string>
 
-#include "server/recording/session_info.hpp"
+#include "server/session/session_info.hpp"
 #include "server/sink/frame_sink.hpp"
 
 namespace orbbuf {

@@ -60,8 +60,8 @@ class StreamTest : public ::testing::Test {
   }
 
   const Certificates keys_;
-  const std::unique_ptr<TlsContext> robots_context_ = make_tls_context(keys_.robot());
-  const std::unique_ptr<TlsContext> servers_context_ = make_tls_context(keys_.server());
+  const std::shared_ptr<TlsContext> robots_context_ = make_tls_context(keys_.robot());
+  const std::shared_ptr<TlsContext> servers_context_ = make_tls_context(keys_.server());
   asio::io_context io_;
   Stream robot_{tcp::socket(io_), robots_context_.get()};
   Stream server_{tcp::socket(io_), servers_context_.get()};

@@ -110,10 +110,10 @@ TEST_F(FrameBufferPlanTest, AFullStoreIsThinnedEvenly) {
   EXPECT_EQ(buffer_.stats().waiting, 40U);
   const std::vector<Sequence> given_up = drops();
   std::vector<bool> is_kept(161, true);
-  for (const Sequence sequence : given_up) is_kept[sequence] = false;
+  for (const Sequence sequence : given_up) is_kept[static_cast<std::size_t>(sequence)] = false;
   int missing = 0;
   for (Sequence sequence = 1; sequence <= 160; ++sequence) {
-    missing = is_kept[sequence] ? 0 : missing + 1;
+    missing = is_kept[static_cast<std::size_t>(sequence)] ? 0 : missing + 1;
     EXPECT_LE(missing, 7) << sequence;  // evenly it is 3; who thins online is within twice that
   }
   EXPECT_TRUE(is_kept[160]);

@@ -36,7 +36,7 @@ struct Script {
 /// To poll: readable at each interval, or always if there is none.
 UniqueFd event_every(std::chrono::milliseconds interval) {
   if (interval == 0ms) return UniqueFd(::eventfd(1, 0));
-  const timespec step = {0, std::chrono::nanoseconds(interval).count()};
+  const timespec step = {0, static_cast<long>(std::chrono::nanoseconds(interval).count())};
   const itimerspec steps = {step, step};
   UniqueFd timer(::timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK));
   ::timerfd_settime(timer.get(), 0, &steps, nullptr);

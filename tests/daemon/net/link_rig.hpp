@@ -31,7 +31,7 @@ class RecordingOwner final : public ServerLink::Owner {
 
   void on_connected(const wire::Position& position) override { add("connected", position); }
   bool can_be_at(const wire::Position& position) const override {
-    return position.next_sequence < kNeverWritten;
+    return position[wire::kFrames] < kNeverWritten;
   }
   void on_disconnected() override { add("disconnected", {}); }
   void on_ack(const wire::Ack& ack) override { add("ack", ack.position); }
@@ -50,8 +50,8 @@ class RecordingOwner final : public ServerLink::Owner {
  private:
   void add(const std::string& name, const wire::Position& position) {
     const std::lock_guard lock(mutex_);
-    calls_.push_back(name + " " + std::to_string(position.next_sequence) + " " +
-                     std::to_string(position.next_drop));
+    calls_.push_back(name + " " + std::to_string(position[wire::kFrames]) + " " +
+                     std::to_string(position[wire::kDrops]));
     called_.notify_all();
   }
 

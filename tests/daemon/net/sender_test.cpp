@@ -27,7 +27,7 @@ class SenderTest : public ::testing::Test {
     wire::Hello hello;
     hello.robot_id = "r";
     hello.session_id = "s";
-    sender_ = std::make_unique<Sender>(io_, link_, hello, buffer_, drops_, log_);
+    sender_ = std::make_unique<Sender>(io_, link_, hello, buffer_, record_);
     sender_->start();
     main_ = std::jthread([this] {
       io_.run();
@@ -61,8 +61,7 @@ class SenderTest : public ::testing::Test {
   LinkSettings link_;
   test::ScriptedServer server_;
   FrameBuffer buffer_{{5}, std::make_unique<DropOldestPolicy>()};
-  DropLog drops_;
-  SessionLog log_{{}, "r", "s"};
+  Record record_{{}, "r", "s", [] {}};
   asio::io_context io_;
   std::unique_ptr<Sender> sender_;
   std::promise<void> has_ended_;
@@ -115,27 +114,31 @@ TEST_F(SenderTest, DropsAreReportedNumberedAndAgainUntilAcknowledged) {
   start();
   push(0, 7);  // three more than fit: 0, 1 and 2 go
   server_.welcome({});
-  wire::Dropped all;
-  while (all.records.size() < buffer_.stats().dropped || all.records.empty()) {
-    const Message message = server_.read(Type::kDropped);
-    const wire::Dropped some = wire::parse_dropped(message.header, message.body).value();
-    EXPECT_EQ(some.first_drop, all.records.size());
-    all.records.insert(all.records.end(), some.records.begin(), some.records.end());
+  std::vector<DropRecord> all;
+  while (all.size() < buffer_.stats().dropped || all.empty()) {
+    const test::NumberedDrops some = server_.read_drops();
+    EXPECT_EQ(some.first, all.size());
+    all.insert(all.end(), some.records.begin(), some.records.end());
   }
   server_.close();
   server_.welcome({0, 1});
-  const Message message = server_.read(Type::kDropped);
-  const wire::Dropped again = wire::parse_dropped(message.header, message.body).value();
-  EXPECT_EQ(again.first_drop, 1U);
-  EXPECT_EQ(again.records.front(), all.records[1]);
+  const test::NumberedDrops again = server_.read_drops();
+  EXPECT_EQ(again.first, 1U);
+  EXPECT_EQ(again.records.front(), all[1]);
 }
 
 TEST_F(SenderTest, TheBufferKeepsNoDropRecordsWithoutAConnection) {
   start();
   push(0, 7);
-  std::promise<std::uint64_t> collected;
-  asio::post(io_, [&] { collected.set_value(drops_.next_drop()); });
-  EXPECT_EQ(collected.get_future().get(), 3U);
+  std::promise<std::size_t> left;
+  asio::post(io_, [&] {
+    std::vector<DropRecord> records;
+    buffer_.collect_drops(records);
+    left.set_value(records.size());
+  });
+  EXPECT_EQ(left.get_future().get(), 0U);
+  server_.welcome({});
+  EXPECT_EQ(server_.read_drops().records.size(), 3U);
 }
 
 TEST_F(SenderTest, BeyondWhatIsAcknowledgedAtMostTwoFramesAreWrittenAtFirst) {
@@ -186,7 +189,6 @@ TEST_F(SenderTest, FinishWithoutAServerGivesUpByNameWhenTheTimeIsOver) {
   start();
   EXPECT_FALSE(finish().get());
   EXPECT_EQ(buffer_.stats().dropped, 2U);
-  EXPECT_EQ(drops_.next_drop(), 2U);
 }
 
 // Timers that expire in one go have all succeeded: cancelling the rest comes too late for them.
@@ -236,9 +238,7 @@ TEST_F(SenderTest, WhatTheServerHadAcknowledgedAndLostIsNamed) {
   server_.read(Type::kFrame);  // so the acknowledgements have arrived
   server_.close();
   server_.welcome({1, 0});
-  const Message message = server_.read(Type::kDropped);
-  const wire::Dropped dropped = wire::parse_dropped(message.header, message.body).value();
-  EXPECT_EQ(dropped.records,
+  EXPECT_EQ(server_.read_drops().records,
             (std::vector<DropRecord>{{1, 1000, DropReason::kLost}, {2, 2000, DropReason::kLost}}));
   const wire::Stats stats = buffer_.stats();
   EXPECT_EQ(stats.acknowledged, 1U);
@@ -286,7 +286,9 @@ TEST_F(SenderTest, AFrameThatIsTooLargeForTheServerIsNamedAndTheOthersGoOn) {
   start();
   server_.accept();
   server_.read(Type::kHello);
-  server_.send(wire::encode(wire::Welcome{wire::kProtocolVersion, {}, kLargest}));
+  wire::Welcome welcome = test::welcome_at({});
+  welcome.max_frame_bytes = kLargest;
+  server_.send(wire::encode(welcome));
   for (const Sequence sequence : {0U, 1U, 2U, 4U}) {
     auto message = server_.read_any();
     while (message && message->type() != Type::kFrame) message = server_.read_any();
@@ -313,8 +315,7 @@ TEST_F(SenderTest, ADropRecordThatWasNeverSentIsNotTakenForDelivered) {
   push(0, 7);  // three more than fit
   server_.welcome({0, 1});
   server_.welcome({});
-  const Message message = server_.read(Type::kDropped);
-  EXPECT_EQ(wire::parse_dropped(message.header, message.body).value().first_drop, 0U);
+  EXPECT_EQ(server_.read_drops().first, 0U);
 }
 
 TEST_F(SenderTest, TheLastStatsComeJustBeforeTheBye) {

@@ -173,7 +173,7 @@ TEST_F(ServerLinkServers, ServersThatMoveTheRobotInACircleRefuseIt) {
   log_.wait_for("no connection to " + to_string(address_of(b_)));
   EXPECT_EQ(moves(log_).size(), 3U + 1U);
   a_.accept_hello();  // since the other has refused
-  a_.send(wire::encode(wire::Welcome{wire::kProtocolVersion, {}}));
+  a_.send(wire::encode(test::welcome_at({})));
   expect_connected_to(a_);
 }
 
@@ -203,6 +203,7 @@ TEST_F(ServerLinkServers, AServerThatStandsStillIsLeftForAnother) {
   start_with_both();
   a_.accept_hello();
   wire::Welcome welcome;
+  welcome.takes.set(wire::kFrames).set(wire::kDrops);
   welcome.has_heartbeat = true;
   a_.send(wire::encode(welcome));
   expect_connected();

@@ -82,7 +82,7 @@ TEST_F(ServerLinkTest, ARefusalIsTheLastErrorUntilTheServerWelcomes) {
   EXPECT_NE(last_error().find("full"), std::string::npos) << last_error();
   EXPECT_TRUE(ask([](const ServerLink& link) { return link.has_tried(); }));
   EXPECT_EQ(state(), ServerLink::State::kConnecting);
-  server_.send(wire::encode(wire::Welcome{wire::kProtocolVersion, {}}));
+  server_.send(wire::encode(test::welcome_at({})));
   expect_connected();
 }
 
@@ -94,7 +94,7 @@ TEST_F(ServerLinkTest, APositionThatWasNeverWrittenIsARefusal) {
       last_error().find("reaches frame 1000 and drop record 0, which this robot has not sent"),
       std::string::npos)
       << last_error();
-  server_.send(wire::encode(wire::Welcome{wire::kProtocolVersion, {7, 3}}));
+  server_.send(wire::encode(test::welcome_at({7, 3})));
   EXPECT_EQ(owner_.next(), "connected 7 3");
 }
 
@@ -149,7 +149,7 @@ TEST(ServerLinkInNetwork, TheStreamGoesBackToThePreferredInterface) {
     EXPECT_EQ(rig.state(), ServerLink::State::kConnected);
     EXPECT_EQ(rig.last_error(), "");
     rig.server_.accept_beside();
-    rig.server_.send(wire::encode(wire::Welcome{wire::kProtocolVersion, {}}));
+    rig.server_.send(wire::encode(test::welcome_at({})));
     rig.expect_connected();
     EXPECT_EQ(log.lines("over 10.9.8.7; its record").size(), 1U);
     EXPECT_EQ(log.lines(" lost: ").size(), 0U);

@@ -22,10 +22,13 @@ const std::string kSizes = "\n640 480\nnone\n640 480\n";
 RecordedSession session_with(const std::string& calibration, bool is_stereo = false) {
   RecordedSession session;
   for (const int n : {0, 1, 2, 3, 40}) {
-    session.frames.push_back({static_cast<Sequence>(n), n * 40'000'000LL, "0.0"});
+    RecordedFrame frame;
+    frame.sequence = static_cast<Sequence>(n);
+    frame.capture_time_ns = n * 40'000'000LL;
+    frame.left_bytes = is_stereo ? 1 : 0;
+    session.frames.push_back(frame);
   }
-  session.calibration = calibration;
-  session.is_stereo = is_stereo;
+  session.summary.info.calibration = calibration;
   return session;
 }
 

@@ -8,8 +8,6 @@
 #include <limits>
 
 #include "server/dataset/check_session.hpp"
-#include "server/recording/late_files.hpp"
-#include "server/recording/late_merge.hpp"
 #include "tests/server/dataset/recording.hpp"
 #include "tests/server/resource_limit.hpp"
 
@@ -63,35 +61,22 @@ class ExportSession : public test::Recording {
     const auto report = to(out);
     return report ? "exported" : report.error().text;
   }
-  void append(const char* file, const std::string& text) const {
-    write_file(session_ / file, read_file(session_ / file) + text);
-  }
 
   const fs::path out_ = folder_ / "some" / "out";
 };
 
-TEST_F(ExportSession, HasLateFramesBeforeAndAfterTheMerge) {
+TEST_F(ExportSession, HasLateFramesInOrder) {
   record();
-  LateFiles late(session_);
-  for (const Sequence number : {7U, 4U}) {
-    ASSERT_TRUE(late.write(*test::jpeg_frame_ptr(number, kWidth, kHeight), 0));
-  }
-  ASSERT_FALSE(late.note({1, 3, 0}));
-  for (const char* name : {"before", "after"}) {
-    const fs::path out = folder_ / name;
-    const auto report = to(out, Layout::kTumMono);
-    ASSERT_TRUE(report) << report.error().text;
-    EXPECT_EQ(report.value().frames, 9U);
-    EXPECT_THAT(report.value().notes, Contains("the robot still has 1 frames of this session"));
-    EXPECT_EQ(test::read_lines(out / "times.txt").at(4), "5 0.200000000 8.500000");
-    EXPECT_THAT(test::read_lines(out / "drops.csv"), Contains("4,late,0.160000000"));
-    EXPECT_THAT(test::read_lines(out / "drops.csv"), Contains("3,busy,0.120000000"));
-    const auto checked = check_session(out);
-    ASSERT_TRUE(checked);
-    EXPECT_THAT(checked.value().problems, IsEmpty());
-    EXPECT_THAT(summary(checked.value()), StartsWith("OK: 10 captured: 7 live, 2 late, 0 on"));
-    ASSERT_TRUE(merge_late(session_));
-  }
+  const auto store = open();
+  for (const Sequence number : {7U, 4U}) ASSERT_TRUE(store->write_late(*frame(number), 0));
+  ASSERT_FALSE(store->take_account(account(1, 3)));
+  const auto report = to(out_, Layout::kTumMono);
+  ASSERT_TRUE(report) << report.error().text;
+  EXPECT_EQ(report.value().frames, 9U);
+  EXPECT_THAT(report.value().notes, Contains("the robot still has 1 frames of this session"));
+  EXPECT_EQ(test::read_lines(out_ / "times.txt").at(4), "5 0.200000000 8.500000");
+  EXPECT_THAT(test::read_lines(out_ / "drops.csv"),
+              ElementsAre("sequence,reason,capture_time_s", "3,busy,0.120000000"));
 }
 
 TEST_F(ExportSession, LinksOnTheSameFileSystem) {
@@ -134,8 +119,7 @@ TEST_F(ExportSession, OnAFullDiskNothingRemains) {
 }
 
 TEST_F(ExportSession, SetsTheClockRight) {
-  record();
-  write_file(session_ / "end.csv", to_csv({true, std::nullopt, 3'600'000'000'000}));
+  ASSERT_FALSE(begin()->note({{}, 3'600'000'000'000}));
   const auto report = to(out_, Layout::kTumMono);
   ASSERT_TRUE(report);
   EXPECT_THAT(report.value().notes, Contains("the robot's clock was set: all times have "
@@ -145,20 +129,34 @@ TEST_F(ExportSession, SetsTheClockRight) {
 }
 
 TEST_F(ExportSession, ChangesNoTimeIfOneWouldBeOutOfRange) {
-  record();
   constexpr auto kMost = std::numeric_limits<std::int64_t>::max();
-  write_file(session_ / "end.csv", to_csv({true, std::nullopt, kMost - 100'000'000}));
+  ASSERT_FALSE(begin()->note({{}, kMost - 100'000'000}));
   ASSERT_TRUE(to(out_, Layout::kTumMono));
   EXPECT_THAT(read_file(out_ / "times.txt"), StartsWith("0 0.000000000 "));
 }
 
-TEST_F(ExportSession, WhatWasTumMonoIsASoundSession) {
+TEST_F(ExportSession, ARecordingIsOneFileWithAll) {
   record(true, "Pinhole 50 51 32 24 0\n64 48\nnone\n64 48\n0.1\n");
-  ASSERT_TRUE(to(out_, Layout::kTumMono));
-  const auto report = check_session(out_);
-  ASSERT_TRUE(report);
-  EXPECT_THAT(report.value().problems, IsEmpty());
-  EXPECT_EQ(report.value().dropped, 3U);
+  const auto report = to(out_, Layout::kMcap);
+  ASSERT_TRUE(report) << report.error().text;
+  EXPECT_THAT(report.value().notes, IsEmpty());
+  EXPECT_EQ(report.value().frames, 7U);
+  EXPECT_EQ(report.value().copied, 14U);
+  const std::string recording = read_file(out_ / "s.mcap");
+  EXPECT_TRUE(recording.starts_with("\x89MCAP0\r\n") && recording.ends_with("\x89MCAP0\r\n"));
+  for (const Sequence sequence : {0U, 9U, 109U}) {
+    const auto jpeg = test::jpeg_frame_ptr(sequence, kWidth, kHeight);
+    EXPECT_THAT(recording, HasSubstr(test::as_text(jpeg->jpeg))) << sequence;
+  }
+  EXPECT_THAT(recording, HasSubstr("\"sequence\":4,\"reason\":\"policy\""));
+  EXPECT_FALSE(fs::exists(out_ / "images"));
+}
+
+TEST_F(ExportSession, ARecordingThatCannotBeWrittenIsNotLeft) {
+  record();
+  const test::ResourceLimit full(RLIMIT_FSIZE, 10'000);
+  EXPECT_FALSE(to(out_, Layout::kMcap));
+  EXPECT_FALSE(fs::exists(out_));
 }
 
 TEST_F(ExportSession, RefusesAFolderWithSomethingInIt) {
@@ -173,8 +171,7 @@ TEST_F(ExportSession, RefusesAFolderWithSomethingInIt) {
 
 TEST_F(ExportSession, RefusesWhatIsNoSession) {
   EXPECT_THAT(error_to(out_), HasSubstr("not a session"));
-  SessionFiles files(session_, "");
-  ASSERT_FALSE(files.write_drops({0, {{0, 0, DropReason::kShutdown}}}));
+  test::write_drops(*open(), {{0, 0, DropReason::kShutdown}});
   EXPECT_THAT(error_to(out_), EndsWith("session: no frames"));
   EXPECT_FALSE(fs::exists(out_.parent_path()));
 }
@@ -188,19 +185,24 @@ TEST_F(ExportSession, RefusesASessionWhoseImagesAreMissing) {
   EXPECT_FALSE(fs::exists(out_));
 }
 
-TEST_F(ExportSession, RefusesFramesOutOfOrder) {
-  record();
-  append("times.txt", "5 0.200000000 8.500000\n");
-  EXPECT_THAT(error_to(out_), EndsWith("times.txt: frame 5 comes after frame 9"));
+TEST_F(ExportSession, RefusesTimesThatDoNotIncrease) {
+  const auto store = open();
+  EncodedFrame second = *frame(1);
+  second.capture_time_ns = 0;
+  ASSERT_FALSE(store->write(*frame(0), 0));
+  ASSERT_FALSE(store->write(second, 0));
+  EXPECT_THAT(error_to(out_), EndsWith("frame 1 was taken at 0.000000000 s, not after frame 0"));
 }
 
 TEST_F(ExportSession, LeavesOutWhatWasNotAccepted) {
   record(false, "Pinhole 50 51 32 24 0\n64 48\nnone\n64 48\n");
-  append("times.txt", "10 0.4000");
+  const auto journal = session_ / "journal.000000";
+  write_file(journal, read_file(journal) + "OBJR, and torn");
   write_file(session_ / "images/000010.jpg", "whole, but not accepted");
   const auto report = to(out_);
   ASSERT_TRUE(report);
-  EXPECT_THAT(report.value().notes, ElementsAre("times.txt:8: torn, \"10 0.4000\""));
+  EXPECT_THAT(report.value().notes, IsEmpty());
+  EXPECT_EQ(report.value().frames, 7U);
   EXPECT_FALSE(fs::exists(out_ / "image_0/000007.jpg"));
 }
 

@@ -4,9 +4,8 @@
 #include <gmock/gmock.h>
 
 #include "server/dataset/check_session.hpp"
-#include "server/recording/session_files.hpp"
-#include "testing/temporary_folder.hpp"
-#include "tests/server/frames.hpp"
+#include "server/session/session_reader.hpp"
+#include "tests/server/dataset/recording.hpp"
 
 namespace orbbuf {
 namespace {
@@ -21,23 +20,20 @@ class JoinSession : public testing::Test {
   void record(const std::string& name, const SegmentInfo& segment,
               const std::vector<Sequence>& frames, const std::vector<Sequence>& drops,
               std::optional<std::uint64_t> captured = std::nullopt) {
-    SessionFiles files(folder_ / name, "", segment);
-    ASSERT_TRUE(files.recover());
+    const auto store = test::open_store(folder_ / name, {"r", "s", "", segment});
     for (const Sequence frame : frames) {
-      ASSERT_FALSE(files.write(*test::jpeg_frame_ptr(frame, 16, 16)));
+      ASSERT_FALSE(store->write(*test::jpeg_frame_ptr(frame, 16, 16), 0));
     }
-    wire::Dropped dropped{segment.from.next_drop, {}};
+    std::vector<DropRecord> dropped;
     for (const Sequence drop : drops) {
-      dropped.records.push_back(
+      dropped.push_back(
           {drop, static_cast<std::int64_t>(drop) * test::kFrameNs, DropReason::kPolicy});
     }
-    if (!drops.empty()) {
-      ASSERT_FALSE(files.write_drops(dropped));
+    if (!drops.empty()) test::write_drops(*store, dropped);
+    if (captured) {
+      ASSERT_FALSE(store->note({wire::Stats{*captured, 0, 0, 0, 0, 0, 0}, 0}));
     }
-    SessionClosing closing;
-    closing.has_ended = captured.has_value();
-    if (captured) closing.stats = wire::Stats{*captured, 0, 0, 0, 0, 0, 0};
-    ASSERT_FALSE(files.finish(closing));
+    ASSERT_FALSE(store->finish(captured.has_value()));
     segments_.push_back(folder_ / name);
   }
   JoinReport join() {
@@ -65,15 +61,80 @@ TEST_F(JoinSession, MakesOneSoundSessionOfSegmentsInAnyOrder) {
   EXPECT_THAT(problems_of_out(), IsEmpty());
 }
 
-TEST_F(JoinSession, KeepsTheQualityOfEachFrameThatItTakes) {
-  record("a", {}, {0, 1}, {});
-  record("b", {2, {1, 0}}, {1, 2}, {}, 3);
-  const std::string header = "sequence,quality,whole_bytes,whole_crc\n";
-  test::write_file(folder_ / "a/quality.csv", header + "0,80,0,00000000\n1,80,0,00000000\n");
-  test::write_file(folder_ / "b/quality.csv", header + "1,30,4000,0A1B2C3D\n");
+TEST_F(JoinSession, MakesTheViewsOfWhatItHasMade) {
+  record("a", {}, {0, 2}, {1});
+  record("b", {2, {3, 1}}, {3}, {}, 4);
   join();
-  EXPECT_EQ(test::read_file(folder_ / "out/quality.csv"),
-            header + "0,80,0,00000000\n1,30,4000,0A1B2C3D\n");
+  EXPECT_EQ(test::read_lines(folder_ / "out/times.txt").size(), 3U);
+  EXPECT_EQ(test::read_lines(folder_ / "out/checksums.sfv").size(), 3U);
+  EXPECT_EQ(test::read_file(folder_ / "out/drops.csv"),
+            "sequence,reason,capture_time_s\n1,policy,0.040000000\n");
+}
+
+TEST_F(JoinSession, TakesTheWholeOfAFrameThatIsReducedElsewhere) {
+  for (const bool is_whole_first : {true, false}) {
+    segments_.clear();
+    std::filesystem::remove_all(folder_ / "out");
+    const auto whole = test::jpeg_frame_ptr(0, 32, 32);
+    EncodedFrame reduced = *test::jpeg_frame_ptr(0, 16, 16);
+    reduced.quality = 30;
+    reduced.whole_bytes = static_cast<std::uint32_t>(whole->jpeg.size());
+    reduced.whole_crc = crc32(whole->jpeg);
+    for (const bool is_first : {true, false}) {
+      segments_.push_back(folder_ / (is_first ? "a" : "b"));
+      std::filesystem::remove_all(segments_.back());
+      const SegmentInfo segment = is_first ? SegmentInfo{} : SegmentInfo{2, {0, 0}};
+      const auto store = test::open_store(segments_.back(), {"r", "s", "", segment});
+      ASSERT_FALSE(store->write(is_first == is_whole_first ? *whole : reduced, 0));
+    }
+    EXPECT_THAT(join().problems, IsEmpty());
+    const auto joined = read_session(folder_ / "out");
+    ASSERT_TRUE(joined);
+    ASSERT_THAT(joined.value().frames, SizeIs(1));
+    EXPECT_EQ(joined.value().frames[0].bytes, whole->jpeg.size());
+    EXPECT_EQ(test::read_file(folder_ / "out/images/000000.jpg"), test::as_text(whole->jpeg));
+  }
+}
+
+TEST_F(JoinSession, LateFramesOfAnotherServerAndTheLastAccountBelongToIt) {
+  record("a", {}, {0, 1}, {2, 3});
+  const auto late = test::open_store(folder_ / "late");
+  ASSERT_TRUE(late->write_late(*test::jpeg_frame_ptr(3, 16, 16), 0));
+  wire::Account account;
+  account.session_id = "s";
+  account.is_final = true;
+  account.has_ended = true;
+  account.captured = 6;
+  account.confirmed = 5;
+  ASSERT_FALSE(late->take_account(account));
+  segments_.push_back(folder_ / "late");
+  EXPECT_EQ(join().frames, 3U);
+  const auto report = check_session(folder_ / "out");
+  ASSERT_TRUE(report);
+  EXPECT_THAT(report.value().problems, IsEmpty());
+  EXPECT_THAT(summary(report.value()),
+              testing::StartsWith("OK: 6 captured: 2 live, 1 late, 0 on the robot, 3 dropped (1 "
+                                  "policy, 1 unknown, 1 lost)"));
+}
+
+TEST_F(JoinSession, OtherStreamsGoOnFromSegmentToSegment) {
+  constexpr wire::StreamId kStream = wire::kFirstOther;
+  const auto write = [&](const char* name, const SegmentInfo& segment, std::uint64_t first,
+                         std::uint64_t next) {
+    const auto store = test::open_store(folder_ / name, {"r", "s", "", segment});
+    ASSERT_FALSE(store->write_items({kStream, first, next, {1, 2, 3}}));
+    segments_.push_back(folder_ / name);
+  };
+  write("a", {}, 0, 10);
+  SegmentInfo second{2, {}};
+  second.from[kStream] = 8;
+  write("b", second, 8, 10);  // a repeat: the owner before had it, and had not acknowledged it
+  test::open_store(folder_ / "b", {"r", "s", "", second});
+  join();
+  std::vector<std::uint64_t> firsts;
+  ASSERT_FALSE(read_items(folder_ / "out", kStream,
+                          [&](const RecordedItems& items) { firsts.push_back(items.first); }));
+  EXPECT_THAT(firsts, testing::ElementsAre(0));
 }
 
 TEST_F(JoinSession, WhatTheOwnerBeforeHadNotYetAcknowledgedIsThereOnce) {
@@ -90,7 +151,6 @@ TEST_F(JoinSession, ADropRecordOfAFrameThatASegmentHasIsSettled) {
   record("b", {2, {1, 0}}, {3}, {1, 2}, 4);
   const JoinReport report = join();
   EXPECT_EQ(report.frames, 4U);
-  EXPECT_EQ(report.settled, 2U);
   EXPECT_THAT(problems_of_out(), IsEmpty());
 }
 
@@ -103,44 +163,44 @@ TEST_F(JoinSession, ADropRecordInTwoSegmentsIsThereOnce) {
 
 TEST_F(JoinSession, FramesWithDifferentBytesAreAProblem) {
   record("a", {}, {0, 1}, {});
-  SessionFiles files(folder_ / "b", "", {2, {1, 0}});
   EncodedFrame other = *test::jpeg_frame_ptr(7, 16, 16);
   other.sequence = 1;
   other.capture_time_ns = test::kFrameNs;
-  ASSERT_FALSE(files.write(other));
+  ASSERT_FALSE(test::open_store(folder_ / "b", {"r", "s", "", {2, {1, 0}}})->write(other, 0));
   segments_.push_back(folder_ / "b");
   EXPECT_THAT(join().problems, SizeIs(1));
 }
 
 /// After a hand-over the robot sends again what was not acknowledged, perhaps in another quality.
 TEST_F(JoinSession, FramesOfOneImageInOtherQualitiesAreNoProblem) {
-  record("a", {}, {0, 1, 2, 3}, {});
-  SessionFiles files(folder_ / "b", "", {2, {1, 0}});
-  const auto write = [&](Sequence sequence, std::uint32_t whole_crc) {
-    EncodedFrame reduced = *test::jpeg_frame_ptr(sequence + 10, 16, 16);
-    reduced.sequence = sequence;
-    reduced.capture_time_ns = static_cast<std::int64_t>(sequence) * test::kFrameNs;
-    reduced.quality = 30;
-    reduced.whole_bytes = 4000;
-    reduced.whole_crc = whole_crc;
-    ASSERT_FALSE(files.write(reduced));
+  const auto reduced = [](Sequence sequence, std::uint8_t quality, std::uint32_t whole_crc) {
+    EncodedFrame frame = *test::jpeg_frame_ptr(sequence + quality, 16, 16);
+    frame.sequence = sequence;
+    frame.capture_time_ns = static_cast<std::int64_t>(sequence) * test::kFrameNs;
+    frame.quality = quality;
+    frame.whole_bytes = static_cast<std::uint32_t>(test::jpeg_frame_ptr(1, 16, 16)->jpeg.size());
+    frame.whole_crc = whole_crc;
+    return frame;
   };
-  write(1, test::jpeg_frame_ptr(1, 16, 16)->jpeg_crc);
-  write(2, 0x0A1B2C3D);  // of another image
-  write(3, 0x0A1B2C3D);  // as in the other segment
-  segments_.push_back(folder_ / "b");
-  test::write_file(folder_ / "a/quality.csv",
-                   "sequence,quality,whole_bytes,whole_crc\n3,50,4000,0A1B2C3D\n");
+  const auto first = test::open_store(folder_ / "a", {"r", "s", "", {}});
+  const auto second = test::open_store(folder_ / "b", {"r", "s", "", {2, {1, 0}}});
+  ASSERT_FALSE(first->write(*test::jpeg_frame_ptr(1, 16, 16), 0));
+  ASSERT_FALSE(second->write(reduced(1, 30, test::jpeg_frame_ptr(1, 16, 16)->jpeg_crc), 0));
+  ASSERT_FALSE(first->write(reduced(2, 50, 0x0A1B2C3D), 0));
+  ASSERT_FALSE(second->write(reduced(2, 30, 0x0A1B2C3D), 0));
+  ASSERT_FALSE(first->write(reduced(3, 50, 0x0A1B2C3D), 0));
+  ASSERT_FALSE(second->write(reduced(3, 30, 0x0A1B2C3E), 0));  // of another image
+  segments_ = {folder_ / "a", folder_ / "b"};
   const auto problems = join().problems;
   ASSERT_THAT(problems, SizeIs(1));
-  EXPECT_THAT(problems[0], HasSubstr("frame 2: "));
+  EXPECT_THAT(problems[0], HasSubstr("frame 3: "));
 }
 
 TEST_F(JoinSession, AMissingSegmentIsFoundByTheCheck) {
   record("a", {}, {0, 1}, {});
   record("c", {3, {5, 0}}, {5}, {}, 6);
   join();
-  EXPECT_THAT(problems_of_out(), testing::ElementsAre(HasSubstr("frames 2 to 4")));
+  EXPECT_THAT(problems_of_out(), testing::ElementsAre(HasSubstr("among: frames 2 to 4")));
 }
 
 TEST_F(JoinSession, ASegmentIsCheckedFromWhereItBegins) {

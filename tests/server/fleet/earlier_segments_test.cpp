@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/fleet/earlier_segments.hpp"
 
+#include <fmt/core.h>
+
 #include "server/http/http_server.hpp"
+#include "server/session/session_store.hpp"
 #include "testing/captured_log.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/server/event_loop.hpp"
@@ -26,19 +29,16 @@ class EarlierSegmentsTest : public test::EventLoop {
     run_ready();
   }
 
-  /// Lists frames in a server's folder, and writes their images.
-  void record(const std::string& folder, const std::vector<EncodedFrame>& frames) const {
-    std::string times;
-    fs::create_directories(folder_ / folder / "images");
-    fs::create_directories(folder_ / folder / "images_right");
-    for (const EncodedFrame& frame : frames) {
-      times += fmt::format("{0} {0}.500000000 0.000000\n", frame.sequence);
-      const std::string image = fmt::format("{:06}.jpg", frame.sequence);
-      test::write_file(folder_ / folder / "images" / image, test::as_text(frame.left()));
-      if (frame.left_bytes == frame.jpeg.size() || frame.left_bytes == 0) continue;
-      test::write_file(folder_ / folder / "images_right" / image, test::as_text(frame.right()));
+  /// Records frames in a server's folder.
+  void record(const std::string& folder, std::vector<EncodedFrame> frames) const {
+    const auto store =
+        SessionStore::open(folder_ / folder, {"robot", "s", "", {}}, Durability::kOff);
+    ASSERT_TRUE(store);
+    for (EncodedFrame& frame : frames) {
+      frame.capture_time_ns =
+          static_cast<std::int64_t>(frame.sequence) * 1'000'000'000 + 500'000'000;
+      ASSERT_FALSE(store.value()->write(frame, 0));
     }
-    test::write_file(folder_ / folder / "times.txt", times);
   }
   static std::vector<EncodedFrame> plain(Sequence first, Sequence end) {
     std::vector<EncodedFrame> frames;

@@ -8,7 +8,7 @@
 #include <thread>
 
 #include "server/fleet/fetch_segment.hpp"
-#include "server/recording/recorded_session.hpp"
+#include "server/session/session_reader.hpp"
 #include "testing/captured_log.hpp"
 #include "testing/real_etcd.hpp"
 #include "testing/robot_client.hpp"
@@ -83,7 +83,7 @@ class HandOverTest : public testing::Test {
   }
   std::vector<Sequence> frames_in(const std::string& folder) const {
     std::vector<Sequence> sequences;
-    const auto session = read_recorded_session(folder_ / folder);
+    const auto session = read_session(folder_ / folder);
     if (!session) return sequences;
     for (const auto& frame : session.value().frames) sequences.push_back(frame.sequence);
     return sequences;
@@ -112,8 +112,9 @@ TEST_F(HandOverTest, WhatAnEndedServerHasAcknowledgedStaysItsAndTheNextGoesOnThe
   ASSERT_TRUE(robot.acked(5));
   EXPECT_EQ(frames_in("a/robot/s"), (std::vector<Sequence>{0, 1, 2}));
   EXPECT_EQ(frames_in("b/robot/s.e2"), (std::vector<Sequence>{3, 4}));
-  EXPECT_EQ(test::read_file(folder_ / "b/robot/s.e2/segment.csv"),
-            "epoch,next_sequence,next_drop\n2,3,0\n");
+  const auto summary = read_summary(folder_ / "b/robot/s.e2");
+  ASSERT_TRUE(summary);
+  EXPECT_EQ(summary->info.segment, (SegmentInfo{2, {3, 0}}));
 }
 
 TEST_F(HandOverTest, ARobotThatComesIsTakenAlsoWhenItsOwnerLives) {
@@ -129,7 +130,7 @@ TEST_F(HandOverTest, ARobotThatComesIsTakenAlsoWhenItsOwnerLives) {
   send(at_a, 2, 3);  // the old owner still has its connection
   std::optional<wire::Ack> ack = at_a.whole_ack();
   while (ack) {
-    EXPECT_EQ(ack->position.next_sequence, 2U);  // it has received it, and acknowledges nothing
+    EXPECT_EQ(ack->position[wire::kFrames], 2U);  // it has received it, and acknowledges nothing
     ack = at_a.whole_ack();
   }
   log_.wait_for("another server has this session");
@@ -160,7 +161,7 @@ TEST_F(HandOverTest, WithoutEtcdFramesAreReceivedAndNotAcknowledgedAndNewSession
   do {
     ack = robot.whole_ack();
     ASSERT_TRUE(ack);
-    EXPECT_EQ(ack->position.next_sequence, 0U);
+    EXPECT_EQ(ack->position[wire::kFrames], 0U);
   } while (ack->received != Sequence{3});
   const RobotClient other(a->port());
   other.send_hello("other", "s");
@@ -187,7 +188,7 @@ TEST_F(HandOverTest, ADrainSendsTheRobotsAwayOneByOneAndTheOtherTakesThemAtOnce)
   const RobotClient moved(b->port());
   const auto position = moved.hello("one", "s");
   ASSERT_TRUE(position);
-  EXPECT_GE(5U, position->next_sequence);
+  EXPECT_GE(5U, (*position)[wire::kFrames]);
   const RobotClient late(a->port());
   late.send_hello("three", "s");
   const auto sent = late.error();
@@ -218,7 +219,7 @@ TEST_F(HandOverTest, TheSegmentsAreFoundInEtcdAndFetchedFromTheServersPages) {
   const auto error = fleet::fetch_segment(page.value(), "robot", "s.e2", folder_ / "fetched");
   EXPECT_FALSE(error) << error->text;
   EXPECT_EQ(frames_in("fetched"), (std::vector<Sequence>{2, 3}));
-  for (const char* const file : {"segment.csv", "images/000003.jpg"}) {
+  for (const char* const file : {"journal.000000", "images/000003.jpg"}) {
     EXPECT_EQ(test::read_file(folder_.path() / "fetched" / file),
               test::read_file(folder_.path() / "b/robot/s.e2" / file));
   }
@@ -301,7 +302,7 @@ TEST_F(HandOverTest, ThePageTellsOfAllServersAndSessions) {
     ASSERT_EQ(overview["sessions"].size(), 1U);
     EXPECT_EQ(overview["sessions"][0]["server"], "a");
     EXPECT_EQ(overview["sessions"][0]["epoch"], 1);
-    EXPECT_EQ(overview["sessions"][0]["next_sequence"], 3);
+    EXPECT_EQ(overview["sessions"][0]["next"][0], 3);
     EXPECT_FALSE(a->drain());
   }
   const RobotClient robot(b->port());
@@ -316,7 +317,7 @@ TEST_F(HandOverTest, ThePageTellsOfAllServersAndSessions) {
   ASSERT_EQ(session["segments"].size(), 2U);
   EXPECT_EQ(session["segments"][1]["server"], "b");
   EXPECT_EQ(session["segments"][1]["epoch"], 2);
-  EXPECT_EQ(session["segments"][1]["next_sequence"], 3);
+  EXPECT_EQ(session["segments"][1]["next"][0], 3);
   const auto page = test::HttpClient(b->http_port()).get("/fleet");
   EXPECT_EQ(page.status, 200);
   EXPECT_THAT(page.body, testing::HasSubstr(R"(<a href="/fleet" data-nav="fleet">Fleet</a>)"));

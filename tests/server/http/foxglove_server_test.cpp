@@ -15,7 +15,7 @@
 #include <boost/beast/websocket/ssl.hpp>
 #include <nlohmann/json.hpp>
 
-#include "server/recording/mcap/foxglove.hpp"
+#include "server/foxglove/messages.hpp"
 #include "testing/certificates.hpp"
 #include "tests/server/frames.hpp"
 #include "tests/server/http/http_client.hpp"
@@ -151,7 +151,7 @@ class FoxgloveServerTest : public ListenerTest {
   }
   RobotClient robot(const std::string& calibration = "", const std::string& session = "s") {
     RobotClient robot = connect();
-    robot.send(wire::encode(wire::Hello{5, 5, "r", session, "test", calibration}));
+    robot.send(wire::encode(wire::Hello{6, 6, "r", session, "test", calibration, {}}));
     EXPECT_TRUE(robot.welcome());
     return robot;
   }
@@ -267,7 +267,7 @@ TEST_F(FoxgloveServerTest, DropsAndFiguresAreJson) {
   viewer.text("status");
   EXPECT_EQ(Json::parse(viewer.channel("/r/status")["schema"].get<std::string>())["title"],
             "orbbuf.Robot");
-  robot.send(wire::encode(wire::Dropped{0, {{1, 40'000'000, DropReason::kPolicy, 77}}}));
+  robot.send_drops(0, {{1, 40'000'000, DropReason::kPolicy, 77}});
   const Shown drop = viewer.shown();
   EXPECT_EQ(drop.subscription, 1U);
   EXPECT_EQ(drop.time_ns, 40'000'000U);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/http/http_server.hpp"
 
+#include <fmt/core.h>
 #include <gmock/gmock.h>
 #include <poll.h>
 
@@ -36,7 +37,7 @@ class HttpServerTest : public ListenerTest {
     RobotClient robot = connect();
     robot.hello("r", "s");
     robot.send_frame(plain_frame(0));
-    robot.send(wire::encode(wire::Dropped{0, {{1, 40'000'000, DropReason::kPolicy, 77}}}));
+    robot.send_drops(0, {{1, 40'000'000, DropReason::kPolicy, 77}});
     robot.send(
         wire::encode(wire::Report{{3, 0, 0, 1, 1, 0, 1}, 25, 1000, 2'000'000, 40'000, 0, 5}));
     robot.send_frame(plain_frame(2));
@@ -195,9 +196,11 @@ TEST_F(HttpServerTest, SessionsAreReadFromTheDisk) {
   EXPECT_EQ(get("/api/sessions/r").body, "{\"names\":[\"s\"]}\n");
   EXPECT_THAT(get("/api/sessions/r/s").body, HasSubstr("\"calibration\":null"));
   EXPECT_EQ(get("/sessions/r/s/times.txt").body, read_file(session() / "times.txt"));
-  EXPECT_EQ(get("/sessions/r/s/drops.csv").body, read_file(session() / "drops.csv"));
   EXPECT_EQ(get("/sessions/r/s/images/000002.jpg").body,
             read_file(session() / "images/000002.jpg"));
+  robot.send(wire::encode(wire::Bye{{3, 1}}));
+  ASSERT_TRUE(robot.bye());
+  EXPECT_THAT(get("/sessions/r/s/drops.csv").body, HasSubstr("\n1,policy,"));
 }
 
 TEST_F(HttpServerTest, AFileOfManyPiecesComesWhole) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/link/connection.hpp"
 
+#include <fmt/core.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <poll.h>
@@ -31,7 +32,7 @@ class ConnectionTest : public testing::Test {
   /// that a test can count the acks.
   ConnectionTest() {
     settings_.sinks.files_path = folder_.path();
-    settings_.sinks.files_sync = FilesSync::kSecond;
+    settings_.sinks.files_sync = Durability::kSecond;
     settings_.listen.hello_timeout = settings_.listen.idle_timeout = std::chrono::minutes(10);
   }
 
@@ -87,9 +88,10 @@ TEST_F(ConnectionTest, DropRecordsAreAckedAndStatsAreNot) {
   const auto robot = connect();
   ASSERT_TRUE(robot.hello("r1", "s1"));
   robot.send(wire::encode(wire::Report{{5, 1, 1, 1, 1, 1, 0}}));
-  robot.send(
-      wire::encode(wire::Dropped{0, {{3, 0, DropReason::kPolicy}, {4, 0, DropReason::kBusy}}}));
+  robot.send_drops(0, {{3, 0, DropReason::kPolicy}, {4, 0, DropReason::kBusy}});
   EXPECT_EQ(robot.ack(), (wire::Position{0, 2}));
+  robot.send(wire::encode(wire::Bye{{5, 2}}));
+  ASSERT_TRUE(robot.bye());
   EXPECT_EQ(test::read_lines(folder_ / "r1/s1/drops.csv").size(), 3U);
 }
 
@@ -164,7 +166,7 @@ TEST_F(ConnectionTest, WhoeverSaysNothingAtAllIsDisconnected) {
 TEST_F(ConnectionTest, AHelloByteByByteDoesNotStretchItsTime) {
   settings_.listen.hello_timeout = std::chrono::milliseconds(100);
   const auto robot = connect();
-  const auto hello = wire::encode(wire::Hello{5, 5, "r1", "s1", "", ""});
+  const auto hello = wire::encode(wire::Hello{6, 6, "r1", "s1", "", "", {}});
   const auto has_answer = [&] {
     pollfd events{robot.fd(), POLLIN, 0};
     return ::poll(&events, 1, 50) > 0;
@@ -206,31 +208,33 @@ TEST_F(ConnectionTest, WhatAFrameSaysOfItsQualityIsKept) {
   ASSERT_TRUE(robot.hello("r1", "s1"));
   robot.send_frame(reduced_frame(0));
   ASSERT_TRUE(robot.acked(1));
+  robot.send(wire::encode(wire::Bye{{1, 0}}));
+  ASSERT_TRUE(robot.bye());
   EXPECT_THAT(test::read_file(folder_ / "r1/s1/quality.csv"), HasSubstr("\n0,30,40123,0A1B2C3D\n"));
 }
 
 TEST_F(ConnectionTest, AProtocolWeDoNotSpeakIsRefused) {
   const auto robot = connect();
-  robot.send(wire::encode(wire::Hello{6, 7, "r1", "s1", "from the future", ""}));
-  expect_end(robot, ErrorCode::kVersion, "the robot speaks protocol 6 to 7, we speak 5 to 5");
+  robot.send(wire::encode(wire::Hello{7, 8, "r1", "s1", "from the future", "", {}}));
+  expect_end(robot, ErrorCode::kVersion, "the robot speaks protocol 7 to 8, we speak 6 to 6");
 }
 
 TEST_F(ConnectionTest, AProtocolOfBeforeTheFirstReleaseIsRefused) {
   const auto robot = connect();
-  robot.send(wire::encode(wire::Hello{1, 4, "r1", "s1", "orbbufd 0.1.0", ""}));
-  expect_end(robot, ErrorCode::kVersion, "the robot speaks protocol 1 to 4, we speak 5 to 5");
+  robot.send(wire::encode(wire::Hello{1, 5, "r1", "s1", "orbbufd 0.1.0", "", {}}));
+  expect_end(robot, ErrorCode::kVersion, "the robot speaks protocol 1 to 5, we speak 6 to 6");
 }
 
 TEST_F(ConnectionTest, TheNewestVersionThatBothKnowIsTaken) {
   const auto robot = connect();
-  robot.send(wire::encode(wire::Hello{4, 9, "r1", "s1", "from the future", ""}));
+  robot.send(wire::encode(wire::Hello{4, 9, "r1", "s1", "from the future", "", {}}));
   EXPECT_TRUE(robot.welcome());
   robot.send_frame(plain_frame(0));
   EXPECT_EQ(robot.whole_ack(), (wire::Ack{{1, 0}, 1}));
 }
 
 TEST_F(ConnectionTest, AFrameIsReceivedBeforeItIsOnTheDevice) {
-  settings_.sinks.files_sync = FilesSync::kAck;
+  settings_.sinks.files_sync = Durability::kAck;
   const auto robot = connect();
   ASSERT_TRUE(robot.hello("r1", "s1"));
   robot.send_frame(plain_frame(0));
@@ -266,11 +270,148 @@ TEST_F(ConnectionTest, DropRecordsFarBeyondThePositionAreRefused) {
   {
     const auto robot = connect();
     ASSERT_TRUE(robot.hello("r1", "s1"));
-    robot.send(wire::encode(wire::Dropped{std::uint64_t{1} << 62, {{3, 0, DropReason::kPolicy}}}));
+    robot.send_drops(std::uint64_t{1} << 62, {{3, 0, DropReason::kPolicy}});
     expect_end(robot, ErrorCode::kUnexpected, "cannot follow position 0");
   }
   const auto again = connect();
   EXPECT_EQ(again.hello("r1", "s1"), wire::Position{});
+}
+
+TEST_F(ConnectionTest, DropRecordsOfFramesFarBeyondThePositionAreRefused) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  robot.send_drops(0, {{3, 0, DropReason::kPolicy},
+                       {4, 0, DropReason::kBusy, kUnknownSimilarity, Sequence{1} << 62, 9}});
+  expect_end(robot, ErrorCode::kUnexpected, "cannot follow position 0");
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "r1/s1/drops.csv"));
+}
+
+TEST_F(ConnectionTest, ItemsThatAreInPartKnownAreUnexpected) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  const DropRecord busy{3, 0, DropReason::kBusy};
+  robot.send_drops(0, {busy, busy});
+  EXPECT_EQ(robot.ack(), (wire::Position{0, 2}));
+  robot.send_drops(1, {busy});  // a repeat
+  EXPECT_EQ(robot.ack(), (wire::Position{0, 2}));
+  robot.send_drops(1, {busy, busy});
+  expect_end(robot, ErrorCode::kUnexpected, "items 1 to 2 of stream 1, of which 2 is the next");
+}
+
+TEST_F(ConnectionTest, ItemsOfAStreamThatTheServerDoesNotTakeAreUnexpected) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  robot.send(wire::encode(wire::Items{4, 0, {0, 1, 2}}));
+  expect_end(robot, ErrorCode::kUnexpected, "items of stream 4, which this server does not take");
+}
+
+TEST_F(ConnectionTest, AccountsAreNumberedFromZeroInEachConnection) {
+  wire::Account account;
+  account.session_id = "s1";
+  for (int i = 0; i < 2; ++i) {
+    const auto robot = connect();
+    ASSERT_TRUE(robot.hello("r1", "s1"));
+    robot.send_account(0, account);
+    robot.send_account(1, account);
+    ASSERT_TRUE(robot.acked(2, wire::kAccounts));
+    robot.send_account(1, account);
+    expect_end(robot, ErrorCode::kUnexpected, "account 1, not 2");
+  }
+}
+
+TEST_F(ConnectionTest, ALateFrameIsKeptBesideTheLiveOnesAndAcknowledged) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  robot.send_frame(plain_frame(1));
+  robot.send_late(0, "s1", plain_frame(0, 2500));
+  robot.send_late(1, "s1", plain_frame(0, 2500));
+  ASSERT_TRUE(robot.acked(2, wire::kLate));
+  EXPECT_EQ(test::read_file(image(0)), test::as_text(plain_frame(0, 2500).jpeg));
+  robot.send_frame(plain_frame(2));
+  ASSERT_TRUE(robot.acked(3));
+  EXPECT_EQ(test::read_lines(folder_ / "r1/s1/times.txt").size(), 2U);
+  robot.send(wire::encode(wire::Bye{{3, 0}}));
+  ASSERT_TRUE(robot.bye());
+  EXPECT_EQ(test::read_lines(folder_ / "r1/s1/times.txt").size(), 3U);
+}
+
+TEST_F(ConnectionTest, LiveFramesGoOnBetweenThePartsOfALateOne) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  const auto record = wire::encode_late_record("s1", plain_frame(0, 2500));
+  const auto send_part = [&](std::size_t from, std::size_t to) {
+    const wire::LatePart part{static_cast<std::uint32_t>(from),
+                              static_cast<std::uint32_t>(record.size()),
+                              std::span(record).subspan(from, to - from)};
+    robot.send(wire::encode(wire::Items{wire::kLate, 0, wire::encode_late_part(part)}));
+  };
+  send_part(0, 1000);
+  robot.send_frame(plain_frame(1));
+  ASSERT_TRUE(robot.acked(2));
+  send_part(1000, record.size());
+  EXPECT_TRUE(robot.acked(1, wire::kLate));
+}
+
+TEST_F(ConnectionTest, AnEarlierSessionIsCompletedBesideThePresentOne) {
+  {
+    const auto robot = connect();
+    ASSERT_TRUE(robot.hello("r1", "earlier"));
+    robot.send_frame(plain_frame(2));
+    ASSERT_TRUE(robot.acked(3));
+  }
+  server_.reset();
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  wire::Account account;
+  account.session_id = "earlier";
+  account.is_final = true;
+  account.captured = 5;
+  account.held = 1;
+  robot.send_account(0, account);
+  for (std::uint64_t i = 0; i < 20; ++i) robot.send_late(i, "earlier", plain_frame(0));
+  ASSERT_TRUE(robot.acked(20, wire::kLate));
+  account.held = 0;
+  robot.send_account(1, account);
+  ASSERT_TRUE(robot.acked(2, wire::kAccounts));
+  EXPECT_EQ(test::read_lines(folder_ / "r1/earlier/times.txt").size(), 2U);
+  EXPECT_THAT(test::read_file(folder_ / "r1/earlier/drops.csv"), HasSubstr("1,unknown,"));
+}
+
+TEST_F(ConnectionTest, AnEarlierSessionThatCannotBeOpenedDoesNotHoldTheLiveStream) {
+  std::filesystem::create_directories(folder_ / "r1/broken/journal.000000");
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  wire::Account account;
+  account.session_id = "broken";
+  account.captured = 1;
+  robot.send_account(0, account);
+  robot.send_late(0, "broken", plain_frame(0));
+  for (std::uint64_t i = 1; i <= 20; ++i) robot.send_late(i, "s1", plain_frame(100 + i));
+  robot.send_frame(plain_frame(0));
+  EXPECT_TRUE(robot.acked(1));
+  EXPECT_FALSE(log_.lines("late frames paused").empty());
+}
+
+TEST_F(ConnectionTest, ALateFrameOfASessionThatIsNotKnownIsUnexpected) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  robot.send_late(0, "another", plain_frame(0));
+  expect_end(robot, ErrorCode::kUnexpected, "session another");
+}
+
+TEST_F(ConnectionTest, WithoutADiskLateFramesAreNotTaken) {
+  settings_.sinks.files_enabled = false;
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  robot.send_late(0, "s1", plain_frame(0));
+  expect_end(robot, ErrorCode::kUnexpected, "items of stream 2");
+}
+
+TEST_F(ConnectionTest, APayloadIsChecked) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s1"));
+  robot.send(wire::encode(wire::Items{wire::kDrops, 0, {0, 1, 2}}));
+  expect_end(robot, ErrorCode::kMalformed, "drop records: 1 bytes are not 1 records");
 }
 
 TEST_F(ConnectionTest, AMessageForRobotsIsUnexpected) {

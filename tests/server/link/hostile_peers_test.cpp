@@ -22,13 +22,13 @@ class HostilePeers : public testing::Test {
 
   HostilePeers() {
     settings_.sinks.files_path = folder_.path();
-    settings_.sinks.files_sync = FilesSync::kOff;  // each frame waits for its acknowledgement
+    settings_.sinks.files_sync = Durability::kOff;  // each frame waits for its acknowledgement
     server_.emplace(settings_);
   }
 
   /// A short but complete life of a robot, as bytes.
   static Bytes valid_stream() {
-    Bytes stream = wire::encode(wire::Hello{5, 5, "bad", "s", "test", "calibration"});
+    Bytes stream = wire::encode(wire::Hello{6, 6, "bad", "s", "test", "calibration", {}});
     const auto add = [&](const auto& bytes) {
       stream.insert(stream.end(), bytes.begin(), bytes.end());
     };
@@ -37,7 +37,14 @@ class HostilePeers : public testing::Test {
       add(wire::encode_frame_head(frame));
       add(frame.jpeg);
     }
-    add(wire::encode(wire::Dropped{0, {{3, 0, DropReason::kPolicy}}}));
+    add(wire::encode(*test::drops_ptr(0, {{3, 0, DropReason::kPolicy}})));
+    wire::Account account;
+    account.session_id = "s";
+    account.captured = 4;
+    add(wire::encode(wire::Items{wire::kAccounts, 0, wire::encode_account(account)}));
+    const auto late = wire::encode_late_record("s", test::plain_frame(3, 300));
+    const auto late_bytes = static_cast<std::uint32_t>(late.size());
+    add(wire::encode(wire::Items{wire::kLate, 0, wire::encode_late_part({0, late_bytes, late})}));
     add(wire::encode(wire::Report{{4, 0, 0, 1, 3, 0, 0}}));
     add(wire::encode(wire::Bye{{4, 1}}));
     return stream;

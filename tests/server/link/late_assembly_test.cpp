@@ -24,13 +24,13 @@ class LateAssemblyTest : public ::testing::Test {
   auto add(std::uint64_t number, const std::vector<std::uint8_t>& record, std::size_t offset,
            std::size_t bytes) {
     const auto part = std::span(record).subspan(offset).first(bytes);
-    return assembly_.add({number, static_cast<std::uint32_t>(offset),
-                          static_cast<std::uint32_t>(record.size()), part});
+    return assembly_.add(number, {static_cast<std::uint32_t>(offset),
+                                  static_cast<std::uint32_t>(record.size()), part});
   }
   std::string fault_of(std::uint64_t number, std::size_t offset, std::uint32_t record_bytes) {
     const std::vector<std::uint8_t> bytes(10);
     const auto added =
-        assembly_.add({number, static_cast<std::uint32_t>(offset), record_bytes, bytes});
+        assembly_.add(number, {static_cast<std::uint32_t>(offset), record_bytes, bytes});
     return added ? "taken" : added.error().text;
   }
 
@@ -74,7 +74,7 @@ TEST_F(LateAssemblyTest, PartsThatAreNoFrameAreRefused) {
   auto record = wire::encode_late_record("s", frame_of(0));
   record.back() ^= 1;
   EXPECT_EQ(LateAssembly(kMostBytes)
-                .add({0, 0, static_cast<std::uint32_t>(record.size()), record})
+                .add(0, {0, static_cast<std::uint32_t>(record.size()), record})
                 .error()
                 .text,
             "frame body does not match its checksum");

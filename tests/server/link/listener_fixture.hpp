@@ -12,11 +12,12 @@
 
 #include "common/as_bytes.hpp"
 #include "common/wire.hpp"
-#include "server/recording/session_lines.hpp"
-#include "server/recording/session_names.hpp"
+#include "server/session/session_names.hpp"
+#include "server/session/session_store.hpp"
 #include "testing/captured_log.hpp"
 #include "testing/robot_client.hpp"
 #include "testing/temporary_folder.hpp"
+#include "tests/server/frames.hpp"
 #include "tests/server/running_server.hpp"
 
 namespace orbbuf::test {
@@ -28,7 +29,7 @@ class ListenerTest : public testing::Test {
   /// that a test can count the acks.
   ListenerTest() {
     settings_.sinks.files_path = folder_ / "data";
-    settings_.sinks.files_sync = FilesSync::kSecond;
+    settings_.sinks.files_sync = Durability::kSecond;
     settings_.listen.hello_timeout = settings_.listen.idle_timeout = std::chrono::minutes(10);
   }
 
@@ -43,12 +44,11 @@ class ListenerTest : public testing::Test {
   /// A session of one frame whose files the server cannot read to their end before
   /// finish_reading().
   void make_unreadable(const std::string& session) const {
-    const auto folder = folder_ / "data" / session;
-    std::filesystem::create_directories(folder / "images");
-    write_file(folder / "times.txt", "0 0.000000000 0\n");
-    const auto crc = wire::crc32(as_bytes(kImage));
-    write_file(folder / "checksums.sfv",
-               session_lines::checksum(session_names::left_image(0), crc) + "\n");
+    const std::filesystem::path folder = folder_ / "data" / session;
+    const auto image = as_bytes(kImage);
+    const auto store = SessionStore::open(folder, {"", "", ""}, Durability::kSecond);
+    ASSERT_FALSE(store.value()->write(frame_of(0, {image.begin(), image.end()}), 0));
+    std::filesystem::remove(folder / session_names::left_image(0));
     ASSERT_EQ(::mkfifo((folder / session_names::left_image(0)).c_str(), 0600), 0);
   }
   /// Blocks until the server reads.

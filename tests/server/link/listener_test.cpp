@@ -109,11 +109,12 @@ TEST_F(ListenerTest, ANewSessionEndsTheOneThatWasBeingOpened) {
   const auto first = connect();
   first.send_hello("r", "before");
   const auto second = connect();
-  EXPECT_EQ(second.hello("r", "after"), wire::Position{});
+  second.send_hello("r", "after");
   const auto error = first.error();
   ASSERT_TRUE(error);
   EXPECT_EQ(error->code, ErrorCode::kReplaced);
   finish_reading("r/before");
+  EXPECT_EQ(second.welcome(), wire::Position{});
   const auto late = connect();
   EXPECT_FALSE(late.hello("r", "before"));
   second.send_frame(plain_frame(0));
@@ -171,20 +172,20 @@ TEST_F(ListenerTest, ASessionGoesOnAfterARestartOfTheServer) {
     ASSERT_TRUE(robot.hello("r", "s"));
     robot.send_frame(plain_frame(3));
     ASSERT_TRUE(robot.acked(4));
-    robot.send(wire::encode(wire::Dropped{0, {{2, 0, DropReason::kPolicy}}}));
-    ASSERT_TRUE(robot.ack());
+    robot.send_drops(0, {{2, 0, DropReason::kPolicy}});
+    ASSERT_TRUE(robot.acked(1, wire::kDrops));
   }
   start();
   EXPECT_EQ(connect().hello("r", "s"), (wire::Position{4, 1}));
 }
 
 TEST_F(ListenerTest, ARecordThatCannotBeReadRefusesThatSessionOnly) {
-  std::filesystem::create_directories(folder_ / "data/r/s/times.txt");
+  std::filesystem::create_directories(folder_ / "data/r/s/journal.000000");
   const auto robot = connect();
   EXPECT_FALSE(robot.hello("r", "s"));
   EXPECT_TRUE(connect().hello("r", "s2"));
   server_->stop();
-  EXPECT_EQ(log_.lines("error r s: no session: open ").size(), 1U);
+  EXPECT_EQ(log_.lines("error r s: no session: ").size(), 1U);
 }
 
 TEST_F(ListenerTest, RunningOutOfDescriptorsIsSurvived) {
@@ -198,7 +199,7 @@ TEST_F(ListenerTest, RunningOutOfDescriptorsIsSurvived) {
   {
     const test::ResourceLimit no_more(RLIMIT_NOFILE, 1);  // those that are open stay so
     late = std::make_unique<RobotClient>(server_->port(), std::move(socket));
-    late->send(wire::encode(wire::Hello{5, 5, "late", "s", "", ""}));
+    late->send(wire::encode(wire::Hello{6, 6, "late", "s", "", "", {}}));
     log_.wait_for("error accept on ");
     EXPECT_FALSE(has_answer(*late, 500));  // longer than two tries
   }

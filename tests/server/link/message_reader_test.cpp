@@ -27,7 +27,7 @@ Bytes message_of(const EncodedFrame& frame) {
 class MessageReaderTest : public testing::Test {
  protected:
   MessageReaderTest() {
-    if (is_one_message(wire::encode(wire::Hello{5, 5, "r", "s", "", ""}), 1U << 30U))
+    if (is_one_message(wire::encode(wire::Hello{6, 6, "r", "s", "", "", {}}), 1U << 30U))
       reader_.take();
   }
   /// Gives `bytes` in pieces of at most `piece`; false if they are not just one message.

@@ -19,8 +19,9 @@ class FakeSink : public FrameSink {
     frames.push_back(frame->sequence);
     done_ = std::move(done);
   }
-  void async_write_drops(wire::Dropped dropped, Done done) override {
-    for (const auto& record : dropped.records) drops.push_back(record.sequence);
+  bool takes_items() const override { return wants_items; }
+  void async_write_items(ItemsPtr written, Done done) override {
+    items.push_back(written->first);
     done_ = std::move(done);
   }
   void note(const SessionClosing& reported) override {
@@ -58,7 +59,8 @@ class FakeSink : public FrameSink {
 
   bool holds_commits = false;
   std::vector<Sequence> frames;
-  std::vector<Sequence> drops;
+  bool wants_items = true;
+  std::vector<std::uint64_t> items;  // of each call, the first
   std::vector<std::uint64_t> notes;
   std::uint64_t lost_frames = 0;
   bool is_cancelled = false;
@@ -102,6 +104,10 @@ class SessionTest : public test::EventLoop {
   void write(Sequence sequence) {
     session_->write(plain_frame_ptr(sequence), [this] { ++taken_; });
   }
+  void write_drops(std::uint64_t first, std::size_t count) {
+    session_->write_items(test::drops_ptr(first, std::vector<DropRecord>(count)), count,
+                          [this] { ++taken_; });
+  }
   bool run_until_busy(const FakeSink& sink) {
     return run_until([&] { return sink.is_busy(); });
   }
@@ -141,7 +147,7 @@ TEST_F(SessionTest, AFrameIsTakenWhenAllSinksHaveIt) {
   write(4);
   sink_->answer();
   EXPECT_EQ(taken_, 0);
-  EXPECT_EQ(session_->position().next_sequence, 0U);
+  EXPECT_EQ(session_->position()[wire::kFrames], 0U);
   second->answer();
   EXPECT_EQ(taken_, 1);
   EXPECT_EQ(session_->position(), (wire::Position{5, 0}));
@@ -265,29 +271,51 @@ TEST_F(SessionTest, ARepeatIsTakenButNotWrittenAgain) {
   EXPECT_EQ(sink_->frames, Sequences{4});
 }
 
-TEST_F(SessionTest, DropRecordsThatAreKnownAreNotWrittenAgain) {
-  make({std::make_shared<FakeSink>(wire::Position{0, 2}), sink_});
-  auto records = std::vector<DropRecord>(4);
-  for (std::size_t i = 0; i < 4; ++i) records[i].sequence = 10 * i;
+TEST_F(SessionTest, ItemsThatAreKnownAreNotWrittenAgain) {
   make({sink_ = std::make_shared<FakeSink>(wire::Position{0, 2})});
-  session_->write_drops({0, records}, [this] { ++taken_; });
+  write_drops(2, 3);
   sink_->answer();
-  session_->write_drops({1, records}, [this] { ++taken_; });
-  sink_->answer();
-  EXPECT_EQ(sink_->drops, (Sequences{20, 30, 30}));
-  session_->write_drops({0, records}, [this] { ++taken_; });
+  write_drops(0, 2);
+  write_drops(2, 3);
+  EXPECT_EQ(taken_, 1);  // never from within the call
   run_ready();
   EXPECT_EQ(taken_, 3);
+  EXPECT_EQ(sink_->items, std::vector<std::uint64_t>{2});
   EXPECT_EQ(session_->position(), (wire::Position{0, 5}));
 }
 
-TEST_F(SessionTest, AGapInTheDropRecordsIsAWarning) {
+TEST_F(SessionTest, AGapInTheItemsIsAWarning) {
   const test::CapturedLog log;
   make({sink_});
-  session_->write_drops({7, std::vector<DropRecord>(1)}, [this] { ++taken_; });
+  write_drops(7, 1);
   sink_->answer();
   EXPECT_EQ(session_->position(), (wire::Position{0, 8}));
-  EXPECT_EQ(log.lines("warning robot session: drop records 0 to 6 never came").size(), 1U);
+  EXPECT_EQ(log.lines("warning robot session: items 0 to 6 of stream 1 never came").size(), 1U);
+}
+
+TEST_F(SessionTest, ItemsGoToTheSinksThatTakeThem) {
+  const auto second = std::make_shared<FakeSink>();
+  const auto third = std::make_shared<FakeSink>();
+  second->wants_items = false;
+  make({sink_, second, third});
+  write_drops(0, 1);
+  sink_->answer();
+  EXPECT_EQ(taken_, 0);
+  third->answer();
+  EXPECT_EQ(taken_, 1);
+  EXPECT_TRUE(second->items.empty());
+  EXPECT_EQ(session_->kept(), (wire::Position{0, 1}));
+}
+
+TEST_F(SessionTest, ItemsThatNoSinkTakesAreAcknowledged) {
+  sink_->wants_items = false;
+  make({sink_});
+  write_drops(0, 2);
+  EXPECT_EQ(taken_, 0);  // never from within the call
+  run_ready();
+  EXPECT_EQ(taken_, 1);
+  EXPECT_EQ(session_->kept(), (wire::Position{0, 2}));
+  EXPECT_GE(peer_->kept, 1);
 }
 
 TEST_F(SessionTest, AFailingSinkHoldsTheStreamAndIsLoggedOnceEachWay) {
@@ -343,7 +371,7 @@ TEST_F(SessionTest, AFrameThatNoSinkTookIsTheRobotsAgainAfterAHandover) {
   EXPECT_EQ(second->welcome, wire::Position{});
   write(3);
   sink_->answer();
-  EXPECT_EQ(session_->position().next_sequence, 4U);
+  EXPECT_EQ(session_->position()[wire::kFrames], 4U);
 }
 
 TEST_F(SessionTest, AFrameWaitingForItsNextTryIsGivenUpAtOnce) {
@@ -440,28 +468,32 @@ TEST_F(SessionTest, StoppingDoesNotWaitForeverForAStuckSink) {
   EXPECT_EQ(closed_, 1);
 }
 
-/// What etcd would be asked.
-struct FakeFence {
-  Session::Fence fence(const wire::Position& before = {}) {
-    return {[this](const wire::Position& position, auto recorded) {
-              asked.push_back(position);
-              answer = std::move(recorded);
-            },
-            [this] { ++hurries; }, before};
+/// What a fleet would be asked.
+struct FakeClaim : SessionClaim {
+  void async_may_acknowledge(const wire::Position& position, Answer then) override {
+    asked.push_back(position);
+    answer = std::move(then);
   }
+  void hurry() override { ++hurries; }
+  void leave(bool has_ended) override { left = has_ended; }
+  wire::Position acknowledged_before() const override { return before; }
+
+  wire::Position before;
   std::vector<wire::Position> asked;
-  std::function<void(bool)> answer;
+  Answer answer;
   int hurries = 0;
+  std::optional<bool> left;
 };
 
-class FencedSessionTest : public SessionTest {
+class ClaimedSessionTest : public SessionTest {
  protected:
-  void make_fenced(const wire::Position& recorded = {}) {
+  void make_claimed(const wire::Position& recorded = {}) {
     session_ = std::make_shared<Session>(
         main_, SessionInfo{"robot", "session", ""}, std::vector<std::shared_ptr<FrameSink>>{sink_},
         Session::Timeouts{std::chrono::hours(1), std::chrono::milliseconds(1)},
         Session::Events{[this] { ++closed_; }, {}});
-    session_->fence(fence_.fence(recorded));
+    claim_->before = recorded;
+    session_->claim(claim_);
     session_->attach(peer_);
   }
   void take(Sequence sequence) {
@@ -469,78 +501,79 @@ class FencedSessionTest : public SessionTest {
     sink_->answer();
   }
 
-  FakeFence fence_;
+  std::shared_ptr<FakeClaim> claim_ = std::make_shared<FakeClaim>();
 };
 
-TEST_F(FencedSessionTest, WhatIsOnTheDeviceIsKeptOnlyWhenItIsRecorded) {
-  make_fenced();
+TEST_F(ClaimedSessionTest, WhatIsOnTheDeviceIsKeptOnlyWhenItIsRecorded) {
+  make_claimed();
   EXPECT_EQ(peer_->welcome, wire::Position{});
   take(0);
   EXPECT_EQ(session_->received(), 1U);  // the stream goes on
   EXPECT_EQ(peer_->kept, 0);
   EXPECT_EQ(session_->kept(), wire::Position{});
   take(1);
-  fence_.answer(true);
+  claim_->answer(true);
   EXPECT_EQ(peer_->kept, 1);
   EXPECT_EQ(session_->kept(), (wire::Position{1, 0}));
-  EXPECT_EQ(fence_.asked, (std::vector<wire::Position>{{1, 0}, {2, 0}}));
+  EXPECT_EQ(claim_->asked, (std::vector<wire::Position>{{1, 0}, {2, 0}}));
 }
 
-TEST_F(FencedSessionTest, AWelcomeWaitsForTheRecordOfWhatTheDiskHasBeyondIt) {
+TEST_F(ClaimedSessionTest, AWelcomeWaitsForTheRecordOfWhatTheDiskHasBeyondIt) {
   sink_ = std::make_shared<FakeSink>(wire::Position{7, 1});
-  make_fenced({5, 1});
+  make_claimed({5, 1});
   EXPECT_FALSE(peer_->welcome);
-  EXPECT_GE(fence_.hurries, 1);
-  fence_.answer(true);
+  EXPECT_GE(claim_->hurries, 1);
+  claim_->answer(true);
   EXPECT_EQ(peer_->welcome, (wire::Position{7, 1}));
 }
 
-TEST_F(FencedSessionTest, AWelcomeAtTheRecordedPositionWaitsForNothing) {
+TEST_F(ClaimedSessionTest, AWelcomeAtTheRecordedPositionWaitsForNothing) {
   sink_ = std::make_shared<FakeSink>(wire::Position{5, 1});
-  make_fenced({5, 1});
+  make_claimed({5, 1});
   EXPECT_EQ(peer_->welcome, (wire::Position{5, 1}));
-  EXPECT_TRUE(fence_.asked.empty());
+  EXPECT_TRUE(claim_->asked.empty());
 }
 
-TEST_F(FencedSessionTest, OneThatIsAnotherServersAcknowledgesNothingAndEnds) {
+TEST_F(ClaimedSessionTest, OneThatIsAnotherServersAcknowledgesNothingAndEnds) {
   const test::CapturedLog log;
-  make_fenced();
+  make_claimed();
   take(0);
   take(1);
-  fence_.answer(false);
+  claim_->answer(false);
   EXPECT_EQ(closed_, 1);
   EXPECT_EQ(peer_->kept, 0);
   EXPECT_EQ(session_->kept(), wire::Position{});
   EXPECT_EQ(session_->received(), 0U);
   EXPECT_EQ(peer_->moved, "");
   EXPECT_FALSE(sink_->closing->has_ended);
-  EXPECT_EQ(fence_.asked.size(), 1U);
+  EXPECT_EQ(claim_->asked.size(), 1U);
 }
 
-TEST_F(FencedSessionTest, AByeIsAnsweredWhenAllIsRecorded) {
-  make_fenced();
+TEST_F(ClaimedSessionTest, AByeIsAnsweredWhenAllIsRecorded) {
+  make_claimed();
   take(0);
   session_->on_bye({{1, 0}});
   session_->close(SessionEnd::kBye);
-  EXPECT_EQ(fence_.hurries, 1);
+  EXPECT_EQ(claim_->hurries, 1);
   EXPECT_FALSE(peer_->bye);
-  fence_.answer(true);
+  claim_->answer(true);
   EXPECT_EQ(peer_->bye, (wire::Position{1, 0}));
-  EXPECT_TRUE(session_->has_ended());
+  EXPECT_EQ(claim_->left, true);
 }
 
-TEST_F(FencedSessionTest, ARobotIsSentAwayWhenAllIsRecorded) {
-  make_fenced();
+TEST_F(ClaimedSessionTest, ARobotIsSentAwayWhenAllIsRecorded) {
+  make_claimed();
   take(0);
   session_->move("b:7722");
   EXPECT_FALSE(peer_->moved);
-  fence_.answer(true);
+  claim_->answer(true);
   EXPECT_EQ(peer_->moved, "b:7722");
   EXPECT_FALSE(sink_->closing->has_ended);
+  EXPECT_EQ(claim_->left, false);
 }
 
-TEST_F(FencedSessionTest, AServerThatStopsDoesNotWaitForAFenceWithoutAnAnswer) {
-  make_fenced();
+TEST_F(ClaimedSessionTest, AServerThatStopsDoesNotWaitForAClaimWithoutAnAnswer) {
+  make_claimed();
   take(0);
   session_->close(SessionEnd::kStopping);
   EXPECT_TRUE(run_until([&] { return closed_ == 1; }));

@@ -47,6 +47,29 @@ TEST_F(TimelineTest, CountsBySecondOfCapture) {
   EXPECT_EQ(timeline_.seconds()[1].similarity, kUnknownSimilarity);
 }
 
+TEST_F(TimelineTest, CountsTheFramesOfARangeInTheirSeconds) {
+  DropRecord range{7, robot_ns(500ms), DropReason::kBusy};
+  range.frames = 20;
+  range.last_capture_time_ns = robot_ns(2400ms);  // ten a second
+  timeline_.on_dropped(range, at(0s));
+  ASSERT_EQ(timeline_.seconds().size(), 3U);
+  EXPECT_EQ(timeline_.seconds()[0].dropped, 5U);
+  EXPECT_EQ(timeline_.seconds()[1].dropped, 10U);
+  EXPECT_EQ(timeline_.seconds()[2].dropped, 5U);
+}
+
+TEST_F(TimelineTest, ARangeOfAnyLengthIsCounted) {
+  DropRecord range{0, robot_ns(0s), DropReason::kUnknown};
+  range.frames = std::numeric_limits<std::uint64_t>::max();
+  range.last_capture_time_ns = robot_ns(999ms);
+  timeline_.on_dropped(range, at(0s));
+  EXPECT_EQ(timeline_.seconds().size(), 1U);
+  range.frames = 1'000'000;
+  timeline_ = {};
+  timeline_.on_dropped(range, at(0s));
+  EXPECT_EQ(timeline_.seconds()[0].dropped, 1'000'000U);
+}
+
 TEST_F(TimelineTest, TheFastestFrameIsTheMeasureOfTheRobotsClock) {
   EXPECT_FALSE(timeline_.age(at(0s)));
   deliver(0ms, 50ms);

@@ -176,10 +176,10 @@ TEST_F(RetentionTest, SeesASessionGrow) {
   make("r/b", hours(0));
   open_ = {"r/b"};
   start(size_of(3));
-  SessionFiles files(folder_ / "r/b", "");
-  ASSERT_TRUE(files.recover());
+  const auto store = SessionStore::open(folder_ / "r/b", {"r", "s", "", {}}, Durability::kSecond);
+  ASSERT_TRUE(store);
   for (Sequence sequence = 3; sequence < 20; ++sequence) {
-    ASSERT_FALSE(files.write(test::plain_pair(sequence, 5000, 3000)));
+    ASSERT_FALSE(store.value()->write(test::plain_pair(sequence, 50'000, 30'000), 0));
   }
   EXPECT_TRUE(run_until_left({"r/b"}));
 }

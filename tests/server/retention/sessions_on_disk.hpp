@@ -8,7 +8,7 @@
 #include <filesystem>
 #include <string>
 
-#include "server/recording/session_files.hpp"
+#include "server/session/session_store.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/server/frames.hpp"
 
@@ -17,9 +17,13 @@ namespace orbbuf::test {
 /// Makes PATH/`name` (ROBOT/SESSION) a real session, last written to so long ago.
 inline void make_session(const std::filesystem::path& path, const std::string& name,
                          Sequence frames, std::chrono::seconds age = std::chrono::seconds(0)) {
-  SessionFiles files(path / name, "");
-  for (Sequence sequence = 0; sequence < frames; ++sequence) {
-    ASSERT_FALSE(files.write(plain_pair(sequence, 5000, 3000)));
+  {
+    const auto store = SessionStore::open(path / name, {"r", "s", "", {}}, Durability::kSecond);
+    ASSERT_TRUE(store);
+    for (Sequence sequence = 0; sequence < frames; ++sequence) {
+      ASSERT_FALSE(store.value()->write(plain_pair(sequence, 50'000, 30'000), 0));
+    }
+    ASSERT_FALSE(store.value()->finish(true));
   }
   const auto then = std::filesystem::file_time_type::clock::now() - age;
   for (const auto& entry : std::filesystem::directory_iterator(path / name)) {

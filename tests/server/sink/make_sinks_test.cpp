@@ -22,15 +22,19 @@ class MakeSinksTest : public test::EventLoop {
     run_ready();
   }
   std::size_t make() {
-    auto opened = open_session(settings_, info_);
-    EXPECT_TRUE(opened);
-    sinks_ = make_sinks(settings_, info_, std::move(opened).value(), main_, files_);
+    std::optional<OpenedSession> opened;
+    if (settings_.is_kept()) {
+      stores_.async_open(info_, [&](auto session) { opened = std::move(session).value(); });
+      EXPECT_TRUE(run_until([&] { return opened.has_value(); }));
+    }
+    sinks_ = make_sinks(settings_, info_, opened.value_or(OpenedSession{}), nullptr, main_, files_);
     return sinks_.size();
   }
 
   test::TemporaryFolder folder_;
   const SessionInfo info_{"r1", "s1", ""};
   SinkSettings settings_;
+  SessionStores stores_{main_, files_, folder_ / "data", Durability::kOff, nullptr};
   std::vector<std::shared_ptr<FrameSink>> sinks_;
 };
 
@@ -40,34 +44,6 @@ TEST_F(MakeSinksTest, FilesGoToAFolderForTheRobotAndTheSession) {
   EXPECT_TRUE(std::filesystem::exists(folder_ / "data/r1/s1/images/000002.jpg"));
   ASSERT_EQ(make(), 1U);
   EXPECT_EQ(sinks_[0]->position(), (wire::Position{3, 0}));
-}
-
-TEST_F(MakeSinksTest, ARecordingIsInTheSessionsFolderAndWrittenBeforeTheFiles) {
-  settings_.mcap_enabled = true;
-  ASSERT_EQ(make(), 1U);
-  std::filesystem::create_directories(folder_ / "data/r1/s1");
-  test::write_file(folder_ / "data/r1/s1/images", "a file where the folder should be");
-  EXPECT_TRUE(write(*sinks_[0], test::plain_frame_ptr(2)));
-  EXPECT_TRUE(std::filesystem::exists(folder_ / "data/r1/s1/s1.mcap"));
-  EXPECT_FALSE(std::filesystem::exists(folder_ / "data/r1/s1/times.txt"));
-  std::filesystem::remove(folder_ / "data/r1/s1/images");
-  ASSERT_EQ(make(), 1U);
-  EXPECT_EQ(sinks_[0]->position(), wire::Position{});  // the files have not got it
-  EXPECT_FALSE(write(*sinks_[0], test::plain_frame_ptr(2)));
-  settings_.files_enabled = false;
-  ASSERT_EQ(make(), 1U);
-  EXPECT_EQ(sinks_[0]->position(), (wire::Position{3, 0}));
-}
-
-TEST_F(MakeSinksTest, WhatTheFilesLostIsAskedForAgainThoughTheRecordingHasIt) {
-  settings_.mcap_enabled = true;
-  ASSERT_EQ(make(), 1U);
-  for (Sequence i = 0; i < 60; ++i) {  // 2.4 s, more than a chunk
-    EXPECT_FALSE(write(*sinks_[0], test::plain_frame_ptr(i)));
-  }
-  test::write_file(folder_ / "data/r1/s1/images/000010.jpg", "");  // as a power cut leaves it
-  ASSERT_EQ(make(), 1U);
-  EXPECT_EQ(sinks_[0]->position(), (wire::Position{10, 0}));
 }
 
 TEST_F(MakeSinksTest, TheFifoOfASessionIsNamedAfterIt) {
@@ -110,15 +86,18 @@ TEST_F(MakeSinksTest, TheNextSlamMayBeginWithWhatTheLastOneMissed) {
   EXPECT_TRUE(run_until([&] { return ::read(end.get(), &byte, 1) == 1; }));
 }
 
-TEST_F(MakeSinksTest, ARecordThatCannotBeReadIsAnError) {
-  std::filesystem::create_directories(folder_ / "data/r1/s1/times.txt");
-  EXPECT_FALSE(open_session(settings_, info_));
+TEST_F(MakeSinksTest, WithoutFilesTheNextSlamGetsNothingFromThem) {
+  settings_.files_enabled = false;
+  settings_.mcap_enabled = true;
+  settings_.slam.fifo = folder_ / "fifo";
+  settings_.slam.resume = Resume::kBacklog;
+  EXPECT_EQ(make(), 2U);
 }
 
 TEST_F(MakeSinksTest, AFailedSyncIsLoggedAsWhatItMeansInThatMode) {
   const test::CapturedLog log;
   settings_.files_path = folder_ / "not there";
-  for (const auto sync : {FilesSync::kAck, FilesSync::kSecond}) {
+  for (const auto sync : {Durability::kAck, Durability::kSecond}) {
     settings_.files_sync = sync;
     const auto commit = make_group_commit(settings_, main_);
     bool is_done = false;

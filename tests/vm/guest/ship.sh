@@ -151,7 +151,7 @@ disk_bytes() { awk '$3 == "vdb" { print $10 * 512 }' /proc/diskstats; }
 between() { awk -v low="$1" -v value="$2" -v high="$3" 'BEGIN { exit !(low < value && value < high) }'; }
 # per_second FROM TO START: since START seconds of uptime.
 per_second() { awk -v from="$1" -v to="$2" -v start="$3" '{ printf "%.2f", (to - from) / ($1 - start) }' /proc/uptime; }
-has_late() { find "$frames/$1" -name late.csv | grep -q .; }
+has_late() { grep -qs '^late [1-9]' "$frames/$1"/*/session.txt; }
 
 # Frames of 2 MB/s for a spool on a disk that takes 1 MB/s, while there is no server.
 slow_spool() {

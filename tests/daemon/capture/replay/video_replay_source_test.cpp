@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/capture/replay/video_replay_source.hpp"
 
+#include <fmt/core.h>
 #include <gmock/gmock.h>
-#include <spdlog/fmt/fmt.h>
 
 #include <string_view>
 

@@ -372,13 +372,8 @@ TEST_F(PipeSinkTest, ASessionThatIsPassedOnDoesNotWaitForItsReaderToCatchUp) {
   EXPECT_EQ(earlier_->asked.size(), 1U);
 }
 
-TEST_F(PipeSinkTest, DropRecordsAreNotPartOfTheStream) {
-  auto& out = fifo_sink(PipeFormat::kMjpeg);
-  out.async_write_drops({0, {{1, 0, DropReason::kPolicy}}},
-                        [this](const std::optional<Error>& e) { answers_.push_back(e); });
-  EXPECT_TRUE(answers_.empty());
-  ASSERT_TRUE(run_until_answered());
-  EXPECT_FALSE(answers_[0]);
+TEST_F(PipeSinkTest, OnlyFramesArePartOfTheStream) {
+  EXPECT_FALSE(fifo_sink(PipeFormat::kMjpeg).takes_items());
 }
 
 }  // namespace

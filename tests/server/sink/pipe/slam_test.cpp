@@ -4,7 +4,7 @@
 
 #include <csignal>
 
-#include "server/recording/session_files.hpp"
+#include "server/session/session_store.hpp"
 #include "testing/captured_log.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/server/event_loop.hpp"
@@ -35,7 +35,7 @@ class SlamTest : public test::EventLoop {
   void stream(int count, int width_px = 64) {
     for (int i = 0; i < count; ++i) {
       const auto frame = jpeg_frame_ptr(next_++, width_px, 64);
-      EXPECT_FALSE(kept_.write(*frame));
+      EXPECT_FALSE(kept_->write(*frame, 0));
       EXPECT_FALSE(write(*slam_, frame));
     }
   }
@@ -58,7 +58,8 @@ class SlamTest : public test::EventLoop {
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
 
   test::TemporaryFolder folder_;
-  SessionFiles kept_{folder_ / "kept", ""};
+  const std::unique_ptr<SessionStore> kept_ =
+      SessionStore::open(folder_ / "kept", {"r", "s", ""}, Durability::kOff).value();
   SlamSettings settings_;
   std::shared_ptr<FrameSink> slam_;
   Sequence next_ = 0;

@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/command_line.hpp"
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+
+namespace orbbuf {
+
+CommandLine::Option& CommandLine::Option::required() {
+  option_->required();
+  return *this;
+}
+
+CommandLine::Option& CommandLine::Option::value_name(const std::string& name) {
+  option_->type_name(name);
+  return *this;
+}
+
+CommandLine::Option& CommandLine::Option::one_by_one() {
+  option_->allow_extra_args(false);
+  return *this;
+}
+
+CommandLine::Option& CommandLine::Option::one_of(const std::vector<std::string>& words) {
+  option_->check(CLI::IsMember(words).description(""));
+  return *this;
+}
+
+CommandLine::Option& CommandLine::Option::in_range(double min, double max) {
+  option_->check(CLI::Range(min, max).description(""));
+  return *this;
+}
+
+CommandLine::Option& CommandLine::Option::values(int count) {
+  option_->expected(count);
+  return *this;
+}
+
+CommandLine::Option& CommandLine::Option::needs(const std::string& other) {
+  option_->needs(other);
+  return *this;
+}
+
+CommandLine::Option& CommandLine::Option::with_default() {
+  option_->capture_default_str();
+  return *this;
+}
+
+CommandLine::CommandLine(const std::string& about, const std::string& name)
+    : app_(std::make_shared<CLI::App>(about, name)) {}
+
+template <class T>
+CommandLine::Option CommandLine::add_option(const std::string& name, T& value,
+                                            const std::string& about) {
+  return Option(app_->add_option(name, value, about));
+}
+
+template CommandLine::Option CommandLine::add_option(const std::string&, std::string&,
+                                                     const std::string&);
+template CommandLine::Option CommandLine::add_option(const std::string&, std::filesystem::path&,
+                                                     const std::string&);
+template CommandLine::Option CommandLine::add_option(const std::string&, int&, const std::string&);
+template CommandLine::Option CommandLine::add_option(const std::string&, unsigned&,
+                                                     const std::string&);
+template CommandLine::Option CommandLine::add_option(const std::string&, unsigned long&,
+                                                     const std::string&);
+template CommandLine::Option CommandLine::add_option(const std::string&, unsigned long long&,
+                                                     const std::string&);
+template CommandLine::Option CommandLine::add_option(const std::string&, double&,
+                                                     const std::string&);
+template CommandLine::Option CommandLine::add_option(const std::string&, std::vector<std::string>&,
+                                                     const std::string&);
+template CommandLine::Option CommandLine::add_option(const std::string&,
+                                                     std::vector<std::filesystem::path>&,
+                                                     const std::string&);
+template CommandLine::Option CommandLine::add_option(const std::string&, std::vector<unsigned>&,
+                                                     const std::string&);
+template CommandLine::Option CommandLine::add_option(const std::string&,
+                                                     std::vector<unsigned long>&,
+                                                     const std::string&);
+template CommandLine::Option CommandLine::add_option(const std::string&,
+                                                     std::vector<unsigned long long>&,
+                                                     const std::string&);
+template CommandLine::Option CommandLine::add_option(const std::string&, std::vector<double>&,
+                                                     const std::string&);
+
+CommandLine::Option CommandLine::add_flag(const std::string& name, bool& is_given,
+                                          const std::string& about) {
+  return Option(app_->add_flag(name, is_given, about));
+}
+
+CommandLine::Option CommandLine::add_flag(const std::string& name, std::function<void()> when_given,
+                                          const std::string& about) {
+  return Option(app_->add_flag_callback(name, std::move(when_given), about));
+}
+
+void CommandLine::add_version(const std::string& text) {
+  app_->set_version_flag("--version", text);
+}
+
+CommandLine CommandLine::add_subcommand(const std::string& name, const std::string& about,
+                                        std::function<void()> when_given) {
+  app_->require_subcommand(0, 1);
+  CLI::App* const added = app_->add_subcommand(name, about);
+  added->callback(std::move(when_given));
+  return CommandLine(std::shared_ptr<CLI::App>(app_, added));
+}
+
+void CommandLine::add_footer(const std::string& text) { app_->footer(text); }
+
+std::optional<int> CommandLine::parse(int argc, char** argv) {
+  try {
+    app_->parse(argc, argv);
+    return std::nullopt;
+  } catch (const CLI::ParseError& error) {
+    return app_->exit(error);
+  }
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/file_io.hpp"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <system_error>
+#include <utility>
+
+namespace orbbuf {
+
+Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path) {
+  const UniqueFd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  struct stat status {};
+  if (!fd || ::fstat(fd.get(), &status) != 0) return system_error("read " + path.string(), errno);
+  constexpr std::size_t kSpare = 4096;  // and for the read that finds the end
+  std::vector<std::uint8_t> content(static_cast<std::size_t>(status.st_size) + kSpare);
+  std::size_t bytes = 0;
+  while (true) {
+    const ssize_t got = ::read(fd.get(), content.data() + bytes, content.size() - bytes);
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) return system_error("read " + path.string(), errno);
+    if (got == 0) break;
+    bytes += static_cast<std::size_t>(got);
+    if (bytes == content.size()) content.resize(2 * bytes);
+  }
+  content.erase(content.begin() + static_cast<std::ptrdiff_t>(bytes), content.end());
+  return content;
+}
+
+Result<std::string> read_text(const std::filesystem::path& path) {
+  std::error_code ignored;  // then reading says why
+  if (!std::filesystem::exists(path, ignored) && !ignored) return std::string();
+  const auto content = read_file(path);
+  if (!content) return content.error();
+  return std::string(content.value().begin(), content.value().end());
+}
+
+Result<std::size_t> read_at(int fd, std::uint64_t offset, std::span<std::uint8_t> into,
+                            const std::filesystem::path& path) {
+  std::size_t got = 0;
+  while (got < into.size()) {
+    const ssize_t more =
+        ::pread(fd, into.data() + got, into.size() - got, static_cast<off_t>(offset + got));
+    if (more < 0 && errno == EINTR) continue;
+    if (more < 0) return system_error("read " + path.string(), errno);
+    if (more == 0) break;
+    got += static_cast<std::size_t>(more);
+  }
+  return got;
+}
+
+std::optional<Error> write_all(int fd, std::span<const std::uint8_t> bytes,
+                               const std::filesystem::path& path) {
+  while (!bytes.empty()) {
+    const ssize_t written = ::write(fd, bytes.data(), bytes.size());
+    if (written > 0) {
+      bytes = bytes.subspan(static_cast<std::size_t>(written));
+    } else if (errno != EINTR) {
+      return system_error("write " + path.string(), errno);
+    }
+  }
+  return std::nullopt;
+}
+
+std::optional<Error> write_all_at(int fd, std::uint64_t offset, std::span<const std::uint8_t> bytes,
+                                  const std::filesystem::path& path) {
+  while (!bytes.empty()) {
+    const ssize_t written = ::pwrite(fd, bytes.data(), bytes.size(), static_cast<off_t>(offset));
+    if (written > 0) {
+      bytes = bytes.subspan(static_cast<std::size_t>(written));
+      offset += static_cast<std::uint64_t>(written);
+    } else if (errno != EINTR) {
+      return system_error("write " + path.string(), written < 0 ? errno : ENOSPC);
+    }
+  }
+  return std::nullopt;
+}
+
+std::optional<Error> close_written(UniqueFd fd, const std::filesystem::path& path) {
+  // On Linux the descriptor is gone even after EINTR, and what was written is not in doubt.
+  if (::close(fd.release()) == 0 || errno == EINTR) return std::nullopt;
+  return system_error("close " + path.string(), errno);
+}
+
+std::optional<Error> write_file(const std::filesystem::path& path,
+                                const std::filesystem::path& temporary,
+                                std::span<const std::uint8_t> bytes) {
+  UniqueFd fd(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644));
+  if (!fd) return system_error("create " + temporary.string(), errno);
+  auto error = write_all(fd.get(), bytes, temporary);
+  if (!error) error = close_written(std::move(fd), temporary);
+  if (!error && std::rename(temporary.c_str(), path.c_str()) != 0) {
+    error = system_error("rename " + temporary.string() + " to " + path.string(), errno);
+  }
+  if (error) ::unlink(temporary.c_str());
+  return error;
+}
+
+std::optional<Error> sync_file_system(const std::filesystem::path& folder) {
+  const UniqueFd fd(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (!fd) return system_error("open " + folder.string(), errno);
+  if (::syncfs(fd.get()) == 0) return std::nullopt;
+  return system_error("sync the file system of " + folder.string(), errno);
+}
+
+}  // namespace orbbuf

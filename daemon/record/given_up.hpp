@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <span>
+#include <vector>
+
+#include "common/drop_record.hpp"
+#include "daemon/record/drop_ranges.hpp"
+
+namespace orbbuf {
+
+/// The drop records of the present session on their way to the server, as a stream of numbered
+/// items: kept until acknowledged, sent again on a new connection. A record gets its number when it
+/// is first sent, and not while kMostKept wait for the server's acknowledgement; until then it may
+/// become part of another (DropRanges).
+///
+/// Reentrant. Memory: that of DropRanges, and 48 bytes for each record that was sent: of those that
+/// are not acknowledged, and of those that are, at most kMostKept each.
+class GivenUp {
+ public:
+  static constexpr std::size_t kMostKept = 16384;
+
+  struct Items {
+    std::uint64_t first = 0;  ///< the number of the first
+    std::vector<DropRecord> records;
+  };
+
+  void add(std::span<const DropRecord> records);
+
+  /// A new connection begins: the server has the items below `next`. The rest is sent again, even
+  /// acknowledged ones, if they are among the newest kMostKept of these.
+  void rewind(std::uint64_t next);
+  /// The server has the items below `next`.
+  void acknowledge(std::uint64_t next);
+
+  bool has_unsent() const { return sent_ < numbered_.size() || may_number(); }
+  /// The next ones to send, at most `most`. Requires has_unsent().
+  Items take_unsent(std::size_t most);
+
+  /// Behind the last number that was ever sent.
+  std::uint64_t end() const { return first_ + numbered_.size(); }
+  /// The server has acknowledged all records.
+  bool is_settled() const { return numbered_.empty() && waiting_.is_empty(); }
+  /// Each frame below it that was given up is in a record that the server has acknowledged, if it
+  /// has acknowledged all frames below `confirmed`.
+  Sequence settled_below(Sequence confirmed) const;
+
+ private:
+  bool may_number() const { return !waiting_.is_empty() && numbered_.size() < kMostKept; }
+
+  DropRanges waiting_;               // never sent
+  std::deque<DropRecord> numbered_;  // sent at least once, not acknowledged
+  std::deque<DropRecord> kept_;      // acknowledged, the newest last
+  std::uint64_t first_ = 0;          // number of the oldest of numbered_
+  std::size_t sent_ = 0;             // how many of numbered_ this connection has sent
+};
+
+}  // namespace orbbuf

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <boost/container/deque.hpp>
+#include <cstddef>
+#include <cstdint>
+
+#include "common/frame.hpp"
+
+namespace orbbuf {
+
+/// A frame that is to be sent late, and where the journal has it.
+struct KeptFrame {
+  enum class State : std::uint8_t {
+    kPending,  ///< not written yet
+    kWritten,
+    kTaken,  ///< written, and on its way to the server
+    kGone,   ///< not held any more
+  };
+
+  Sequence sequence = 0;
+  std::uint32_t segment = 0;
+  std::uint32_t offset = 0;  ///< of the record in the segment
+  std::uint32_t bytes = 0;   ///< of the record
+  State state = State::kPending;
+};
+static_assert(sizeof(KeptFrame) == 24);
+
+/// The frames of one session that the robot holds, by number. They come nearly in that order, and
+/// leave nearly in that order. Reentrant. Memory: 24 bytes for each from the first to the last.
+class KeptFrames {
+ public:
+  /// False: there is one of that number.
+  bool add(const KeptFrame& frame);
+  /// Null: it is not held. Valid until the next change.
+  KeptFrame* find(Sequence sequence);
+  /// A pending one is in the journal now.
+  void on_written(KeptFrame& frame, const KeptFrame& place);
+  /// The first written one below `end`, which is taken from here on; null: there is none.
+  const KeptFrame* take_next(Sequence end);
+  /// One that was taken is to be taken again.
+  void give_back(KeptFrame& frame);
+  void remove(KeptFrame& frame);
+  /// Removes those written to `segment`, at most `most` of them; how many those were.
+  std::size_t remove_segment(std::uint32_t segment, std::uint64_t most);
+
+  std::uint64_t held() const { return held_; }
+  /// The lowest number; 0 without any.
+  Sequence first() const { return frames_.empty() ? 0 : frames_.front().sequence; }
+
+ private:
+  using Frames = boost::container::deque<KeptFrame>;  // std::deque takes 576 bytes when it is empty
+  Frames::iterator from(Sequence sequence);
+  void trim();
+
+  Frames frames_;  // the first and the last are held
+  std::uint64_t held_ = 0;
+  Sequence next_ = 0;  // no written one is below it
+};
+
+}  // namespace orbbuf

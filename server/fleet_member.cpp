@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/fleet_member.hpp"
+
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "common/log.hpp"
+#include "server/fleet/fleet.hpp"
+#include "server/fleet/fleet_claims.hpp"
+#include "server/fleet/fleet_metrics.hpp"
+
+namespace orbbuf {
+namespace {
+
+class EtcdFleetMember final : public FleetMember {
+ public:
+  EtcdFleetMember(boost::asio::io_context& main, boost::asio::thread_pool& files,
+                  const Settings& settings)
+      : fleet_(main, settings.fleet,
+               [this] { return listener_ == nullptr ? 0 : listener_->robots(); }),
+        claims_(main, files, fleet_, settings.fleet.name, settings.sinks.files_path) {}
+
+  FleetPage page() override {
+    return {[this](auto answer) { fleet_.async_overview(std::move(answer)); },
+            [this] { return fleet::to_prometheus(fleet_); }};
+  }
+
+  void share(Listener& listener) override {
+    listener_ = &listener;
+    listener.share_by(claims_);
+  }
+
+  void drain(ControlSocket::Answer answer) override {
+    if (is_drained_) return answer(kDrained);
+    draining_.push_back(std::move(answer));
+    if (draining_.size() > 1) return;
+    fleet_.async_drain([this](const std::optional<Error>& error) {
+      if (error) return on_drained(*error);
+      log_info("draining: the robots are sent to other servers");
+      listener_->move_all([this] {
+        log_info("drained: no robot is here any more");
+        is_drained_ = true;
+        on_drained(kDrained);
+      });
+    });
+  }
+
+  void start() override { fleet_.start(); }
+  void async_stop(std::function<void()> stopped) override {
+    draining_.clear();
+    fleet_.async_stop(std::move(stopped));
+  }
+
+ private:
+  static constexpr const char* kDrained = "drained\n";
+
+  void on_drained(const Result<std::string>& outcome) {
+    for (const auto& answer : std::exchange(draining_, {})) answer(outcome);
+  }
+
+  Listener* listener_ = nullptr;
+  fleet::Fleet fleet_;
+  fleet::FleetClaims claims_;
+  std::vector<ControlSocket::Answer> draining_;  // those who wait
+  bool is_drained_ = false;
+};
+
+}  // namespace
+
+std::unique_ptr<FleetMember> make_fleet_member(boost::asio::io_context& main,
+                                               boost::asio::thread_pool& files,
+                                               const Settings& settings) {
+  if (!settings.fleet.is_on()) return nullptr;
+  return std::make_unique<EtcdFleetMember>(main, files, settings);
+}
+
+}  // namespace orbbuf

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/drop_record.hpp"
+#include "common/frame.hpp"
+#include "server/calibration/camera_info.hpp"
+
+/// The messages of Foxglove's schemas that recordings and live viewers get, as protobuf writes
+/// them, and the drop record as JSON.
+namespace orbbuf::foxglove {
+
+/// A schema's name and its FileDescriptorSet, whole with what it imports.
+struct Schema {
+  std::string_view name;
+  std::vector<std::uint8_t> descriptors;
+};
+Schema compressed_image_schema();
+Schema camera_calibration_schema();
+
+/// foxglove.CompressedImage.
+std::vector<std::uint8_t> compressed_image(std::int64_t time_ns, std::string_view frame_id,
+                                           std::span<const std::uint8_t> jpeg);
+
+/// foxglove.CameraCalibration.
+std::vector<std::uint8_t> camera_calibration(std::int64_t time_ns, std::string_view frame_id,
+                                             const CameraInfo& camera);
+
+/// orbbuf.Quality, and its JSON schema: absent is what is not known, and of a whole frame the last
+/// two.
+std::string quality_json(const EncodedFrame& frame);
+inline constexpr std::string_view kQualitySchemaName = "orbbuf.Quality";
+inline constexpr std::string_view kQualitySchema =
+    R"({"title":"orbbuf.Quality","type":"object","properties":{)"
+    R"("timestamp":{"type":"object","title":"time","properties":{)"
+    R"("sec":{"type":"integer"},"nsec":{"type":"integer"}}},)"
+    R"("sequence":{"type":"integer"},"quality":{"type":"integer"},)"
+    R"("whole_bytes":{"type":"integer"},"whole_crc":{"type":"integer"}}})";
+
+/// orbbuf.Drop, and its JSON schema.
+std::string drop_json(const DropRecord& record);
+inline constexpr std::string_view kDropSchemaName = "orbbuf.Drop";
+inline constexpr std::string_view kDropSchema =
+    R"({"title":"orbbuf.Drop","type":"object","properties":{)"
+    R"("timestamp":{"type":"object","title":"time","properties":{)"
+    R"("sec":{"type":"integer"},"nsec":{"type":"integer"}}},)"
+    R"("sequence":{"type":"integer"},)"
+    R"("reason":{"type":"string","enum":["policy","busy","failed","shutdown",)"
+    R"("refused","unknown","lost"]},)"
+    R"("similarity":{"type":"integer"}}})";
+
+}  // namespace orbbuf::foxglove

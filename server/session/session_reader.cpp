@@ -1,0 +1,317 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/session/session_reader.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <memory>
+#include <utility>
+#include <variant>
+
+#include "common/crc32.hpp"
+#include "common/file_io.hpp"
+#include "common/journal/journal.hpp"
+#include "common/log.hpp"
+#include "server/session/session_names.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Of a journal whose checkpoints are all damaged, as far as its place tells.
+SessionSummary summary_of(const fs::path& folder) {
+  SessionSummary summary;
+  const fs::path named = folder.has_filename() ? folder : folder.parent_path();
+  summary.info.robot_id = named.parent_path().filename().string();
+  summary.info.session_id = named.filename().string();
+  return summary;
+}
+
+/// By number; of two for one number the last counts.
+void put_in_order(std::vector<RecordedFrame>& frames) {
+  std::ranges::stable_sort(frames, {}, &RecordedFrame::sequence);
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    if (i + 1 < frames.size() && frames[i + 1].sequence == frames[i].sequence) continue;
+    frames[kept++] = frames[i];
+  }
+  frames.resize(kept);
+}
+
+/// The numbers from `from` to `end` of which there is no frame, as parts of `range`.
+void add_missing(const SequenceSet& there, const DropRecord& range, Sequence from, Sequence end,
+                 std::vector<DropRecord>& drops) {
+  while ((from = there.next_out(from, end)) < end) {
+    const Sequence next = there.next_in(from, end);
+    DropRecord part = range;
+    part.sequence = from;
+    part.frames = next - from;
+    part.capture_time_ns = range.capture_time_of(from);
+    part.last_capture_time_ns = part.frames > 1 ? range.capture_time_of(next - 1) : 0;
+    drops.push_back(part);
+    from = next;
+  }
+}
+
+/// What is named and not there, and what is neither, both by number.
+class Drops {
+ public:
+  explicit Drops(const SessionOutline& outline) : there_(outline.there) {
+    auto named = outline.named;
+    std::ranges::stable_sort(named, {}, &DropRecord::sequence);
+    const SessionSummary& summary = outline.summary;
+    Sequence covered = summary.info.segment.from[wire::kFrames];
+    const Sequence end = end_of_gaps(summary);
+    for (const DropRecord& range : named) {
+      if (range.end() <= covered) continue;
+      const Sequence begin = std::max(covered, range.sequence);
+      add_gap(covered, std::min(begin, end), summary);
+      add_missing(there_, range, begin, range.end(), named_);
+      covered = range.end();
+    }
+    add_gap(covered, end, summary);
+  }
+
+  /// All frames, by number: the gaps lie between their times.
+  void add(Sequence sequence, std::int64_t capture_time_ns) {
+    for (; next_gap_ < gaps_.size() && gaps_[next_gap_].sequence < sequence; ++next_gap_) {
+      DropRecord& gap = gaps_[next_gap_];
+      const auto [first, first_ns] = before_.value_or(std::pair(sequence, capture_time_ns));
+      const DropRecord around{first,
+                              first_ns,
+                              gap.reason,
+                              kUnknownSimilarity,
+                              before_ ? sequence - first + 1 : 1,
+                              capture_time_ns};
+      gap.capture_time_ns = before_ ? around.capture_time_of(gap.sequence) : capture_time_ns;
+      gap.last_capture_time_ns = before_ ? around.capture_time_of(gap.end() - 1) : capture_time_ns;
+    }
+    before_ = {sequence, capture_time_ns};
+  }
+
+  std::vector<DropRecord> take() && {
+    std::vector<DropRecord> all(named_.size() + gaps_.size());
+    std::ranges::merge(named_, gaps_, all.begin(), {}, &DropRecord::sequence,
+                       &DropRecord::sequence);
+    return all;
+  }
+
+ private:
+  /// Without a final account anything may still come; what the robot holds will.
+  static Sequence end_of_gaps(const SessionSummary& summary) {
+    if (!summary.account || !summary.account->is_final) return 0;
+    const Sequence captured = summary.captured();
+    return summary.is_held() ? std::min(captured, summary.account->first_held) : captured;
+  }
+
+  void add_gap(Sequence begin, Sequence end, const SessionSummary& summary) {
+    if (begin >= end) return;
+    const Sequence confirmed = std::clamp(summary.account->confirmed, begin, end);
+    const auto add = [&](Sequence from, Sequence to, DropReason reason) {
+      add_missing(there_, {from, 0, reason, kUnknownSimilarity, to - from, 0}, from, to, gaps_);
+    };
+    if (begin < confirmed) add(begin, confirmed, DropReason::kLost);
+    if (confirmed < end) add(confirmed, end, DropReason::kUnknown);
+  }
+
+  const SequenceSet& there_;
+  std::vector<DropRecord> named_;
+  std::vector<DropRecord> gaps_;
+  std::size_t next_gap_ = 0;  // whose time is not known yet
+  std::optional<std::pair<Sequence, std::int64_t>> before_;
+};
+
+/// The place of the newest segment that begins with a checkpoint of which `is_early_enough`, or of
+/// the oldest segment.
+Result<journal::Place> find_segment(
+    const fs::path& folder, const std::function<bool(const SessionSummary&)>& is_early_enough) {
+  const auto segments = journal::segments_in(folder);
+  if (!segments) return segments.error();
+  for (std::size_t i = segments.value().size(); i-- > 1;) {
+    const journal::Place place{segments.value()[i], 0};
+    const auto first = RecordReader(folder, place).next();
+    if (!first) return first.error();
+    if (!first.value() || first.value()->place != place) continue;
+    const auto* const summary = std::get_if<SessionSummary>(&first.value()->record.body);
+    if (summary != nullptr && is_early_enough(*summary)) return place;
+  }
+  return journal::Place{segments.value().empty() ? 0 : segments.value().front(), 0};
+}
+
+}  // namespace
+
+Result<SessionOutline> read_outline(const fs::path& folder) {
+  SessionOutline outline;
+  outline.summary = summary_of(folder);
+  RecordReader reader(folder);
+  for (;;) {
+    auto entry = reader.next();
+    if (!entry) return std::move(entry).error();
+    if (!entry.value()) break;
+    const RecordBody& body = entry.value()->record.body;
+    add(body, outline.summary);
+    if (const auto* const frame = std::get_if<RecordedFrame>(&body)) {
+      outline.there.insert(frame->sequence);
+      if (frame->is_late) outline.late.push_back(*frame);
+    } else if (const auto* const account = std::get_if<wire::Account>(&body)) {
+      outline.named.insert(outline.named.end(), account->given_up.begin(), account->given_up.end());
+    } else if (const auto* const items = std::get_if<RecordedItems>(&body);
+               items != nullptr && items->stream == wire::kDrops) {
+      const auto drops = wire::parse_drops(items->payload);
+      if (drops) {
+        outline.named.insert(outline.named.end(), drops.value().begin(), drops.value().end());
+      }
+    }
+  }
+  if (reader.place() == journal::Place{}) {
+    const auto segments = journal::segments_in(folder);
+    if (!segments) return segments.error();
+    if (segments.value().empty())
+      return Error{folder.string() + ": not a session: no journal in it"};
+  }
+  if (reader.damaged_bytes() > 0) {
+    outline.problems.push_back(fmt::format(
+        "journal: {} bytes are damaged; the frames and drop records in them are missing",
+        reader.damaged_bytes()));
+  }
+  put_in_order(outline.late);
+  return outline;
+}
+
+Result<std::vector<DropRecord>> for_each_frame(
+    const fs::path& folder, const SessionOutline& outline,
+    const std::function<void(const RecordedFrame&)>& take) {
+  Drops drops(outline);
+  Sequence next = 0;
+  const auto hand_on = [&](const RecordedFrame& frame) {
+    next = frame.sequence + 1;
+    drops.add(frame.sequence, frame.capture_time_ns);
+    take(frame);
+  };
+  auto late = outline.late.begin();
+  RecordReader reader(folder);
+  for (;;) {
+    const auto entry = reader.next();
+    if (!entry) return entry.error();
+    if (!entry.value()) break;
+    const auto* const frame = std::get_if<RecordedFrame>(&entry.value()->record.body);
+    if (frame == nullptr || frame->is_late || frame->sequence < next) continue;
+    while (late != outline.late.end() && late->sequence <= frame->sequence) hand_on(*late++);
+    if (next <= frame->sequence) hand_on(*frame);
+  }
+  while (late != outline.late.end()) hand_on(*late++);
+  if (const auto& account = outline.summary.account) {
+    drops.add(outline.summary.captured(), account->last_capture_time_ns);
+  }
+  return std::move(drops).take();
+}
+
+Result<RecordedSession> read_session(const fs::path& folder) {
+  auto outline = read_outline(folder);
+  if (!outline) return std::move(outline).error();
+  RecordedSession session;
+  const SessionTotals& totals = outline.value().summary.totals;
+  session.frames.reserve(
+      static_cast<std::size_t>(std::min<std::uint64_t>(totals.live + totals.late, 1U << 24)));
+  auto drops = for_each_frame(folder, outline.value(),
+                              [&](const RecordedFrame& frame) { session.frames.push_back(frame); });
+  if (!drops) return std::move(drops).error();
+  session.folder = folder;
+  session.summary = std::move(outline.value().summary);
+  session.drops = std::move(drops).value();
+  session.problems = std::move(outline.value().problems);
+  return session;
+}
+
+std::optional<Error> read_items(const fs::path& folder, wire::StreamId stream,
+                                const std::function<void(const RecordedItems&)>& take) {
+  RecordReader reader(folder);
+  for (;;) {
+    const auto entry = reader.next();
+    if (!entry) return entry.error();
+    if (!entry.value()) return std::nullopt;
+    const auto* const items = std::get_if<RecordedItems>(&entry.value()->record.body);
+    if (items != nullptr && items->stream == stream) take(*items);
+  }
+}
+
+std::optional<SessionSummary> read_summary(const fs::path& folder) {
+  const auto begin = find_segment(folder, [](const SessionSummary&) { return true; });
+  if (!begin) return std::nullopt;
+  auto summary = summary_of(folder);
+  RecordReader reader(folder, begin.value());
+  for (bool is_any = false;; is_any = true) {
+    const auto entry = reader.next();
+    if (!entry) return std::nullopt;
+    if (!entry.value()) return is_any ? std::optional(summary) : std::nullopt;
+    add(entry.value()->record.body, summary);
+  }
+}
+
+Result<EncodedFrame> read_images(const fs::path& folder, const RecordedFrame& recorded) {
+  auto left = read_file(folder / session_names::left_image(recorded.sequence));
+  if (!left) return std::move(left).error();
+  EncodedFrame frame;
+  frame.sequence = recorded.sequence;
+  frame.capture_time_ns = recorded.capture_time_ns;
+  frame.exposure_ns = recorded.exposure_ns;
+  frame.width_px = recorded.width_px;
+  frame.height_px = recorded.height_px;
+  frame.quality = recorded.quality;
+  frame.whole_bytes = recorded.whole_bytes;
+  frame.whole_crc = recorded.whole_crc;
+  frame.jpeg = std::move(left).value();
+  frame.left_bytes = static_cast<std::uint32_t>(frame.jpeg.size());
+  if (recorded.is_stereo()) {
+    const auto right = read_file(folder / session_names::right_image(recorded.sequence));
+    if (!right) return right.error();
+    frame.jpeg.insert(frame.jpeg.end(), right.value().begin(), right.value().end());
+  }
+  frame.jpeg_crc = crc32(frame.jpeg);
+  if (frame.jpeg.size() == frame.whole_bytes && frame.jpeg_crc == frame.whole_crc) {
+    frame.quality = 0;  // replaced meanwhile
+    frame.whole_bytes = frame.whole_crc = 0;
+  }
+  return frame;
+}
+
+bool is_whole(const RecordedFrame& recorded, const EncodedFrame& images) {
+  if (recorded.is_reduced() && !images.is_reduced()) return true;  // as read_images() found
+  if (images.jpeg.size() != recorded.bytes) return false;
+  if (!recorded.is_stereo()) return images.jpeg_crc == recorded.crc;
+  return images.left_bytes == recorded.left_bytes && crc32(images.left()) == recorded.crc &&
+         crc32(images.right()) == recorded.crc_right;
+}
+
+FrameFollower::FrameFollower(fs::path folder) : folder_(std::move(folder)) {}
+
+std::optional<Error> FrameFollower::seek(Sequence first) {
+  const auto begin = find_segment(folder_, [first](const SessionSummary& summary) {
+    return summary.position[wire::kFrames] <= first;
+  });
+  if (!begin) return begin.error();
+  reader_.emplace(folder_, begin.value());
+  given_.reset();
+  return std::nullopt;
+}
+
+Result<FramePtr> FrameFollower::next(Sequence first) {
+  if (!reader_ || (given_ && first <= *given_)) {
+    if (auto error = seek(first)) return std::move(*error);
+  }
+  for (;;) {
+    const auto entry = reader_->next();
+    if (!entry) return entry.error();
+    if (!entry.value()) return FramePtr();
+    const auto* const recorded = std::get_if<RecordedFrame>(&entry.value()->record.body);
+    if (recorded == nullptr || recorded->is_late || recorded->sequence < first) continue;
+    given_ = recorded->sequence;
+    auto frame = read_images(folder_, *recorded);
+    if (frame) return std::make_shared<const EncodedFrame>(std::move(frame).value());
+    log_warn("{}: passed over frame {}: {}", folder_.string(), recorded->sequence,
+             frame.error().text);
+  }
+}
+
+}  // namespace orbbuf
