@@ -115,12 +115,14 @@ void ServerAddresses::forget_failures() {
 }
 
 bool ServerAddresses::have_all_failed() const {
-  return std::ranges::all_of(servers_, &Server::has_failed);
+  return std::ranges::all_of(
+      servers_, [](const Server& server) { return server.has_failed || server.all.empty(); });
 }
 
 bool ServerAddresses::is_any_ready(Time now) const {
-  return std::ranges::any_of(
-      servers_, [&](const Server& server) { return !server.has_failed || server.ready <= now; });
+  return std::ranges::any_of(servers_, [&](const Server& server) {
+    return !server.all.empty() && (!server.has_failed || server.ready <= now);
+  });
 }
 
 ServerAddresses::Server* ServerAddresses::next_in_turn(Time now, const Server* except) {

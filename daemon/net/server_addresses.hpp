@@ -57,6 +57,7 @@ class ServerAddresses {
   /// `server` answered and did not welcome the robot: others are preferred, and it is not tried
   /// before `ready` if another may be.
   void failed(const Address& server, Time ready);
+  /// A name without an address is not, and counts as failed.
   bool is_any_ready(Time now) const;
   bool have_all_failed() const;
 

@@ -171,6 +171,18 @@ TEST_F(SeveralServers, TheOneThatTheRobotIsSentToIsPreferred) {
   EXPECT_FALSE(addresses_.is_wanted(kA, kNow, 0ns));
 }
 
+TEST(ServerAddresses, OneWithoutAnAddressIsNeitherReadyNorHopedFor) {
+  ServerAddresses addresses({{"10.0.0.1", 7722}});
+  addresses.move_to(kSlam);
+  EXPECT_TRUE(addresses.is_any_ready(kNow));
+  addresses.failed({"10.0.0.1", 7722}, kNow + 1s);
+  EXPECT_FALSE(addresses.is_any_ready(kNow));
+  EXPECT_TRUE(addresses.have_all_failed());
+  addresses.found(kSlam, {at("10.0.0.2")});
+  EXPECT_TRUE(addresses.is_any_ready(kNow));
+  EXPECT_FALSE(addresses.have_all_failed());
+}
+
 TEST_F(SeveralServers, OneThatTheConfigurationDoesNotNameIsKeptUntilTheNext) {
   addresses_.move_to(kGuest);
   EXPECT_EQ(addresses_.names(), (std::vector{kA, kB, kC, kGuest}));

@@ -190,6 +190,18 @@ TEST_F(ServerLinkServers, ARobotThatIsMovedNowhereIsRefused) {
   EXPECT_EQ(moves(log_).size(), 0U);
 }
 
+TEST_F(ServerLinkServers, AMoveToANameThatDoesNotResolveIsARefusalAfterThree) {
+  using namespace std::chrono_literals;
+  settings_.attempt_interval = 10ms;
+  start();
+  const auto begin = std::chrono::steady_clock::now();
+  for (int i = 0; i < 3 + 6; ++i) {
+    a_.accept_hello();
+    say(a_, ErrorCode::kMoved, "no-such-server.invalid:7722");
+  }
+  EXPECT_GE(std::chrono::steady_clock::now() - begin, (2 + 4 + 8 + 16 + 32) * 10ms);
+}
+
 TEST_F(ServerLinkServers, TheOthersAreTriedWhenTheRobotWasMovedToADeadOne) {
   start_on_a();
   b_.die();
