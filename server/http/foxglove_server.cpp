@@ -34,11 +34,14 @@ std::string_view subprotocol_of(const UpgradeRequest& request) {
 }
 
 /// Any page that a browser shows may open a WebSocket to any server, and says where it is from. A
-/// program that is no browser says nothing, or has an origin that no page can have.
-bool is_trusted_origin(std::string_view origin) {
+/// program that is no browser says nothing, or has an origin that no page can have. `host`: of the
+/// request.
+bool is_trusted_origin(std::string_view origin, const std::string& host) {
   if (origin.empty() || origin == kFoxglovesPage) return true;
   for (const std::string_view scheme : {"http://", "https://"}) {
-    if (origin.starts_with(scheme)) return is_own_host(std::string(origin.substr(scheme.size())));
+    if (origin.starts_with(scheme)) {
+      return is_own_page(std::string(origin.substr(scheme.size())), host);
+    }
   }
   return origin != "null";
 }
@@ -66,7 +69,7 @@ std::optional<HttpResponse> FoxgloveServer::refusal_of(const HttpRequest& reques
                           "foxglove.sdk.v1");
   }
   const auto origin = (*request.upgrade)[field::origin];
-  if (!is_trusted_origin({origin.data(), origin.size()})) {
+  if (!is_trusted_origin({origin.data(), origin.size()}, request.host)) {
     return error_response(kForbidden, "pages of this origin may not look at robots");
   }
   if (viewers_.size() < kMaxViewers) return std::nullopt;

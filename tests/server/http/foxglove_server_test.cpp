@@ -183,7 +183,10 @@ TEST_F(FoxgloveServerTest, OtherPagesAndMisledBrowsersAreRefused) {
   };
   EXPECT_TRUE(opens("https://app.foxglove.dev"));
   EXPECT_TRUE(opens("http://localhost:8080"));
-  EXPECT_TRUE(opens("http://192.168.0.7:8080"));
+  EXPECT_TRUE(opens("http://[::1]:8080"));
+  EXPECT_TRUE(opens("http://192.168.0.7:8080", "192.168.0.7:9090"));
+  EXPECT_FALSE(opens("http://6.6.6.6"));
+  EXPECT_FALSE(opens("http://6.6.6.6", "192.168.0.7:9090"));
   EXPECT_TRUE(opens("file://"));
   EXPECT_FALSE(opens("https://evil.example"));
   EXPECT_FALSE(opens("https://app.foxglove.dev.evil.example"));
