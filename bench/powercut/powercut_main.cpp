@@ -22,6 +22,7 @@
 #include "bench/power_disk.hpp"
 #include "common/command_line.hpp"
 #include "common/file_io.hpp"
+#include "common/format.hpp"
 #include "common/log.hpp"
 #include "common/wire.hpp"
 #include "server/session/session_names.hpp"
@@ -131,7 +132,7 @@ class Robot {
  public:
   Robot(int number, std::string session) : number_(number), session_(std::move(session)) {}
 
-  std::string name() const { return "r" + std::to_string(number_); }
+  std::string name() const { return fmt::format("r{}", number_); }
   const wire::Position& acknowledged() const { return acknowledged_; }
   /// What was acknowledged by then.
   wire::Position acknowledged_by(Clock::time_point time) const {
