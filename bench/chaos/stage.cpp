@@ -156,7 +156,7 @@ void Stage::start_robot(Robot& robot, double fps) {
   Session session;
   session.log = work_ / fmt::format("robot-{}.log", n);
   const fs::path disk = robot.disk ? robot.disk->folder() : work_;
-  const fs::path drops = disk / ("drops-" + robot.id);  // the next one tells what this one cannot
+  const fs::path record = disk / ("record-" + robot.id);  // the next one tells what this one cannot
   Words settings{"robot.id=" + robot.id,
                  "link.server=" + robot.address + ":" + port_,
                  "link.drain_timeout=1 min",
@@ -166,8 +166,7 @@ void Stage::start_robot(Robot& robot, double fps) {
                  "source.loop=true",
                  "buffer.policy=" + std::string(kPolicies.at(n % kPolicies.size())),
                  fmt::format("buffer.capacity={}", kCapacities.at(n % kCapacities.size())),
-                 "buffer.drop_log=" + drops.string()};
-  if (has_spool_) settings.push_back("spool.path=" + (disk / ("spool-" + robot.id)).string());
+                 (has_spool_ ? "spool.path=" : "buffer.drop_log=") + record.string()};
   if (links_ == 2) {
     settings = settings + Words{R"(link.interfaces=["wire", "wire2"])", "link.return_after=1 s"};
   }
