@@ -79,7 +79,9 @@ class Simulation {
   }
 
   FramePtr take() {
-    SendMoment moment{std::chrono::nanoseconds(free_at_ns_), believed_rate_ * rate_.bytes_per_s()};
+    SendMoment moment{
+        std::chrono::nanoseconds(free_at_ns_),
+        believed_rate_ * rate_.bytes_per_s(time(free_at_ns_), std::chrono::nanoseconds(0))};
     if (!reduced_bytes_) return buffer_.take(moment);
     moment.is_busy = true;
     if (FramePtr frame = buffer_.take(moment)) return frame;

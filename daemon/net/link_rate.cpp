@@ -14,6 +14,7 @@ constexpr double kMemoryS = 1;
 constexpr double kMemoryFrames = 16;
 constexpr double kShortestService = 1e-6;  // seconds
 constexpr double kLongest = 4;             // of what is expected
+constexpr double kSlow = 2;                // the same, of a link that may have become slow
 constexpr double kAtOnce = 32e3;           // bytes: the burst that many shapers pass
 constexpr double kLeastWeight = 1.0 / 8;   // of what was passed at once
 constexpr double kMostOfStream = 3;        // the rate, of what the stream carries
@@ -21,6 +22,7 @@ constexpr double kFirstWindow = 14'600;    // bytes that a TCP connection sends 
 constexpr double kPartOfSlowStart = 0.5;   // the rate was perhaps taken too high
 constexpr std::size_t kLeastFrames = 2;    // one is sent while the next one waits
 constexpr double kBeyondS = 0.03;
+constexpr double kLateS = 0.02;
 
 }  // namespace
 
@@ -30,6 +32,7 @@ void LinkRate::on_written(Time now, Sequence sequence, std::size_t bytes) {
 
 void LinkRate::on_lost() {
   on_their_way_.clear();
+  slow_.reset();
   if (std::exchange(is_new_, true)) return;
   service_s_ = std::max(service_s_, passed_s_ / kMostOfStream) / kMemoryFrames;
   bytes_ /= kMemoryFrames;
@@ -72,10 +75,13 @@ void LinkRate::observe(Observation seen) {
   const double slow_start_s = std::clamp(seen.service_s - expected_s, 0.0, slow_start_s_);
   slow_start_s_ -= slow_start_s;
   seen.service_s -= slow_start_s;
-  // A single long one is an outage, and what was on its way meanwhile may come at once. If they go
-  // on, the link has become slow: each counts for more.
-  const double limit_s = longest_ * expected_s;
-  longest_ = seen.service_s > limit_s ? 2 * longest_ : kLongest;
+  const auto before = std::exchange(slow_, std::nullopt);
+  if (is_slow(seen.service_s, expected_s)) {
+    if (before && seen.idle_s < seen.service_s) return become_slow(*before, seen);
+    slow_ = seen;
+  }
+  // A single long one is an outage, and what was on its way meanwhile may come at once.
+  const double limit_s = kLongest * expected_s;
   if (seen.service_s > limit_s) tokens_ = std::max(tokens_, bytes_on_their_way());
   seen.service_s = std::min(seen.service_s, limit_s);
 
@@ -90,6 +96,17 @@ void LinkRate::observe(Observation seen) {
   add(seen, weight);
 }
 
+/// The link has changed, and what was seen before tells nothing.
+void LinkRate::become_slow(const Observation& before, const Observation& seen) {
+  bytes_ = before.bytes + seen.bytes;
+  service_s_ = before.service_s + seen.service_s;
+  passed_s_ = service_s_;
+}
+
+bool LinkRate::is_slow(double service_s, double expected_s) {
+  return service_s > std::max(kSlow * expected_s, expected_s + kLateS);
+}
+
 void LinkRate::add(const Observation& seen, double weight) {
   const double service_s = weight * seen.service_s;
   const double kept = std::min(std::exp(-service_s / kMemoryS), 1 - weight / kMemoryFrames);
@@ -100,7 +117,20 @@ void LinkRate::add(const Observation& seen, double weight) {
 
 double LinkRate::bytes_per_s() const { return service_s_ > 0 ? bytes_ / service_s_ : 0; }
 
-bool LinkRate::has_room(std::chrono::nanoseconds round_trip) const {
+double LinkRate::bytes_per_s(Time now, std::chrono::nanoseconds round_trip) const {
+  return is_doubtful(now, round_trip) ? bytes_per_s() / kSlow : bytes_per_s();
+}
+
+bool LinkRate::is_doubtful(Time now, std::chrono::nanoseconds round_trip) const {
+  if (slow_) return true;
+  if (on_their_way_.empty() || service_s_ <= 0) return false;
+  const Written& first = on_their_way_.front();
+  const double served_s = to_seconds(now - std::max(received_time_, first.time + round_trip));
+  return is_slow(served_s, static_cast<double>(first.bytes) / bytes_per_s());
+}
+
+bool LinkRate::has_room(Time now, std::chrono::nanoseconds round_trip) const {
+  if (is_doubtful(now, round_trip)) return on_their_way_.empty();
   if (on_their_way_.size() < kLeastFrames) return true;
   const double bytes = bytes_on_their_way() + static_cast<double>(on_their_way_.back().bytes);
   return bytes < bytes_per_s() * (2 * to_seconds(round_trip) + kBeyondS);

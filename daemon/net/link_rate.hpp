@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstddef>
 #include <deque>
+#include <optional>
 
 #include "common/frame.hpp"
 
@@ -36,13 +37,18 @@ class LinkRate {
   void on_lost();
 
   /// 0 until a frame has been received. An outage does not change it: one observation counts
-  /// for at most four times as long as expected, as long as it is the only one of its kind.
+  /// for at most four times as long as expected. The second one in a row that takes at least twice
+  /// as long as expected is the new rate.
   double bytes_per_s() const;
+  /// Half of that while the link may have become slow: the last observation, or a frame on its
+  /// way, takes more than twice as long as expected.
+  double bytes_per_s(Time now, std::chrono::nanoseconds round_trip) const;
 
   /// Whether one more frame like the last one may be written. What is written is beyond the
   /// planner, and may be more than the link's queue holds, so that is little: two frames, or what
-  /// link and server take in two round trips and 30 ms.
-  bool has_room(std::chrono::nanoseconds round_trip) const;
+  /// link and server take in two round trips and 30 ms. One frame while the link may have become
+  /// slow.
+  bool has_room(Time now, std::chrono::nanoseconds round_trip) const;
 
   /// When the link has served what is on its way, as far as the acknowledgements tell; in the past
   /// if nothing is.
@@ -65,6 +71,9 @@ class LinkRate {
 
   void begin_connection(double round_trip_s);
   void observe(Observation seen);
+  void become_slow(const Observation& before, const Observation& seen);
+  static bool is_slow(double service_s, double expected_s);
+  bool is_doubtful(Time now, std::chrono::nanoseconds round_trip) const;
   void add(const Observation& seen, double weight);
   double bytes_on_their_way() const;
   Time served_at(std::size_t frames, std::chrono::nanoseconds round_trip) const;
@@ -73,11 +82,11 @@ class LinkRate {
   Time received_time_;  // of the last frame that was
   double bytes_ = 0;    // sums, of which the old part fades
   double service_s_ = 0;
-  double passed_s_ = 0;      // service, and what the link was idle before it
-  double longest_ = 4;       // one observation, as a multiple of what is expected of it
-  double tokens_ = 0;        // bytes that the link may pass now without any service
-  double slow_start_s_ = 0;  // that the connection may still need
-  bool is_new_ = true;       // no frame of this connection was received
+  double passed_s_ = 0;              // service, and what the link was idle before it
+  std::optional<Observation> slow_;  // the last one, if it was
+  double tokens_ = 0;                // bytes that the link may pass now without any service
+  double slow_start_s_ = 0;          // that the connection may still need
+  bool is_new_ = true;               // no frame of this connection was received
 };
 
 }  // namespace orbbuf

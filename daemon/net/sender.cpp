@@ -131,13 +131,13 @@ void Sender::write_late(std::chrono::nanoseconds round_trip) {
 
 /// A frame that is overdue waits in the link's queue: a late one would hold up the next.
 bool Sender::is_live(Clock::time_point now, std::chrono::nanoseconds round_trip) const {
-  return buffer_.stats().waiting == 0 && rate_.has_room(round_trip) &&
+  return buffer_.stats().waiting == 0 && rate_.has_room(now, round_trip) &&
          !rate_.is_overdue(now, round_trip) && !link_.is_stalled();
 }
 
 FramePtr Sender::take_frame(std::chrono::nanoseconds round_trip) {
-  if (!rate_.has_room(round_trip)) return nullptr;
   const auto now = Clock::now();
+  if (!rate_.has_room(now, round_trip)) return nullptr;
   const SendMoment moment = this->moment(now, round_trip);
   FramePtr frame = buffer_.take(moment);
   while (frame && is_too_large(*frame)) {
@@ -153,7 +153,7 @@ FramePtr Sender::take_frame(std::chrono::nanoseconds round_trip) {
 }
 
 SendMoment Sender::moment(Clock::time_point now, std::chrono::nanoseconds round_trip) const {
-  SendMoment moment{now.time_since_epoch(), rate_.bytes_per_s()};
+  SendMoment moment{now.time_since_epoch(), rate_.bytes_per_s(now, round_trip)};
   if (done_) moment.end = drain_timer_.expiry().time_since_epoch();
   moment.is_busy = rate_.served_at(round_trip) > now + kAhead;
   return moment;

@@ -45,7 +45,7 @@ class LinkRateTest : public testing::Test {
   /// A camera with a frame every `interval`, each of which is written if there is room.
   void run(int frames, nanoseconds interval) {
     for (int i = 0; i < frames; ++i) {
-      if (rate_.has_room(round_trip_)) write();
+      if (rate_.has_room(now_, round_trip_)) write();
       largest_window_ = std::max(largest_window_, acks_.size());
       acknowledge_until(now_ + interval);
     }
@@ -142,6 +142,26 @@ TEST_F(LinkRateTest, ALinkThatBecameSlowIsKnownWithinSeconds) {
   }
 }
 
+TEST_F(LinkRateTest, TwoSlowFramesInARowAreTheNewRate) {
+  run(100, milliseconds(40));
+  acknowledge_until(now_ + milliseconds(100));
+  for (int i = 0; i < 2; ++i) write(kBytes, 1e5);
+  acknowledge_until(acks_.back().time);
+  expect_rate(1e5);
+}
+
+TEST_F(LinkRateTest, WhileAFrameIsSlowTheRateIsDoubtfulAndNoOtherIsWritten) {
+  run(100, milliseconds(40));
+  acknowledge_until(now_ + milliseconds(100));
+  write(kBytes, 1e5);
+  acknowledge_until(now_ + milliseconds(60));  // it should have taken 40 ms
+  EXPECT_NEAR(rate_.bytes_per_s(now_, round_trip_), 1e6, 5e4);
+  EXPECT_TRUE(rate_.has_room(now_, round_trip_));
+  acknowledge_until(now_ + milliseconds(40));
+  EXPECT_NEAR(rate_.bytes_per_s(now_, round_trip_), 5e5, 3e4);
+  EXPECT_FALSE(rate_.has_room(now_, round_trip_));
+}
+
 TEST_F(LinkRateTest, WhatABrokenConnectionHadIsNoObservation) {
   run(100, milliseconds(40));
   write();
@@ -155,7 +175,7 @@ TEST_F(LinkRateTest, WhatABrokenConnectionHadIsNoObservation) {
 
 TEST_F(LinkRateTest, WithoutAcknowledgementsTwoFramesAreAllThatIsWritten) {
   for (int i = 0; i < 10; ++i) {
-    if (rate_.has_room(round_trip_)) write();
+    if (rate_.has_room(now_, round_trip_)) write();
   }
   EXPECT_EQ(acks_.size(), 2U);
 }
@@ -250,7 +270,8 @@ class Return {
         rate_.on_received(now(), ++received_, round_trip);
         if (now_s_ > shown_s) estimates_.push_back(rate_.bytes_per_s());
       }
-      if (now_s_ < due_s || link_->unsent() > kUnsent || !rate_.has_room(round_trip)) continue;
+      if (now_s_ < due_s || link_->unsent() > kUnsent || !rate_.has_room(now(), round_trip))
+        continue;
       due_s = interval_s > 0 ? due_s + interval_s : now_s_;
       link_->write(frame_bytes_);
       ends_.push_back(link_->written());
