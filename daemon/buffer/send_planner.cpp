@@ -17,12 +17,13 @@ constexpr double kLongestInterval = 4;  // counted of one step, as a multiple of
 constexpr double kRoom = 1.001;         // a step of n frames may be that much longer than it
 constexpr double kJitter = 0.2;         // of an interval: that much late may be what is to come
 constexpr double kDrift = 0.01;         // of an interval that the clocks drift apart in a frame
-constexpr double kTolerance = 0.5;      // of an interval: the deadline is met to the nearest frame
+constexpr double kTolerance = 0.5;      // the same: the deadline is met to the nearest frame
 constexpr int kHalvings = 20;           // a millionth of the range
-constexpr double kShortestHorizon = 0.15;    // of live_again: left to plan for when late
-constexpr double kClose = 7.0 / 6;           // ratio of bytes that is not worth the work
-constexpr double kFill = 0.9;                // of the link, by frames that are encoded for it
-constexpr double kLittleFill = 0.7;          // then it carries a higher quality
+constexpr double kNearDeadline = 0.15;  // of live_again
+constexpr double kAllowance = 0.2;      // the same: later than that, rather than a longer step
+constexpr double kClose = 7.0 / 6;      // ratio of bytes that is not worth the work
+constexpr double kFill = 0.9;           // of the link, by frames that are encoded for it
+constexpr double kLittleFill = 0.7;     // then it carries a higher quality
 constexpr std::chrono::seconds kSlowFor{1};  // until frames are encoded at a lower quality
 constexpr std::chrono::seconds kFastFor{3};  // and at a higher one
 
@@ -63,17 +64,16 @@ SendPlanner::Choices SendPlanner::choose(std::optional<double> last,
   adapt_encoding(moment);
   if (!last) return {{first_to_send(waiting), 0}};
   if (moment.bytes_per_s <= 0) return {{0, 0}};
-  if (waiting.size() == 1 && !moment.end) {
-    const double room = moment.bytes_per_s * interval_s_ / static_cast<double>(waiting[0].bytes);
-    const int fitting = highest_quality(room * sizes_.share(own_quality(waiting[0])));
-    return {{0, interval_s_ > 0 ? reduced_quality(waiting[0], fitting) : 0}};
-  }
+  const int fitting = fitting_quality(waiting.back(), moment);
+  if (waiting.size() == 1 && !moment.end) return {{0, reduced_quality(waiting[0], fitting)}};
   const Plan plan = moment.end
                         ? plan_within(to_seconds(*moment.end - moment.now), *last, waiting, moment)
                         : next_plan(*last, waiting, moment);
   Choices choices;
   for (const std::size_t i : chain(plan, 0, *last, waiting, moment).first) {
-    choices.push_back({i, reduced_quality(waiting[i], plan.quality)});
+    const bool is_newest = i + 1 == waiting.size() && !moment.end;  // others will soon wait for it
+    const int quality = is_newest ? std::min(fitting, plan.quality) : plan.quality;
+    choices.push_back({i, reduced_quality(waiting[i], quality)});
   }
   return choices;
 }
@@ -90,6 +90,13 @@ void SendPlanner::on_reduced(const PlannedFrame& frame, std::size_t bytes, int q
 bool SendPlanner::is_close(int quality, int other) const {
   const double ratio = sizes_.share(quality) / sizes_.share(other);
   return ratio < kClose && ratio > 1 / kClose;
+}
+
+double SendPlanner::saved_s(const PlannedFrame& frame, int quality,
+                            const SendMoment& moment) const {
+  if (moment.bytes_per_s <= 0) return 0;
+  const double kept = sizes_.share(quality) / sizes_.share(own_quality(frame));
+  return (1 - kept) * static_cast<double>(frame.bytes) / moment.bytes_per_s;
 }
 
 int SendPlanner::own_quality(const PlannedFrame& frame) const {
@@ -109,27 +116,41 @@ int SendPlanner::highest_quality(double share) const {
   return quality;
 }
 
+/// At which the link sends the frame in the time of one.
+int SendPlanner::fitting_quality(const PlannedFrame& frame, const SendMoment& moment) const {
+  if (interval_s_ <= 0) return settings_.quality;
+  const double room = moment.bytes_per_s * interval_s_ / static_cast<double>(frame.bytes);
+  return highest_quality(room * sizes_.share(own_quality(frame)));
+}
+
 /// Frames that take no longer to send than they wait for are sent before the deadline: lateness
-/// costs more than a little quality. Near the deadline and after it, a few sends too few would need
-/// a long step or a low quality. There no step is longer, and no quality lower, than was needed
-/// before, and the stream is late instead.
+/// costs more than a little quality. A step that was not needed before costs more than a little
+/// lateness. Near the deadline, where a few sends too few would need a leap, so does a quality.
 SendPlanner::Plan SendPlanner::next_plan(double last, std::span<const PlannedFrame> waiting,
                                          const SendMoment& moment) {
-  const double left_s = to_seconds(*deadline_ - moment.now) + kTolerance * interval_s_;
-  const double least_s = kShortestHorizon * to_seconds(settings_.live_again);
+  const double live_again_s = to_seconds(settings_.live_again);
+  const double left_s = to_seconds(*deadline_ - moment.now);
   const double behind_s = waiting.back().position_s - last;
   const Plan every_frame{0, settings_.least_quality};
   const bool is_short =
       behind_s < left_s && chain(every_frame, behind_s, last, waiting, moment).live_s <= behind_s;
-  const Plan plan = plan_within(is_short ? behind_s : left_s, last, waiting, moment);
-  const bool is_worse = plan.step_s > largest_so_far_s_ || plan.quality < least_so_far_;
-  if (is_worse && left_s < least_s) {
-    const Plan later = plan_within(least_s, last, waiting, moment);
-    return {std::max(largest_so_far_s_, later.step_s), std::min(least_so_far_, later.quality)};
+  Plan plan = plan_within(is_short ? behind_s : left_s, last, waiting, moment);
+  const bool is_near = left_s < kNearDeadline * live_again_s;
+  if (plan.step_s > largest_so_far_s_ || (is_near && plan.quality < least_so_far_)) {
+    const double later_s = std::max(0.0, left_s) + kAllowance * live_again_s;
+    const Plan later = plan_within(later_s, last, waiting, moment);
+    plan.step_s = std::max(largest_so_far_s_, std::min(plan.step_s, whole_frames(later.step_s)));
+    if (is_near) plan.quality = std::min(least_so_far_, later.quality);
   }
   largest_so_far_s_ = std::max(largest_so_far_s_, plan.step_s);
   least_so_far_ = std::min(least_so_far_, plan.quality);
   return plan;
+}
+
+/// The shortest step of whole frames that is not shorter.
+double SendPlanner::whole_frames(double step_s) const {
+  if (interval_s_ <= 0) return step_s;
+  return (std::ceil(step_s / interval_s_ - kJitter) + kJitter) * interval_s_;
 }
 
 /// The smallest step with which the chain is live within the horizon, or, after the last capture,
@@ -138,8 +159,9 @@ SendPlanner::Plan SendPlanner::next_plan(double last, std::span<const PlannedFra
 SendPlanner::Plan SendPlanner::plan_within(double horizon_s, double last,
                                            std::span<const PlannedFrame> waiting,
                                            const SendMoment& moment) const {
+  double end_s = horizon_s + (moment.end ? 0 : kTolerance * interval_s_);
   const auto is_enough = [&](const Plan& plan) {
-    return chain(plan, horizon_s, last, waiting, moment).live_s <= horizon_s;
+    return chain(plan, end_s, last, waiting, moment).live_s <= end_s;
   };
   Plan plan{0, settings_.least_quality};
   if (!is_enough(plan)) {
@@ -153,6 +175,7 @@ SendPlanner::Plan SendPlanner::plan_within(double horizon_s, double last,
       (is_enough({middle, plan.quality}) ? plan.step_s : too_small) = middle;
     }
   }
+  end_s = horizon_s;
   for (int too_high = settings_.quality + 1; too_high - plan.quality > 1;) {
     const int middle = (too_high + plan.quality) / 2;
     (is_enough({plan.step_s, middle}) ? plan.quality : too_high) = middle;

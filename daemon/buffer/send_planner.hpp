@@ -97,6 +97,8 @@ class SendPlanner {
   /// Whether JPEGs of these qualities differ by so few bytes that there is no use in making one
   /// from the other.
   bool is_close(int quality, int other) const;
+  /// What the link is free for earlier, in seconds, if `frame` is made smaller before it is sent.
+  double saved_s(const PlannedFrame& frame, int quality, const SendMoment& moment) const;
 
   /// What new frames are to be encoded at, for the link as it is for good.
   int encode_quality() const { return encode_quality_; }
@@ -116,7 +118,9 @@ class SendPlanner {
                    const SendMoment& moment) const;
   Chain chain(const Plan& plan, double horizon_s, double last,
               std::span<const PlannedFrame> waiting, const SendMoment& moment) const;
+  double whole_frames(double step_s) const;
   int own_quality(const PlannedFrame& frame) const;
+  int fitting_quality(const PlannedFrame& frame, const SendMoment& moment) const;
   int highest_quality(double share) const;
   int reduced_quality(const PlannedFrame& frame, int quality) const;
 
