@@ -92,13 +92,6 @@ bool SendPlanner::is_close(int quality, int other) const {
   return ratio < kClose && ratio > 1 / kClose;
 }
 
-double SendPlanner::saved_s(const PlannedFrame& frame, int quality,
-                            const SendMoment& moment) const {
-  if (moment.bytes_per_s <= 0) return 0;
-  const double kept = sizes_.share(quality) / sizes_.share(own_quality(frame));
-  return (1 - kept) * static_cast<double>(frame.bytes) / moment.bytes_per_s;
-}
-
 int SendPlanner::own_quality(const PlannedFrame& frame) const {
   return frame.quality > 0 ? frame.quality : settings_.quality;
 }

@@ -97,8 +97,6 @@ class SendPlanner {
   /// Whether JPEGs of these qualities differ by so few bytes that there is no use in making one
   /// from the other.
   bool is_close(int quality, int other) const;
-  /// What the link is free for earlier, in seconds, if `frame` is made smaller before it is sent.
-  double saved_s(const PlannedFrame& frame, int quality, const SendMoment& moment) const;
 
   /// What new frames are to be encoded at, for the link as it is for good.
   int encode_quality() const { return encode_quality_; }

@@ -121,12 +121,13 @@ double live_again_s(const Delivery& delivery, std::int64_t outage_end_ns) {
 }
 
 TEST(Simulation, ThePlannerKnowsTheRateAndTheTimeOfEachSend) {
+  // It may be a fifth later rather than make a longer step, and the last frame is begun then.
   const LinkModel link{20'000, 1020 * kMs, 3000 * kMs};  // 50 ms a frame
   const double soon_s = live_again_s(simulate(frames(100), link, planner(500ms)), 3000 * kMs);
   const double later_s = live_again_s(simulate(frames(100), link, planner(1000ms)), 3000 * kMs);
-  EXPECT_LE(soon_s, 0.6);
+  EXPECT_LE(soon_s, 0.65);
   EXPECT_GT(later_s, soon_s);
-  EXPECT_LE(later_s, 1.1);
+  EXPECT_LE(later_s, 1.25);
 }
 
 TEST(Simulation, WhatThePlannerBelievesOfTheRateCountsNotTheTruth) {
