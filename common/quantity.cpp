@@ -23,8 +23,8 @@ constexpr std::array<Unit, 6> kTimes = {{{"h", 3'600'000'000'000},
                                          {"ms", 1'000'000},
                                          {"us", 1'000},
                                          {"ns", 1}}};
-constexpr std::array<Unit, 4> kSizes = {
-    {{"GiB", 1 << 30}, {"MiB", 1 << 20}, {"KiB", 1 << 10}, {"B", 1}}};
+constexpr std::array<Unit, 5> kSizes = {
+    {{"TiB", 1LL << 40}, {"GiB", 1 << 30}, {"MiB", 1 << 20}, {"KiB", 1 << 10}, {"B", 1}}};
 
 std::optional<std::int64_t> parse(std::string_view text, std::span<const Unit> units) {
   double number = 0;

@@ -13,7 +13,7 @@ namespace orbbuf {
 /// "1.5 s", "-20ms". Nothing if `text` is not that, or not below 292 years.
 std::optional<std::chrono::nanoseconds> parse_duration(std::string_view text);
 
-/// A decimal number, not negative, and one of B, KiB, MiB, GiB. Nothing if `text` is not that, or
+/// A decimal number, not negative, and one of B, KiB, MiB, GiB, TiB. Nothing if `text` is not that, or
 /// not below 8 EiB. Exact up to 8 PiB.
 std::optional<std::uint64_t> parse_bytes(std::string_view text);
 

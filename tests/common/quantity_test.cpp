@@ -42,6 +42,7 @@ TEST(Quantity, SizeIsANumberAndAUnit) {
   EXPECT_EQ(parse_bytes("1.5 KiB"), 1536U);
   EXPECT_EQ(parse_bytes("4MiB"), 4U << 20);
   EXPECT_EQ(parse_bytes("1 GiB"), 1U << 30);
+  EXPECT_EQ(parse_bytes("2 TiB"), 2ULL << 40);
   EXPECT_EQ(parse_bytes("0 B"), 0U);
 }
 
@@ -63,6 +64,7 @@ TEST(Quantity, WrittenInTheLargestUnitWithoutAFraction) {
   EXPECT_EQ(format_bytes(1536), "1536 B");
   EXPECT_EQ(format_bytes(16384), "16 KiB");
   EXPECT_EQ(format_bytes(std::uint64_t{5} << 30), "5 GiB");
+  EXPECT_EQ(format_bytes(std::uint64_t{3} << 40), "3 TiB");
   EXPECT_EQ(format_bytes(~std::uint64_t{0}), "18446744073709551615 B");
 }
 
