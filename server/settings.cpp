@@ -203,10 +203,14 @@ std::string host_name() {
 
 /// What robots and servers are told, so it must mean the same to all of them.
 std::string load_public(ConfigReader& reader, const std::string& key, const Address& listen) {
-  const bool is_any = listen.host == "0.0.0.0" || listen.host == "::";
-  std::string text = reader.text(key, is_any ? "" : to_string(listen));
+  const auto is_any = [](const Address& address) {
+    return address.host == "0.0.0.0" || address.host == "::";
+  };
+  std::string text = reader.text(key, is_any(listen) ? "" : to_string(listen));
   if (text.empty()) reader.fail(key, "needed: where others reach this server, HOST:PORT");
-  if (to_address(reader, key, text).port == 0) reader.fail(key, "needs a port");
+  const Address address = to_address(reader, key, text);
+  if (is_any(address)) reader.fail(key, "no address that others can reach: " + address.host);
+  if (address.port == 0) reader.fail(key, "needs a port");
   return text;
 }
 

@@ -209,6 +209,10 @@ TEST(Settings, AFleetWithWhatItCannotBeIsRefused) {
   EXPECT_THAT(refusal({"listen.address=0.0.0.0:7722", "listen.insecure=true"}),
               HasSubstr("fleet.address: needed"));
   EXPECT_THAT(refusal({"listen.address=127.0.0.1:0"}), HasSubstr("needs a port"));
+  for (const std::string host : {"0.0.0.0", "[::]"}) {
+    EXPECT_THAT(refusal({"fleet.address=" + host + ":7722"}),
+                HasSubstr("fleet.address: no address that others can reach"));
+  }
 }
 
 }  // namespace
