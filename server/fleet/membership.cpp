@@ -6,6 +6,11 @@
 #include "common/log.hpp"
 
 namespace orbbuf::fleet {
+namespace {
+
+constexpr std::chrono::seconds kFarewell{1};  // an etcd that is silent must not hold up the end
+
+}  // namespace
 
 Membership::Membership(boost::asio::io_context& main, KeyStore& store, ServerEntry self,
                        std::chrono::seconds lease, std::function<std::uint64_t()> robots)
@@ -100,7 +105,9 @@ void Membership::async_stop(std::function<void()> stopped) {
   is_stopped_ = true;
   timer_.cancel();
   if (lease_ == 0) return stopped();
-  store_.async_revoke(lease_, [stopped = std::move(stopped)](const auto& /*done*/) { stopped(); });
+  timer_.expires_after(kFarewell);
+  timer_.async_wait([stopped = std::move(stopped)](const auto& /*over*/) { stopped(); });
+  store_.async_revoke(lease_, [this](const auto& /*done*/) { timer_.cancel(); });
 }
 
 std::optional<ServerEntry> Membership::least_loaded_other() const {

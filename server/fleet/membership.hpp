@@ -27,7 +27,7 @@ class Membership {
              std::chrono::seconds lease, std::function<std::uint64_t()> robots);
 
   void start();
-  /// Gives up the lease, so that others need not wait for its end.
+  /// Gives up the lease, so that others need not wait for its end; takes at most a second.
   void async_stop(std::function<void()> stopped);
   /// From here on others may take this server's sessions. `done` when they can know.
   void async_drain(Done done);

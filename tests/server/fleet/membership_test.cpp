@@ -114,8 +114,17 @@ TEST_F(MembershipTest, AStopGivesUpTheLease) {
   bool is_stopped = false;
   member_->async_stop([&] { is_stopped = true; });
   store_.deliver_all();
+  run_ready();
   EXPECT_TRUE(is_stopped);
   EXPECT_EQ(store_.revoked, 1);
+}
+
+TEST_F(MembershipTest, AStopDoesNotDependOnAnAnswer) {
+  start();
+  for (int i = 0; i < 3; ++i) deliver();
+  bool is_stopped = false;
+  member_->async_stop([&] { is_stopped = true; });
+  EXPECT_TRUE(run_until([&] { return is_stopped; }));
 }
 
 }  // namespace
