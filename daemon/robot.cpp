@@ -115,6 +115,7 @@ Robot::Robot(const Settings& settings)
       is_camera_(settings.source.kind == "v4l2" || settings.source.kind == "libcamera") {}
 
 bool Robot::run() {
+  for (const int ignored : {SIGUSR1, SIGUSR2}) std::signal(ignored, SIG_IGN);
   await_signal();
   await_reload();
   sender_.start();

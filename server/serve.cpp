@@ -124,7 +124,7 @@ std::map<std::string, ControlSocket::Command> commands_of(const Metrics& metrics
 }  // namespace
 
 void serve(const Settings& settings, const std::function<std::vector<std::string>()>& read_robots) {
-  std::signal(SIGPIPE, SIG_IGN);
+  for (const int ignored : {SIGPIPE, SIGUSR1, SIGUSR2}) std::signal(ignored, SIG_IGN);
   std::signal(SIGCHLD, SIG_DFL);  // ignored, as some programs leave it, a child has no status
   check_sinks(settings.sinks);
   const UniqueFd lock =

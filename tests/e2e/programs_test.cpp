@@ -135,5 +135,16 @@ TEST(Programs, TheServerLivesOnAfterSighup) {
   EXPECT_EQ(server.process().wait(), 0);
 }
 
+TEST(Programs, BothLiveOnAfterSignalsThatMeanNothingToThem) {
+  const TemporaryFolder folder;
+  Server server(folder / "data");
+  Process robot(robot_command(kRobot, server.address(), {"source.frames=1000000"}));
+  ASSERT_TRUE(robot.wait_for_line("connected to")) << robot.output();
+  for (Process* const process : {&robot, &server.process()}) {
+    for (const int signal : {SIGUSR1, SIGUSR2, SIGTERM}) process->signal(signal);
+    EXPECT_EQ(process->wait(), 0) << process->output();
+  }
+}
+
 }  // namespace
 }  // namespace orbbuf::test

@@ -60,7 +60,7 @@ int spawn(const std::string& command, const std::vector<std::string>& environmen
   posix_spawnattr_t attributes;
   sigset_t defaults;
   sigemptyset(&defaults);
-  sigaddset(&defaults, SIGPIPE);
+  for (const int ignored : {SIGPIPE, SIGUSR1, SIGUSR2}) sigaddset(&defaults, ignored);
   if (int failed = posix_spawn_file_actions_init(&actions)) return failed;
   int failed = posix_spawnattr_init(&attributes);
   if (failed == 0) {
