@@ -15,12 +15,14 @@
 
 namespace orbbuf::bench {
 
-PowerDisk::PowerDisk(const std::filesystem::path& work, const char* name, std::uintmax_t bytes)
+PowerDisk::PowerDisk(const std::filesystem::path& work, const char* name, std::uintmax_t bytes,
+                     const std::string& file_system)
     : image_(work / (std::string(name) + ".img")), folder_(work / name) {
   std::filesystem::create_directories(folder_);
   std::ofstream(image_).close();
   std::filesystem::resize_file(image_, bytes);
-  is_made_ = test::run({"mkfs.ext4", "-q", "-F", image_.string()}).status == 0;
+  const char* const force = file_system == "ext4" ? "-F" : "-f";
+  is_made_ = test::run({"mkfs." + file_system, "-q", force, image_.string()}).status == 0;
 }
 
 bool PowerDisk::mount() {
@@ -31,7 +33,7 @@ bool PowerDisk::mount() {
 
 bool PowerDisk::cut() const {
   constexpr unsigned long kShutdown = _IOR('X', 125, std::uint32_t);
-  std::uint32_t no_flush = 2;  // EXT4_GOING_FLAGS_NOLOGFLUSH
+  std::uint32_t no_flush = 2;  // *_GOING_FLAGS_NOLOGFLUSH
   const UniqueFd fd(::open(folder_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   return fd && ::ioctl(fd.get(), kShutdown, &no_flush) == 0;
 }

@@ -3,15 +3,17 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <string>
 
 namespace orbbuf::bench {
 
-/// A file system that can lose power: ext4 in a file, on a loop device. Needs root. A cut is the
-/// file system's own, EXT4_IOC_SHUTDOWN without a flush of the journal. Blocking.
+/// A file system that can lose power: ext4 or xfs in a file, on a loop device. Needs root. A cut is
+/// the file system's own, *_IOC_SHUTDOWN without a flush of the journal. Blocking.
 class PowerDisk {
  public:
   /// Makes the file NAME.img, of so many bytes, and the folder NAME in `work`; not mounted yet.
-  PowerDisk(const std::filesystem::path& work, const char* name, std::uintmax_t bytes);
+  PowerDisk(const std::filesystem::path& work, const char* name, std::uintmax_t bytes,
+            const std::string& file_system = "ext4");
   ~PowerDisk() { unmount(); }
   PowerDisk(const PowerDisk&) = delete;
   PowerDisk& operator=(const PowerDisk&) = delete;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Cuts the power of a server under load, again and again, and audits what is left on its disk.
 //   orbbuf-powercut --server PROGRAM --work FOLDER [--cuts N] [--seed N] [--sync ack] [--mcap]
+//     [--file-system xfs]
 // Exit status 77: this machine cannot mount a loop device.
 #include <poll.h>
 
@@ -48,6 +49,7 @@ struct Options {
   int cuts = 100;
   unsigned seed = 1;
   std::string sync = "ack";
+  std::string file_system = "ext4";
   bool has_mcap = false;
 };
 
@@ -345,7 +347,7 @@ int run(const Options& options) {
     std::cout << "powercut: skipped, this user cannot mount\n";
     return kSkipped;
   }
-  PowerDisk disk(options.work, "disk", std::uintmax_t{1} << 30U);
+  PowerDisk disk(options.work, "disk", std::uintmax_t{1} << 30U, options.file_system);
   std::mt19937 random(options.seed);
   Counts counts;
   while (counts.cuts < options.cuts) {
@@ -389,6 +391,8 @@ int main(int argc, char** argv) try {
   app.add_option("--cuts", options.cuts, "How many");
   app.add_option("--seed", options.seed, "Of the instants");
   app.add_option("--sync", options.sync, "files.sync");
+  app.add_option("--file-system", options.file_system, "ext4 or xfs")
+      ->check(CLI::IsMember({"ext4", "xfs"}));
   app.add_flag("--mcap", options.has_mcap, "Record MCAP as well");
   if (const auto status = app.parse(argc, argv)) return *status;
   return orbbuf::bench::run(options);
