@@ -269,6 +269,12 @@ void Record::make_room_for_notes() {
   remove_segment(*oldest, "the disk is full");
 }
 
+bool Record::is_disk_full(std::uint64_t bytes) const {
+  std::error_code unknown;
+  const auto space = std::filesystem::space(settings_.path, unknown);
+  return !unknown && space.available < bytes + settings_.least_free_bytes;
+}
+
 /// Other programs may have removed files.
 void Record::check_folder() {
   if (writer_->is_there()) return;
@@ -292,6 +298,13 @@ bool Record::write_frame(Lock& lock, Clock::time_point now) {
   const auto head = record_format::frame_head(name_, *frame);
   const std::uint64_t bytes = journal::kHeadBytes + head.size() + frame->jpeg.size();
   make_room(bytes);
+  if (is_disk_full(bytes)) {
+    // So that it can be removed when its frames are sent.
+    segment_end_ = std::min(segment_end_, kSegmentBytes);
+    lock.lock();
+    refuse_pending("the disk is full");
+    return true;
+  }
   const auto place = append(record_format::kFrame, head, frame->jpeg);
   if (!place) fail(place.error());
   pace_.spend(bytes, now);
@@ -304,6 +317,14 @@ bool Record::write_frame(Lock& lock, Clock::time_point now) {
   state_.on_written(written);
   pop_pending();
   return true;
+}
+
+void Record::refuse_pending(const std::string& why) {
+  if (const auto id = state_.find_present(pending_.front()->sequence)) {
+    state_.remove(*id);
+    refuse(why);
+  }
+  pop_pending();
 }
 
 void Record::pop_pending() {

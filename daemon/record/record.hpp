@@ -35,6 +35,7 @@ struct RecordSettings {
   bool keeps_frames = false;                 ///< with `spool.path`
   std::uint64_t size_bytes = 8ULL << 30;     ///< of all files, if frames are kept; >= kMinBytes
   std::uint64_t rate_bytes_per_s = 4 << 20;  ///< of frames, the most written; 0: no limit
+  std::uint64_t least_free_bytes = 1 << 20;  ///< of the disk, which frames leave to accounts
 
   static constexpr std::uint64_t kMinBytes = 4 << 20;
 };
@@ -47,7 +48,8 @@ struct RecordSettings {
 /// Thread-bound to `main`, which it never has wait for the disk: a thread `record` of its own
 /// writes and syncs what is new after each note(), and reads ahead the frames that next() returns.
 /// Frames are written not faster than the rate, the rest before them. A disk that is full or fails
-/// costs frames, never the process: the record tries again every 5 s. Without a path it writes
+/// costs frames, never the process: a full disk takes no new ones, and keeps room for accounts; of
+/// one that fails the record tries again every 5 s. Without a path it writes
 /// nothing, and holds no frames.
 ///
 /// The journal is a ring: its oldest segment is removed when no frame in it is held, or, which
@@ -151,6 +153,7 @@ class Record {
   void make_room(std::uint64_t bytes);
   void remove_segment(std::uint32_t segment, const std::string& why);
   void make_room_for_notes();
+  bool is_disk_full(std::uint64_t bytes) const;
   bool sync_files();
   void finish(Lock& lock);
   void fail(const Error& error);
@@ -158,6 +161,7 @@ class Record {
   // These require mutex_.
   void wake();
   void pop_pending();
+  void refuse_pending(const std::string& why);
   void refuse(const std::string& why);
   void report_lost(const std::vector<RecordState::Lost>& lost, const std::string& why);
 

@@ -342,16 +342,37 @@ TEST_F(RecordTest, AFullDiskCostsOneLineAndIsTriedAgain) {
   EXPECT_GE(record.account_of("a")->captured, 12U);  // and those that were kept beyond
 }
 
+bool mount_disk(const std::filesystem::path& path, const char* size) {
+  return ::unshare(CLONE_NEWNS) == 0 &&
+         ::mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) == 0 &&
+         ::mount("tmpfs", path.c_str(), "tmpfs", 0, size) == 0;
+}
+
+TEST_F(RecordTest, FramesLeaveRoomForAccountsOnAFullDisk) {
+  if (::geteuid() != 0) GTEST_SKIP() << "needs root, for a disk of its own";
+  std::filesystem::create_directories(path());
+  EXPECT_TRUE(holds_in_a_process([this] {
+    if (!mount_disk(path(), "size=4m")) return false;
+    const CapturedLog log;
+    {
+      WatchedRecord record(settings(), "a");
+      record.keep(0, 30, kLarge);  // 6 MB
+      record.wait_until([&] { return record->stats().not_kept > 10; });
+      if (record->stats().held < 5) return false;
+      record->note(progress(30));
+    }
+    if (!log.lines("error").empty()) return false;
+    WatchedRecord record(settings(), "b");
+    return record.account_of("a")->captured == 30;
+  }));
+}
+
 /// Accounts go before frames on a disk that other programs have filled.
 TEST_F(RecordTest, OnAFullDiskTheOldestFramesMakeRoomForAccounts) {
   if (::geteuid() != 0) GTEST_SKIP() << "needs root, for a disk of its own";
   std::filesystem::create_directories(path());
   EXPECT_TRUE(holds_in_a_process([this] {
-    if (::unshare(CLONE_NEWNS) != 0 ||
-        ::mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
-        ::mount("tmpfs", path().c_str(), "tmpfs", 0, "size=4m") != 0) {
-      return false;
-    }
+    if (!mount_disk(path(), "size=6m")) return false;
     const CapturedLog log;
     WatchedRecord record(settings(4 * kMiB), "a");
     record.keep(0, 14, kLarge);
