@@ -175,6 +175,10 @@ class Robot(threading.Thread):
         found = re.search(r", session ([^,]+),", self.log.read_text())
         self.sessions.append(Session(self.row.name, len(self.sessions), opens, killed_at, found and found[1]))
 
+    def has_lived(self):
+        """For some seconds, in which it has told the server what became of its sessions."""
+        return self.log.read_text().count("] captured ") >= 4
+
     def live_and_die(self):
         life = self.random.uniform(0.2, self.bench.longest_life)
         kind = "away" if self.row.server == "never" else self.random.choice(("away", "cut", "there"))
@@ -316,7 +320,7 @@ class Bench:
         while time.monotonic() - since < (10 if self.options.quick else 30):
             accounts = [Account(self, session) for robot in robots for session in robot.sessions]
             missing = sum(len(account.unnamed) + account.on_robot for account in accounts)
-            if missing == 0:
+            if missing == 0 and all(robot.has_lived() for robot in robots):
                 return
             if least is None or missing < least:
                 least, since = missing, time.monotonic()
