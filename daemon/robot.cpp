@@ -48,6 +48,7 @@ class Robot {
   std::unique_ptr<FrameSource> source_;   // until pipeline_ has it
   OrbExtractor extractor_;
   FrameBuffer buffer_;
+  SampleStreams samples_;  // until sender_ has it
   const wire::Hello hello_;
   Record record_;
   Sender sender_;
@@ -64,12 +65,13 @@ class Robot {
   bool is_over_ = false;  // nothing is left to wait for
 };
 
-wire::Hello make_hello(const Settings& settings) {
+wire::Hello make_hello(const Settings& settings, const SampleStreams& samples) {
   wire::Hello hello;
   hello.robot_id = settings.robot_id;
   hello.session_id = new_session_id();
   hello.software = "orbbufd " ORBBUF_VERSION;
   hello.calibration = settings.calibration;
+  hello.streams = samples.declarations();
   std::vector<std::string> names;
   for (const Address& server : settings.link.servers) names.push_back(to_string(server));
   log_info("robot {}, session {}, policy {}, server {}", hello.robot_id, hello.session_id,
@@ -101,10 +103,11 @@ Robot::Robot(const Settings& settings)
                           [this](const EncodedFrame& frame, FeatureSet& features) {
                             extractor_.extract(frame, features);
                           })),
-      hello_(make_hello(settings)),
+      samples_(settings.streams),
+      hello_(make_hello(settings, samples_)),
       record_(settings.record, hello_.robot_id, hello_.session_id,
               [this] { asio::post(io_, [this] { sender_.wake(); }); }),
-      sender_(io_, settings.link, hello_, buffer_, record_),
+      sender_(io_, settings.link, hello_, buffer_, record_, std::move(samples_)),
       pipeline_(
           std::move(source_), settings.jpeg, buffer_,
           {[this] { asio::post(io_, [this] { sender_.on_pushed(); }); },
@@ -178,6 +181,9 @@ void Robot::log_stats() const {
       "waiting {} + in flight {}",
       stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged, stats.waiting,
       stats.in_flight);
+  if (const auto samples = sender_.samples().stats(); !samples.empty()) {
+    log_info("samples: {}", samples);
+  }
 }
 
 }  // namespace

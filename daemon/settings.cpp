@@ -226,6 +226,24 @@ void read_record(ConfigReader& config, RecordSettings& record) {
   }
 }
 
+void read_streams(ConfigReader& config, std::vector<SampleStreamSettings>& streams) {
+  constexpr std::array<std::string_view, 1> kKinds = {"euroc"};
+  constexpr std::size_t kMost = wire::kMostStreams - wire::kFirstOther;
+  for (const auto& [name, key] : config.tables("stream")) {
+    SampleStreamSettings stream;
+    stream.name = name;
+    if (!wire::is_sample_stream({wire::kFirstOther, name, std::string(wire::kSampleCodec)})) {
+      config.fail(key, "expected a name that begins with \"imu\", of A-Z a-z 0-9 . _ -");
+    }
+    stream.kind = config.choice(key + ".kind", kKinds.front(), kKinds);
+    stream.path = config.path(key + ".path", {});
+    if (stream.path.empty()) config.fail(key + ".path", "required for kind = \"euroc\"");
+    stream.memory_bytes = config.bytes(key + ".memory", stream.memory_bytes, 1 << 16, 1LL << 40);
+    streams.push_back(std::move(stream));
+  }
+  if (streams.size() > kMost) config.fail("stream", fmt::format("more than {} streams", kMost));
+}
+
 }  // namespace
 
 Settings load_settings(const std::filesystem::path& file, std::span<const std::string> overrides) {
@@ -240,6 +258,7 @@ Settings load_settings(const std::filesystem::path& file, std::span<const std::s
   read_plan(config, settings.jpeg.quality, settings.buffer.plan);
   read_link(config, settings.link);
   read_record(config, settings.record);
+  read_streams(config, settings.streams);
   config.reject_unknown();
   return settings;
 }

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "daemon/buffer/make_policy.hpp"
 #include "daemon/capture/source_settings.hpp"
@@ -11,6 +12,7 @@
 #include "daemon/image/orb_extractor.hpp"
 #include "daemon/net/sender.hpp"
 #include "daemon/record/record.hpp"
+#include "daemon/samples/sample_source.hpp"
 
 namespace orbbuf {
 
@@ -25,6 +27,7 @@ struct Settings {
   BufferSettings buffer;
   LinkSettings link;
   RecordSettings record;
+  std::vector<SampleStreamSettings> streams;
 };
 
 /// Reads `file` (empty: defaults) and applies `overrides` (`table.key=value`). Throws

@@ -59,7 +59,9 @@ wire::Hello ScriptedServer::accept_hello() {
 
 wire::Hello ScriptedServer::welcome(const wire::Position& position) {
   wire::Hello hello = accept_hello();
-  send(wire::encode(welcome_at(position)));
+  wire::Welcome welcome = welcome_at(position);
+  for (const auto& stream : hello.streams) welcome.takes.set(stream.id);
+  send(wire::encode(welcome));
   return hello;
 }
 

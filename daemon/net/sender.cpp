@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <limits>
 #include <utility>
 
 #include "common/log.hpp"
@@ -22,14 +23,15 @@ constexpr std::chrono::milliseconds kAhead{2};  // a frame is written before the
 }  // namespace
 
 Sender::Sender(boost::asio::io_context& io, const LinkSettings& settings, wire::Hello hello,
-               FrameBuffer& buffer, Record& record)
+               FrameBuffer& buffer, Record& record, SampleStreams samples)
     : buffer_(buffer),
       record_(record),
       drain_timeout_(settings.drain_timeout),
       link_(io, settings, std::move(hello), static_cast<ServerLink::Owner&>(*this)),
       backfill_(io, record, [this] { wake(); }),
       drain_timer_(io),
-      report_timer_(io) {
+      report_timer_(io),
+      samples_(std::move(samples)) {
   if (record_.keeps_frames()) buffer_.keep_for_record();
 }
 
@@ -50,17 +52,22 @@ void Sender::on_connected(const wire::Position& position) {
   }
   confirmed_ = position[wire::kFrames];
   drops_.rewind(position[wire::kDrops]);
+  std::vector<bool> takes;
+  for (const auto& stream : samples_.declarations()) takes.push_back(link_.takes(stream.id));
+  samples_.on_connected(position, takes);
   backfill_.on_connected(link_.takes(wire::kLate), link_.takes(wire::kAccounts),
                          link_.max_frame_bytes());
 }
 
 bool Sender::can_be_at(const wire::Position& position) const {
-  return position[wire::kFrames] <= written_end_ && position[wire::kDrops] <= drops_.end();
+  return position[wire::kFrames] <= written_end_ && position[wire::kDrops] <= drops_.end() &&
+         samples_.can_be_at(position);
 }
 
 void Sender::on_disconnected() {
   is_bye_sent_ = false;
   rate_.on_lost();
+  chosen_.reset();
   buffer_.return_in_flight();
   backfill_.on_disconnected();
 }
@@ -71,6 +78,7 @@ void Sender::on_ack(const wire::Ack& ack) {
   buffer_.acknowledge(position[wire::kFrames]);
   confirmed_ = std::max(confirmed_, position[wire::kFrames]);
   drops_.acknowledge(position[wire::kDrops]);
+  samples_.on_ack(position);
   backfill_.on_ack(position);
   wake();
 }
@@ -88,6 +96,7 @@ void Sender::wake() {
 
 void Sender::on_pushed() {
   backfill_.on_captured(Clock::now());
+  samples_.capture_until(buffer_.last_capture_time_ns());
   wake();
   if (buffer_.stats().waiting > 0) {
     buffer_.look_ahead(moment(Clock::now(), measure_round_trip()));
@@ -105,10 +114,13 @@ void Sender::write_next() {
   // After an outage the drop records are many: frames first, then turn by turn.
   const bool is_drops_turn = std::exchange(is_drops_turn_, false) && drops_.has_unsent();
   const auto round_trip = measure_round_trip();
-  if (FramePtr frame = is_drops_turn ? nullptr : take_frame(round_trip)) {
-    is_drops_turn_ = true;
-    written_end_ = std::max(written_end_, frame->sequence + 1);
-    link_.write(std::move(frame));
+  if (!chosen_ && !is_drops_turn) chosen_ = take_frame(round_trip);
+  if (chosen_) {
+    // The post of on_pushed() may be behind.
+    samples_.capture_until(chosen_->capture_time_ns);
+    if (!write_samples(chosen_->capture_time_ns)) write_chosen();
+  } else if (done_ && write_samples(std::numeric_limits<std::int64_t>::max())) {
+    // Of an earlier frame, which was given up.
   } else if (drops_.has_unsent()) {
     const auto [first, records] = drops_.take_unsent(wire::kMaxDropsPerMessage);
     write(wire::encode(wire::Items{wire::kDrops, first, wire::encode_drops(records)}));
@@ -117,6 +129,20 @@ void Sender::write_next() {
   } else if (!done_) {
     write_late(round_trip);
   }
+}
+
+/// False: there are none.
+bool Sender::write_samples(std::int64_t upto_ns) {
+  auto message = samples_.take_message(upto_ns);
+  if (message.empty()) return false;
+  write(std::move(message));
+  return true;
+}
+
+void Sender::write_chosen() {
+  is_drops_turn_ = true;
+  written_end_ = std::max(written_end_, chosen_->sequence + 1);
+  link_.write(std::exchange(chosen_, nullptr));
 }
 
 /// Nothing live waits for the link.
@@ -188,7 +214,7 @@ void Sender::note_progress() {
 
 bool Sender::is_settled() const {
   const wire::Stats stats = buffer_.stats();
-  return stats.waiting == 0 && stats.in_flight == 0 && drops_.is_settled();
+  return stats.waiting == 0 && stats.in_flight == 0 && drops_.is_settled() && samples_.is_settled();
 }
 
 std::chrono::nanoseconds Sender::measure_round_trip() const {
@@ -214,7 +240,9 @@ void Sender::say_bye() {
   while (add(backfill_.take_account(Clock::now(), true))) {
   }
   add(next_report());
-  add(wire::encode(wire::Bye{{buffer_.stats().captured, drops_.end()}}));
+  wire::Position end{buffer_.stats().captured, drops_.end()};
+  samples_.put_ends(end);
+  add(wire::encode(wire::Bye{end}));
   link_.write(std::move(message));
 }
 

@@ -18,14 +18,17 @@
 #include "daemon/net/server_link.hpp"
 #include "daemon/record/given_up.hpp"
 #include "daemon/record/record.hpp"
+#include "daemon/samples/sample_streams.hpp"
 
 namespace orbbuf {
 
-/// Chooses what goes over the link, until finish(): frames from the buffer, drop records, reports.
+/// Chooses what goes over the link, until finish(): frames from the buffer, samples, drop records,
+/// reports.
 ///
 /// The next frame is chosen when the kernel has nearly nothing left to send (paper, Sec. III-E:
 /// transmission of a message begins when the last is complete) and the server has received all but
 /// little of what was written (LinkRate): what is written can no longer be chosen from.
+/// Before a frame go the samples that are not newer than it, so none is behind a newer frame.
 /// Every frame stays in the buffer's stats until the server has acknowledged it; every drop
 /// record is sent until acknowledged. Thread-bound to `main`, the thread that runs the io_context.
 class Sender final : private ServerLink::Owner {
@@ -33,7 +36,7 @@ class Sender final : private ServerLink::Owner {
   /// `buffer` and `record` must outlive the sender. Nothing happens before start(). Throws
   /// std::runtime_error if the keys of settings.tls cannot be used.
   Sender(boost::asio::io_context& io, const LinkSettings& settings, wire::Hello hello,
-         FrameBuffer& buffer, Record& record);
+         FrameBuffer& buffer, Record& record, SampleStreams samples = SampleStreams());
 
   void start();
 
@@ -45,6 +48,7 @@ class Sender final : private ServerLink::Owner {
   /// For the reports: wire::Report::clock_offset_ns.
   void set_clock_offset(std::chrono::nanoseconds offset) { clock_offset_ = offset; }
 
+  const SampleStreams& samples() const { return samples_; }
   const ServerLink& link() const { return link_; }
   /// Frames that the record holds; nothing if it keeps none.
   std::optional<std::uint64_t> spooled() const;
@@ -71,6 +75,8 @@ class Sender final : private ServerLink::Owner {
   FramePtr take_frame(std::chrono::nanoseconds round_trip);
   SendMoment moment(std::chrono::steady_clock::time_point now,
                     std::chrono::nanoseconds round_trip) const;
+  bool write_samples(std::int64_t upto_ns);
+  void write_chosen();
   bool is_too_large(const EncodedFrame& frame);
   void collect(bool those_at_risk = false);
   void note_progress();
@@ -94,6 +100,8 @@ class Sender final : private ServerLink::Owner {
   boost::asio::steady_timer drain_timer_;
   boost::asio::steady_timer report_timer_;
   std::chrono::nanoseconds clock_offset_{0};
+  SampleStreams samples_;
+  FramePtr chosen_;  // taken from buffer_; samples go first
   bool is_drops_turn_ = false;
   Sequence confirmed_ = 0;    // the server has, or had, all below it
   Sequence written_end_ = 0;  // beyond the newest frame that was ever written

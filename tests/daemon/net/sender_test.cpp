@@ -4,11 +4,13 @@
 #include <gtest/gtest.h>
 
 #include <boost/asio/post.hpp>
+#include <fstream>
 #include <future>
 #include <thread>
 
 #include "daemon/buffer/simple_policies.hpp"
 #include "testing/scripted_server.hpp"
+#include "testing/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {
@@ -27,7 +29,9 @@ class SenderTest : public ::testing::Test {
     wire::Hello hello;
     hello.robot_id = "r";
     hello.session_id = "s";
-    sender_ = std::make_unique<Sender>(io_, link_, hello, buffer_, record_);
+    SampleStreams samples(streams_);
+    hello.streams = samples.declarations();
+    sender_ = std::make_unique<Sender>(io_, link_, hello, buffer_, record_, std::move(samples));
     sender_->start();
     main_ = std::jthread([this] {
       io_.run();
@@ -59,6 +63,7 @@ class SenderTest : public ::testing::Test {
   }
 
   LinkSettings link_;
+  std::vector<SampleStreamSettings> streams_;
   test::ScriptedServer server_;
   FrameBuffer buffer_{{5}, std::make_unique<DropOldestPolicy>()};
   Record record_{{}, "r", "s", [] {}};
@@ -80,6 +85,40 @@ TEST_F(SenderTest, SaysHelloAndSendsWhatWaitsInOrder) {
     EXPECT_EQ(frame.jpeg, std::vector<std::uint8_t>(100, static_cast<std::uint8_t>(sequence)));
     server_.ack({sequence + 1, 0});
   }
+}
+
+TEST_F(SenderTest, SamplesGoBeforeTheFirstFrameThatIsNewerAndAgainUntilAcknowledged) {
+  const test::TemporaryFolder folder;
+  const auto path = folder / "data.csv";
+  std::ofstream(path) << "500,1,2,3,4,5,6\n1500,1,2,3,4,5,6\n1600,1,2,3,4,5,6\n2500,1,2,3,4,5,6\n";
+  streams_ = {{"imu0", "euroc", path}};
+  push(0, 2);
+  start();
+  EXPECT_EQ(server_.welcome({}).streams.front().name, "imu0");
+  const auto expect_samples = [&](std::uint64_t first, std::size_t count) {
+    const wire::Items items = server_.read(Type::kItems).items();
+    EXPECT_EQ(items.stream, wire::kFirstOther);
+    EXPECT_EQ(items.first, first);
+    EXPECT_EQ(wire::parse_samples(items.payload).value().size(), count);
+  };
+  EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 0U);
+  expect_samples(0, 1);
+  EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 1U);
+  expect_samples(1, 2);
+  EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 2U);
+  server_.close();
+  wire::Position position{1, 0};
+  position[wire::kFirstOther] = 1;
+  server_.welcome(position);
+  EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 1U);
+  expect_samples(1, 2);
+  EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 2U);
+  const auto done = finish();
+  position[wire::kFrames] = 3;
+  position[wire::kFirstOther] = 3;
+  server_.ack(position);
+  const auto bye = server_.read(Type::kBye);
+  EXPECT_EQ(wire::parse_bye(bye.header, bye.body).value().position, position);
 }
 
 TEST_F(SenderTest, UnacknowledgedFramesComeAgainOnTheNextConnection) {

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/samples/sample_queue.hpp"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+namespace orbbuf {
+namespace {
+
+constexpr std::int64_t kAll = std::numeric_limits<std::int64_t>::max();
+
+/// Room for four.
+class SampleQueueTest : public ::testing::Test {
+ protected:
+  void push(std::int64_t first, std::int64_t last) {
+    for (std::int64_t time = first; time <= last; ++time) queue_.push({time, {}, {}});
+  }
+  /// The numbers that are taken.
+  std::vector<std::uint64_t> take(std::int64_t upto = kAll) {
+    std::vector<std::uint64_t> numbers;
+    while (const auto batch = queue_.take(upto)) {
+      for (std::size_t i = 0; i < batch->samples.size(); ++i) {
+        EXPECT_EQ(batch->samples[i].time_ns, static_cast<std::int64_t>(batch->first + i));
+        numbers.push_back(batch->first + i);
+      }
+    }
+    return numbers;
+  }
+  void expect_account() {
+    EXPECT_EQ(queue_.captured(), queue_.delivered() + queue_.waiting() + queue_.lost());
+  }
+  using Numbers = std::vector<std::uint64_t>;
+
+  SampleQueue queue_{4 * SampleQueue::kBytesPerSample};
+};
+
+TEST_F(SampleQueueTest, TakesEachOnceUpToTheTime) {
+  push(0, 3);
+  EXPECT_EQ(take(1), (Numbers{0, 1}));
+  EXPECT_EQ(take(1), Numbers());
+  EXPECT_EQ(take(), (Numbers{2, 3}));
+  queue_.acknowledge(4);
+  EXPECT_TRUE(queue_.is_settled());
+  EXPECT_EQ(queue_.delivered(), 4U);
+  expect_account();
+}
+
+TEST_F(SampleQueueTest, SendsAgainWhatANewServerLacks) {
+  push(0, 3);
+  take(2);
+  queue_.rewind(1);
+  EXPECT_EQ(take(), (Numbers{1, 2, 3}));
+  EXPECT_EQ(queue_.sent_end(), 4U);
+}
+
+TEST_F(SampleQueueTest, AFullQueueLosesTheOldestThatWasNeverSent) {
+  push(0, 3);
+  take(0);
+  queue_.rewind(0);
+  push(4, 5);
+  EXPECT_EQ(queue_.lost(), 2U);
+  EXPECT_EQ(take(), (Numbers{0, 3, 4, 5}));
+  queue_.acknowledge(6);
+  EXPECT_EQ(queue_.delivered(), 4U);
+  expect_account();
+}
+
+TEST_F(SampleQueueTest, IfAllWereSentTheOldestIsLost) {
+  push(0, 3);
+  take();
+  push(4, 4);
+  EXPECT_EQ(queue_.lost(), 1U);
+  EXPECT_EQ(take(), Numbers{4});
+  expect_account();
+}
+
+TEST_F(SampleQueueTest, WhatIsNotNewerIsNotTaken) {
+  EXPECT_TRUE(queue_.push({5, {}, {}}));
+  EXPECT_FALSE(queue_.push({5, {}, {}}));
+  EXPECT_EQ(queue_.captured(), 1U);
+}
+
+}  // namespace
+}  // namespace orbbuf
