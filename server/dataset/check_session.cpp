@@ -15,6 +15,7 @@
 #include "common/jpeg.hpp"
 #include "common/log.hpp"
 #include "common/progress.hpp"
+#include "common/sample.hpp"
 #include "server/calibration/calibration.hpp"
 #include "server/dataset/mcap/part.hpp"
 #include "server/session/session_names.hpp"
@@ -42,6 +43,7 @@ class Check {
     if (!drops) return drops.error();
     account_for(drops.value());
     check_calibration();
+    if (auto error = check_samples()) return std::move(*error);
     check_strays(session_names::kImages);
     check_strays(session_names::kRightImages);
     note_qualities();
@@ -152,6 +154,24 @@ class Check {
     if (calibration.empty()) return;
     const auto camera = parse_calibration(calibration);
     if (!camera) problem("camera.txt: {}", camera.error().text);
+  }
+
+  std::optional<Error> check_samples() {
+    for (const wire::StreamDeclaration& stream : outline_.summary.info.streams) {
+      const auto read = for_each_sample(folder_, stream.id, [](const Sample&) {});
+      if (!read) return read.error();
+      const SampleTotals& totals = read.value();
+      report_.notes.push_back(fmt::format("{}: {} samples, {} lost on the robot", stream.name,
+                                          totals.samples, totals.lost()));
+      if (totals.backward > 0) {
+        problem("{}: {} samples are not newer than the one before", stream.name, totals.backward);
+      }
+      if (totals.behind_frames > 0) {
+        report_.notes.push_back(fmt::format("{}: {} samples came behind a newer frame", stream.name,
+                                            totals.behind_frames));
+      }
+    }
+    return std::nullopt;
   }
 
   /// DSO opens whatever is among the images.

@@ -17,6 +17,7 @@
 #include "common/decimal.hpp"
 #include "common/file_io.hpp"
 #include "common/progress.hpp"
+#include "common/sample.hpp"
 #include "server/dataset/mcap/recording.hpp"
 #include "server/session/session_names.hpp"
 #include "server/session/session_reader.hpp"
@@ -153,6 +154,22 @@ std::vector<std::string> notes_of(const RecordedSession& session, std::int64_t c
   return notes;
 }
 
+/// Memory: 100 bytes a sample.
+std::optional<Error> add_euroc_samples(const RecordedSession& session, std::int64_t offset_ns,
+                                       Output& output) {
+  for (const wire::StreamDeclaration& stream : session.summary.info.streams) {
+    std::string text(kEurocImuHeader);
+    const auto totals = for_each_sample(session.folder, stream.id, [&](Sample sample) {
+      if (__builtin_add_overflow(sample.time_ns, offset_ns, &sample.time_ns)) return;
+      text += to_euroc_line(sample);
+    });
+    if (!totals) return totals.error();
+    const std::string to = "mav0/" + session_names::samples(stream.name);
+    if (auto error = output.add_file(to, as_bytes(text))) return error;
+  }
+  return std::nullopt;
+}
+
 std::optional<Error> write_recording(const RecordedSession& session, const fs::path& path,
                                      ExportReport& report) {
   auto made = mcap::Recording::create(path, session.summary.info);
@@ -210,6 +227,9 @@ Result<ExportReport> export_session(const fs::path& folder, const fs::path& out,
   }
   for (const Dataset::Text& text : dataset.texts) {
     if (auto error = output.add_file(text.to, as_bytes(text.content))) return std::move(*error);
+  }
+  if (layout == Layout::kEuroc) {
+    if (auto error = add_euroc_samples(session, clock_offset_ns, output)) return std::move(*error);
   }
   output.keep();
   return report;

@@ -12,6 +12,7 @@
 
 #include "common/keep_alive.hpp"
 #include "common/log.hpp"
+#include "common/sample.hpp"
 #include "server/runtime/listen_on.hpp"
 
 namespace orbbuf {
@@ -94,6 +95,7 @@ void Connection::on_attached(wire::Position position) {
   welcome.max_frame_bytes = settings_.max_frame_bytes;
   welcome.takes.set(wire::kFrames).set(wire::kDrops);
   if (owner_.stores() != nullptr) welcome.takes.set(wire::kLate).set(wire::kAccounts);
+  for (const auto& stream : session_->info().streams) welcome.takes.set(stream.id);
   welcome.has_heartbeat = owner_.has_heartbeat();
   takes_ = welcome.takes;
   send(encode(welcome));
@@ -243,24 +245,42 @@ void Connection::handle_items(const Message& message) {
   }
   if (stream == wire::kLate) return handle_late(items.value());
   if (stream == wire::kAccounts) return handle_account(items.value());
-  const auto records = wire::parse_drops(items.value().payload);
-  if (!records) return fail(records.error());
+  const auto count =
+      stream == wire::kDrops ? check_drops(items.value()) : check_samples(items.value());
+  if (!count) return;
   const auto [first, next] = std::pair(items.value().first, session_->position()[stream]);
   if (!expect_near("item", first, next)) return;
-  for (const DropRecord& record : records.value()) {
-    const auto frame = session_->position()[wire::kFrames];
-    if (!expect_near("a drop record of frame", record.end() - 1, frame)) return;
-  }
-  const auto count = records.value().size();
-  if (first < next && next < first + count) {
+  if (first < next && next < first + *count) {
     return fail({ErrorCode::kUnexpected, fmt::format("items {} to {} of stream {}, of which {} is "
                                                      "the next",
-                                                     first, first + count - 1, stream, next)});
+                                                     first, first + *count - 1, stream, next)});
   }
-  session_->write_items(std::make_shared<const wire::Items>(std::move(items).value()), count,
+  session_->write_items(std::make_shared<const wire::Items>(std::move(items).value()), *count,
                         [weak = weak_from_this()] {
                           if (const auto self = weak.lock()) self->on_taken();
                         });
+}
+
+/// How many they are; nothing: the connection has failed.
+std::optional<std::uint64_t> Connection::check_drops(const wire::Items& items) {
+  const auto records = wire::parse_drops(items.payload);
+  if (!records) {
+    fail(records.error());
+    return std::nullopt;
+  }
+  for (const DropRecord& record : records.value()) {
+    const auto frame = session_->position()[wire::kFrames];
+    if (!expect_near("a drop record of frame", record.end() - 1, frame)) return std::nullopt;
+  }
+  return records.value().size();
+}
+
+/// Likewise.
+std::optional<std::uint64_t> Connection::check_samples(const wire::Items& items) {
+  const auto samples = wire::parse_samples(items.payload);
+  if (samples) return samples.value().size();
+  fail(samples.error());
+  return std::nullopt;
 }
 
 void Connection::handle_late(const wire::Items& items) {

@@ -116,6 +116,8 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   bool expect_near(const char* what, std::uint64_t number, std::uint64_t position);
   void handle_frame(Message message);
   void handle_items(const Message& message);
+  std::optional<std::uint64_t> check_drops(const wire::Items& items);
+  std::optional<std::uint64_t> check_samples(const wire::Items& items);
   void handle_late(const wire::Items& items);
   void handle_account(const wire::Items& items);
   void on_aside_kept(Aside& writes, std::uint64_t number, const Result<bool>& kept);

@@ -6,11 +6,13 @@
 #include <algorithm>
 #include <boost/asio/post.hpp>
 #include <chrono>
+#include <iterator>
 #include <stdexcept>
 #include <utility>
 #include <vector>
 
 #include "common/log.hpp"
+#include "common/sample.hpp"
 #include "server/runtime/listen_on.hpp"
 #include "server/runtime/run_in_pool.hpp"
 
@@ -152,7 +154,8 @@ void Listener::on_hello(const std::shared_ptr<Connection>& connection, const wir
   const SessionKey key(hello.robot_id, hello.session_id);
   if (const std::string why = reason_to_refuse(key); !why.empty()) return refuse(*connection, why);
   close_other_sessions(key);
-  const SessionInfo info{key.first, key.second, hello.calibration};
+  SessionInfo info{key.first, key.second, hello.calibration};
+  std::ranges::copy_if(hello.streams, std::back_inserter(info.streams), wire::is_sample_stream);
   const auto known = sessions_.find(key);
   if (claims_ != nullptr) {
     if (wait_for(key, connection)) enter(key, info);

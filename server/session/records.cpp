@@ -84,6 +84,12 @@ void put(Writer& out, const SessionSummary& summary) {
   out.put_text(info.robot_id);
   out.put_text(info.session_id);
   out.put_text(info.calibration);
+  out.put(static_cast<std::uint16_t>(info.streams.size()));
+  for (const wire::StreamDeclaration& stream : info.streams) {
+    out.put(stream.id);
+    out.put_text(stream.name);
+    out.put_text(stream.codec);
+  }
   out.put(info.segment.epoch);
   put(out, info.segment.from);
   put(out, position);
@@ -123,6 +129,13 @@ std::optional<SessionSummary> take_summary(Reader& in) {
   info.robot_id = in.take_text();
   info.session_id = in.take_text();
   info.calibration = in.take_text();
+  for (auto count = in.take<std::uint16_t>(); count > 0 && !in.is_short(); --count) {
+    wire::StreamDeclaration stream;
+    stream.id = in.take<wire::StreamId>();
+    stream.name = in.take_text();
+    stream.codec = in.take_text();
+    if (stream.id < wire::kMostStreams) info.streams.push_back(std::move(stream));
+  }
   info.segment.epoch = in.take<std::uint64_t>();
   info.segment.from = take_position(in);
   position = take_position(in);

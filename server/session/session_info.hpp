@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "common/wire.hpp"
 
@@ -25,6 +26,7 @@ struct SessionInfo {
   std::string session_id;
   std::string calibration;  ///< camera.txt in DSO's form; may be empty
   SegmentInfo segment{};    ///< not the first: other servers have the session's beginning
+  std::vector<wire::StreamDeclaration> streams{};  ///< the server takes, from kFirstOther on
 
   /// The session's, below the robot's.
   std::string folder() const {

@@ -22,6 +22,9 @@ inline constexpr const char* kOrphans = "orphans";
 inline constexpr const char* kIncoming = "incoming.tmp";
 inline constexpr const char* kIncomingRight = "incoming_right.tmp";
 
+/// Of a stream of samples, by its name.
+inline std::string samples(const std::string& stream) { return stream + "/data.csv"; }
+
 inline std::string image(Sequence sequence) { return fmt::format("{:06}.jpg", sequence); }
 
 /// Of an image in the folder: `images/000123.jpg`, `images_right/000123.jpg`.

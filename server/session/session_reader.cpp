@@ -236,6 +236,40 @@ std::optional<Error> read_items(const fs::path& folder, wire::StreamId stream,
   }
 }
 
+Result<SampleTotals> for_each_sample(const fs::path& folder, wire::StreamId stream,
+                                     const std::function<void(const Sample&)>& take) {
+  SampleTotals totals;
+  std::optional<std::int64_t> last_ns;
+  std::optional<std::int64_t> newest_frame_ns;
+  RecordReader reader(folder);
+  for (;;) {
+    const auto entry = reader.next();
+    if (!entry) return entry.error();
+    if (!entry.value()) return totals;
+    const RecordBody& body = entry.value()->record.body;
+    if (const auto* const summary = std::get_if<SessionSummary>(&body)) {
+      totals.first = summary->info.segment.from[stream];
+      totals.next = std::max(totals.next, totals.first);
+    }
+    if (const auto* const frame = std::get_if<RecordedFrame>(&body); frame && !frame->is_late) {
+      newest_frame_ns =
+          std::max(newest_frame_ns.value_or(frame->capture_time_ns), frame->capture_time_ns);
+    }
+    const auto* const items = std::get_if<RecordedItems>(&body);
+    if (items == nullptr || items->stream != stream) continue;
+    const auto samples = wire::parse_samples(items->payload);
+    if (!samples) continue;
+    for (const Sample& sample : samples.value()) {
+      ++totals.samples;
+      if (last_ns && sample.time_ns <= *last_ns) ++totals.backward;
+      if (newest_frame_ns && sample.time_ns <= *newest_frame_ns) ++totals.behind_frames;
+      last_ns = sample.time_ns;
+      take(sample);
+    }
+    totals.next = items->next;
+  }
+}
+
 std::optional<SessionSummary> read_summary(const fs::path& folder) {
   const auto begin = find_segment(folder, [](const SessionSummary&) { return true; });
   if (!begin) return std::nullopt;

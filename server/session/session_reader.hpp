@@ -11,6 +11,7 @@
 #include "common/drop_record.hpp"
 #include "common/error.hpp"
 #include "common/frame.hpp"
+#include "common/sample.hpp"
 #include "server/session/records.hpp"
 #include "server/session/sequence_set.hpp"
 
@@ -55,6 +56,21 @@ Result<std::vector<DropRecord>> for_each_frame(
 /// The items of one stream, in their order.
 std::optional<Error> read_items(const std::filesystem::path& folder, wire::StreamId stream,
                                 const std::function<void(const RecordedItems&)>& take);
+
+/// What came of one stream of samples. The server has `samples` of the numbers from `first` to
+/// `next`; the others were lost on the robot.
+struct SampleTotals {
+  std::uint64_t samples = 0;
+  std::uint64_t first = 0;
+  std::uint64_t next = 0;
+  std::uint64_t backward = 0;       ///< whose time is not after that of the one before
+  std::uint64_t behind_frames = 0;  ///< not newer than a frame that came live before them
+
+  std::uint64_t lost() const { return next - first - samples; }
+};
+/// Hands on the samples of a stream in their order.
+Result<SampleTotals> for_each_sample(const std::filesystem::path& folder, wire::StreamId stream,
+                                     const std::function<void(const Sample&)>& take);
 
 /// Where the session stands: reads the newest segment of the journal only. Nothing: there is none,
 /// or it cannot be read.

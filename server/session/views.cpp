@@ -15,6 +15,7 @@
 #include "common/as_bytes.hpp"
 #include "common/file_io.hpp"
 #include "common/log.hpp"
+#include "common/sample.hpp"
 #include "common/unique_fd.hpp"
 #include "server/session/recovery.hpp"
 #include "server/session/session_lines.hpp"
@@ -118,6 +119,22 @@ std::optional<Error> write_drops(const fs::path& folder, std::vector<DropRecord>
   return view.finish();
 }
 
+/// A line for session.txt.
+Result<std::string> write_samples(const fs::path& folder, const wire::StreamDeclaration& stream) {
+  const std::string name = session_names::samples(stream.name);
+  std::error_code failed;
+  fs::create_directories((folder / name).parent_path(), failed);
+  if (failed) return system_error("create " + (folder / stream.name).string(), failed.value());
+  View view(folder, name);
+  view.add(kEurocImuHeader);
+  const auto totals = for_each_sample(
+      folder, stream.id, [&view](const Sample& sample) { view.add(to_euroc_line(sample)); });
+  if (!totals) return totals.error();
+  if (auto error = view.finish()) return std::move(*error);
+  return fmt::format("{} delivered {} lost {}\n", stream.name, totals.value().samples,
+                     totals.value().lost());
+}
+
 }  // namespace
 
 std::optional<Error> make_views(const fs::path& folder, Views views) {
@@ -149,8 +166,14 @@ std::optional<Error> make_views(const fs::path& folder, Views views) {
   if (times) {
     if (auto error = times->finish()) return error;
   }
+  std::string samples;
+  for (const wire::StreamDeclaration& stream : outline.value().summary.info.streams) {
+    const auto line = write_samples(folder, stream);
+    if (!line) return line.error();
+    samples += line.value();
+  }
   View session(folder, session_names::kSession);
-  session.add(session_text(outline.value().summary, drops.value()));
+  session.add(session_text(outline.value().summary, drops.value()) + samples);
   return session.finish();
 }
 

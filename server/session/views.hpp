@@ -23,6 +23,7 @@ enum class Views : std::uint8_t {
 ///   drops.csv       the frames that are not there and will not come, kDropCsvHeader first; at most
 ///                   most_drop_lines()
 ///   quality.csv     `123,30,40123,0A1B2C3D`: a frame's quality, and what it was reduced from
+///   imu0/data.csv   the samples of a stream, kEurocImuHeader first; a file for each stream
 ///   session.txt     `KEY VALUE`, what became of the session, for people
 ///
 /// With kAll, images that no record explains move to orphans/, unless the journal is damaged.

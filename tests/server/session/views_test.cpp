@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 
+#include "common/sample.hpp"
 #include "tests/server/session/stored_session.hpp"
 
 namespace orbbuf {
@@ -59,6 +60,26 @@ TEST_F(ViewsTest, HaveWhatIsKnownOfTheFrames) {
             "sequence,reason,capture_time_s\n1,policy,0.160000000\n4,busy,-0.000000001\n"
             "5,busy,0.000000099\n");
   EXPECT_EQ(listed(), numbers());
+}
+
+TEST_F(ViewsTest, HaveTheSamplesOfEachSensorAndHowManyWereLost) {
+  auto opened = SessionStore::open(
+      folder_, {"robot", "session", "", {}, {{4, "imu0", "imu"}, {5, "imu_b", "imu"}}},
+      Durability::kAck);
+  ASSERT_TRUE(opened);
+  SessionStore& store = *opened.value();
+  const auto write_samples = [&](std::uint64_t first, const std::vector<Sample>& samples) {
+    EXPECT_FALSE(
+        store.write_items({4, first, first + samples.size(), wire::encode_samples(samples)}));
+  };
+  write_samples(0, {{10, {1, 2, 3}, {4, 5, 6}}, {20, {}, {}}});
+  write_samples(5, {{70, {0.5, 0, 0}, {}}});
+  make();
+  EXPECT_EQ(read_file(folder_ / "imu0/data.csv"),
+            std::string(kEurocImuHeader) + "10,1,2,3,4,5,6\n20,0,0,0,0,0,0\n70,0.5,0,0,0,0,0\n");
+  EXPECT_EQ(read_file(folder_ / "imu_b/data.csv"), kEurocImuHeader);
+  EXPECT_THAT(read_file(folder_ / "session.txt"),
+              HasSubstr("imu0 delivered 3 lost 3\nimu_b delivered 0 lost 0\n"));
 }
 
 TEST_F(ViewsTest, AStrangersRecordOfManyFramesMakesNoLongFile) {
