@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+// Samples of an inertial sensor beside frames: each arrives once, before the first newer frame.
+#include <gtest/gtest.h>
+
+#include <csignal>
+#include <fstream>
+#include <sstream>
+
+#include "common/decimal.hpp"
+#include "common/sample.hpp"
+#include "tests/e2e/rig.hpp"
+
+namespace orbbuf::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kFrames = 250;
+constexpr std::int64_t kSampleNs = 1'000'000;
+
+/// 1 kHz over the time of the frames, which come at 25 Hz; and what is not captured any more.
+std::vector<Sample> make_samples() {
+  std::vector<Sample> samples;
+  for (std::int64_t i = 0; i < kFrames * 40 + 100; ++i) {
+    const auto value = static_cast<double>(i);
+    samples.push_back({i * kSampleNs + 137, {value / 3, -value, 0.5}, {0, 1e-3 * value, 9.81}});
+  }
+  return samples;
+}
+
+void write_samples(const fs::path& path, const std::vector<Sample>& samples) {
+  std::ofstream file(path);
+  file << kEurocImuHeader;
+  for (const Sample& sample : samples) file << to_euroc_line(sample);
+}
+
+std::vector<Sample> read_samples(const fs::path& path) {
+  std::istringstream file(read_file(path));
+  std::string line;
+  std::getline(file, line);
+  EXPECT_EQ(line + "\n", kEurocImuHeader);
+  std::vector<Sample> samples;
+  while (std::getline(file, line)) {
+    const auto sample = parse_euroc_line(line);
+    if (!sample) throw std::runtime_error("no sample: " + line);
+    samples.push_back(*sample);
+  }
+  return samples;
+}
+
+/// Those up to the time of the last frame, in their order.
+void expect_each_once(const Record& record, std::vector<Sample> sent) {
+  const std::int64_t last_ns = *parse_seconds(record.times.back());
+  std::erase_if(sent, [&](const Sample& sample) { return sample.time_ns > last_ns; });
+  EXPECT_EQ(read_samples(record.folder / "imu0/data.csv"), sent);
+  const Finished check = run({ORBBUF_SERVER, "check", record.folder});
+  EXPECT_EQ(check.status, 0) << check.output;
+  EXPECT_NE(check.output.find("samples, 0 lost on the robot"), std::string::npos) << check.output;
+  EXPECT_EQ(check.output.find("behind a newer frame"), std::string::npos) << check.output;
+}
+
+class Samples : public ::testing::Test {
+ protected:
+  Samples() { write_samples(folder_ / "data.csv", sent_); }
+
+  Overrides settings() const {
+    return {"source.width=160", "source.height=120", "source.frames=" + std::to_string(kFrames),
+            "stream.imu0.path=" + (folder_ / "data.csv").string()};
+  }
+
+  const TemporaryFolder folder_;
+  const std::vector<Sample> sent_ = make_samples();
+};
+
+TEST_F(Samples, ArriveOnceAndInOrderBesideTheFrames) {
+  Overrides fast = settings();
+  fast.emplace_back("source.realtime=false");
+  const Server server(folder_ / "out");
+  const Finished robot = run(robot_command(kRobot, server.address(), fast));
+  ASSERT_EQ(robot.status, 0) << robot.output;
+  const Record record = read_record(folder_ / "out", kRobot);
+  expect_exactly_once(record, kFrames);
+  expect_each_once(record, sent_);
+  EXPECT_NE(read_file(record.folder / "session.txt").find("imu0 delivered "), std::string::npos);
+  const fs::path out = folder_ / "euroc";
+  const Finished exported = run({ORBBUF_SERVER, "export", "--layout", "euroc", record.folder, out});
+  ASSERT_EQ(exported.status, 0) << exported.output;
+  EXPECT_EQ(read_file(out / "mav0/imu0/data.csv"), read_file(record.folder / "imu0/data.csv"));
+}
+
+TEST_F(Samples, ArriveOnceThroughAnOutageAndAServerThatIsKilled) {
+  Server server(folder_ / "out");
+  Process robot(robot_command(kRobot, server.address(), settings()));
+  ASSERT_TRUE(robot.wait_for_lines("] captured ", 2)) << robot.output();
+  server.process().signal(SIGKILL);
+  ASSERT_TRUE(robot.wait_for_line(", no connection")) << robot.output();
+  ASSERT_TRUE(robot.wait_for_lines("] captured ", robot.count_lines("] captured ") + 2));
+  const Server again(folder_ / "out", {}, server.address());
+  EXPECT_EQ(robot.wait(), 0) << robot.output();
+  const auto samples = robot.wait_for_line("samples: imu0 captured ");
+  ASSERT_TRUE(samples) << robot.output();
+  EXPECT_NE(samples->find("waiting 0 + lost 0"), std::string::npos) << *samples;
+  const Record record = read_record(folder_ / "out", kRobot);
+  expect_exactly_once(record, kFrames);
+  expect_each_once(record, sent_);
+}
+
+}  // namespace
+}  // namespace orbbuf::test
