@@ -48,7 +48,7 @@ class Robot {
   std::unique_ptr<FrameSource> source_;   // until pipeline_ has it
   OrbExtractor extractor_;
   FrameBuffer buffer_;
-  SampleStreams samples_;  // until sender_ has it
+  SampleStreams samples_;
   const wire::Hello hello_;
   Record record_;
   Sender sender_;
@@ -103,11 +103,11 @@ Robot::Robot(const Settings& settings)
                           [this](const EncodedFrame& frame, FeatureSet& features) {
                             extractor_.extract(frame, features);
                           })),
-      samples_(settings.streams),
+      samples_(io_, settings.streams, [this] { asio::post(io_, [this] { sender_.wake(); }); }),
       hello_(make_hello(settings, samples_)),
       record_(settings.record, hello_.robot_id, hello_.session_id,
               [this] { asio::post(io_, [this] { sender_.wake(); }); }),
-      sender_(io_, settings.link, hello_, buffer_, record_, std::move(samples_)),
+      sender_(io_, settings.link, hello_, buffer_, record_, samples_),
       pipeline_(
           std::move(source_), settings.jpeg, buffer_,
           {[this] { asio::post(io_, [this] { sender_.on_pushed(); }); },
@@ -154,6 +154,7 @@ void Robot::await_reload() {
 void Robot::on_source_ended(bool failed) {
   source_failed_ = failed;
   service_.stopping();
+  samples_.stop();
   sender_.finish([this](bool complete) {
     is_complete_ = complete;
     is_over_ = true;
@@ -181,7 +182,7 @@ void Robot::log_stats() const {
       "waiting {} + in flight {}",
       stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged, stats.waiting,
       stats.in_flight);
-  if (const auto samples = sender_.samples().stats(); !samples.empty()) {
+  if (const auto samples = samples_.stats(); !samples.empty()) {
     log_info("samples: {}", samples);
   }
 }

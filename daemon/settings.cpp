@@ -227,7 +227,7 @@ void read_record(ConfigReader& config, RecordSettings& record) {
 }
 
 void read_streams(ConfigReader& config, std::vector<SampleStreamSettings>& streams) {
-  constexpr std::array<std::string_view, 1> kKinds = {"euroc"};
+  constexpr std::array<std::string_view, 2> kKinds = {"euroc", "socket"};
   constexpr std::size_t kMost = wire::kMostStreams - wire::kFirstOther;
   for (const auto& [name, key] : config.tables("stream")) {
     SampleStreamSettings stream;
@@ -237,7 +237,7 @@ void read_streams(ConfigReader& config, std::vector<SampleStreamSettings>& strea
     }
     stream.kind = config.choice(key + ".kind", kKinds.front(), kKinds);
     stream.path = config.path(key + ".path", {});
-    if (stream.path.empty()) config.fail(key + ".path", "required for kind = \"euroc\"");
+    if (stream.path.empty()) config.fail(key + ".path", "required: where the samples come from");
     stream.memory_bytes = config.bytes(key + ".memory", stream.memory_bytes, 1 << 16, 1LL << 40);
     streams.push_back(std::move(stream));
   }

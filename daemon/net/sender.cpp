@@ -23,7 +23,7 @@ constexpr std::chrono::milliseconds kAhead{2};  // a frame is written before the
 }  // namespace
 
 Sender::Sender(boost::asio::io_context& io, const LinkSettings& settings, wire::Hello hello,
-               FrameBuffer& buffer, Record& record, SampleStreams samples)
+               FrameBuffer& buffer, Record& record, SampleStreams& samples)
     : buffer_(buffer),
       record_(record),
       drain_timeout_(settings.drain_timeout),
@@ -31,7 +31,7 @@ Sender::Sender(boost::asio::io_context& io, const LinkSettings& settings, wire::
       backfill_(io, record, [this] { wake(); }),
       drain_timer_(io),
       report_timer_(io),
-      samples_(std::move(samples)) {
+      samples_(samples) {
   if (record_.keeps_frames()) buffer_.keep_for_record();
 }
 
@@ -96,7 +96,7 @@ void Sender::wake() {
 
 void Sender::on_pushed() {
   backfill_.on_captured(Clock::now());
-  samples_.capture_until(buffer_.last_capture_time_ns());
+  samples_.on_frame(buffer_.last_capture_time_ns());
   wake();
   if (buffer_.stats().waiting > 0) {
     buffer_.look_ahead(moment(Clock::now(), measure_round_trip()));
@@ -117,10 +117,11 @@ void Sender::write_next() {
   if (!chosen_ && !is_drops_turn) chosen_ = take_frame(round_trip);
   if (chosen_) {
     // The post of on_pushed() may be behind.
-    samples_.capture_until(chosen_->capture_time_ns);
-    if (!write_samples(chosen_->capture_time_ns)) write_chosen();
-  } else if (done_ && write_samples(std::numeric_limits<std::int64_t>::max())) {
-    // Of an earlier frame, which was given up.
+    samples_.on_frame(chosen_->capture_time_ns);
+    if (!write_samples(samples_.take_message(chosen_->capture_time_ns))) write_chosen();
+  } else if (write_samples(done_ ? samples_.take_message(std::numeric_limits<std::int64_t>::max())
+                                 : samples_.take_batch())) {
+    // Frames and drop records go when the link is free again.
   } else if (drops_.has_unsent()) {
     const auto [first, records] = drops_.take_unsent(wire::kMaxDropsPerMessage);
     write(wire::encode(wire::Items{wire::kDrops, first, wire::encode_drops(records)}));
@@ -132,8 +133,7 @@ void Sender::write_next() {
 }
 
 /// False: there are none.
-bool Sender::write_samples(std::int64_t upto_ns) {
-  auto message = samples_.take_message(upto_ns);
+bool Sender::write_samples(std::vector<std::uint8_t> message) {
   if (message.empty()) return false;
   write(std::move(message));
   return true;

@@ -33,10 +33,10 @@ namespace orbbuf {
 /// record is sent until acknowledged. Thread-bound to `main`, the thread that runs the io_context.
 class Sender final : private ServerLink::Owner {
  public:
-  /// `buffer` and `record` must outlive the sender. Nothing happens before start(). Throws
-  /// std::runtime_error if the keys of settings.tls cannot be used.
+  /// `buffer`, `record` and `samples` must outlive the sender. Nothing happens before start().
+  /// Throws std::runtime_error if the keys of settings.tls cannot be used.
   Sender(boost::asio::io_context& io, const LinkSettings& settings, wire::Hello hello,
-         FrameBuffer& buffer, Record& record, SampleStreams samples = SampleStreams());
+         FrameBuffer& buffer, Record& record, SampleStreams& samples);
 
   void start();
 
@@ -48,7 +48,6 @@ class Sender final : private ServerLink::Owner {
   /// For the reports: wire::Report::clock_offset_ns.
   void set_clock_offset(std::chrono::nanoseconds offset) { clock_offset_ = offset; }
 
-  const SampleStreams& samples() const { return samples_; }
   const ServerLink& link() const { return link_; }
   /// Frames that the record holds; nothing if it keeps none.
   std::optional<std::uint64_t> spooled() const;
@@ -75,7 +74,7 @@ class Sender final : private ServerLink::Owner {
   FramePtr take_frame(std::chrono::nanoseconds round_trip);
   SendMoment moment(std::chrono::steady_clock::time_point now,
                     std::chrono::nanoseconds round_trip) const;
-  bool write_samples(std::int64_t upto_ns);
+  bool write_samples(std::vector<std::uint8_t> message);
   void write_chosen();
   bool is_too_large(const EncodedFrame& frame);
   void collect(bool those_at_risk = false);
@@ -100,7 +99,7 @@ class Sender final : private ServerLink::Owner {
   boost::asio::steady_timer drain_timer_;
   boost::asio::steady_timer report_timer_;
   std::chrono::nanoseconds clock_offset_{0};
-  SampleStreams samples_;
+  SampleStreams& samples_;
   FramePtr chosen_;  // taken from buffer_; samples go first
   bool is_drops_turn_ = false;
   Sequence confirmed_ = 0;    // the server has, or had, all below it

@@ -6,10 +6,11 @@
 #include <fstream>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 namespace orbbuf {
 
-EurocSamples::EurocSamples(const std::filesystem::path& path) {
+EurocSamples::EurocSamples(const std::filesystem::path& path, Take take) : take_(std::move(take)) {
   std::ifstream file(path);
   std::string line;
   for (std::size_t number = 1; std::getline(file, line); ++number) {
@@ -32,10 +33,9 @@ EurocSamples::EurocSamples(const std::filesystem::path& path) {
   }
 }
 
-void EurocSamples::read_until(std::int64_t time_ns,
-                              const std::function<void(const Sample&)>& take) {
+void EurocSamples::on_frame(std::int64_t time_ns) {
   for (; next_ < samples_.size() && samples_[next_].time_ns <= time_ns; ++next_) {
-    take(samples_[next_]);
+    take_(samples_[next_]);
   }
 }
 

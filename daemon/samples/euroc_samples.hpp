@@ -15,11 +15,12 @@ class EurocSamples final : public SampleSource {
  public:
   /// Reads the whole file: 56 bytes a sample. Throws std::runtime_error if a line is no sample, or
   /// not newer than the one before.
-  explicit EurocSamples(const std::filesystem::path& path);
+  EurocSamples(const std::filesystem::path& path, Take take);
 
-  void read_until(std::int64_t time_ns, const std::function<void(const Sample&)>& take) override;
+  void on_frame(std::int64_t time_ns) override;
 
  private:
+  const Take take_;
   std::vector<Sample> samples_;
   std::size_t next_ = 0;
 };

@@ -13,18 +13,20 @@ namespace orbbuf {
 /// A `[stream.NAME]` of orbbufd.toml.
 struct SampleStreamSettings {
   std::string name;  ///< of the sensor: wire::is_sample_stream()
-  std::string kind;  ///< `euroc`
+  std::string kind;  ///< `euroc` or `socket`
   std::filesystem::path path;
   std::uint64_t memory_bytes = 40U << 20;  ///< ten minutes at 1 kHz
 };
 
-/// Where the samples of one sensor come from. Thread-bound to `main`; never blocks.
+/// Where the samples of one sensor come from. Hands each on once, in its order. Thread-bound to
+/// `main`; never blocks.
 class SampleSource {
  public:
+  using Take = std::function<void(const Sample&)>;
+
   virtual ~SampleSource() = default;
-  /// Hands on, in their order, all samples up to `time_ns` that were not handed on before. A frame
-  /// of that time was captured.
-  virtual void read_until(std::int64_t time_ns, const std::function<void(const Sample&)>& take) = 0;
+  /// A frame of that time was captured.
+  virtual void on_frame(std::int64_t /*time_ns*/) {}
 };
 
 }  // namespace orbbuf

@@ -4,20 +4,44 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <limits>
 #include <utility>
 
 #include "common/log.hpp"
 #include "daemon/samples/euroc_samples.hpp"
+#include "daemon/samples/socket_samples.hpp"
 
 namespace orbbuf {
 
-SampleStreams::SampleStreams(const std::vector<SampleStreamSettings>& settings) {
+SampleStreams::SampleStreams(boost::asio::io_context& main,
+                             const std::vector<SampleStreamSettings>& settings,
+                             std::function<void()> on_due)
+    : on_due_(std::move(on_due)) {
   wire::StreamId id = wire::kFirstOther;
+  streams_.reserve(settings.size());
   for (const SampleStreamSettings& each : settings) {
-    streams_.push_back({{id++, each.name, std::string(wire::kSampleCodec)},
-                        std::make_unique<EurocSamples>(each.path),
-                        SampleQueue(each.memory_bytes)});
+    Stream& stream = streams_.emplace_back(
+        Stream{{id++, each.name, std::string(wire::kSampleCodec)}, SampleQueue(each.memory_bytes)});
+    const auto take = [this, &stream](const Sample& sample) { this->take(stream, sample); };
+    if (each.kind == "socket") {
+      stream.source = std::make_unique<SocketSamples>(main, each, take);
+    } else {
+      stream.source = std::make_unique<EurocSamples>(each.path, take);
+    }
   }
+}
+
+void SampleStreams::take(Stream& stream, const Sample& sample) {
+  const bool was_due = is_due(stream);
+  if (!stream.queue.push(sample) && !std::exchange(stream.is_disorder_logged, true)) {
+    log_warn("{}: a sample is not newer than the one before: ignored, and so are others like it",
+             stream.declaration.name);
+  }
+  if (!was_due && is_due(stream)) on_due_();
+}
+
+bool SampleStreams::is_due(const Stream& stream) {
+  return stream.is_taken && std::chrono::nanoseconds(stream.queue.unsent_ns()) >= kBatch;
 }
 
 std::vector<wire::StreamDeclaration> SampleStreams::declarations() const {
@@ -26,11 +50,14 @@ std::vector<wire::StreamDeclaration> SampleStreams::declarations() const {
   return all;
 }
 
-void SampleStreams::capture_until(std::int64_t time_ns) {
+void SampleStreams::on_frame(std::int64_t time_ns) {
   for (Stream& stream : streams_) {
-    stream.source->read_until(time_ns,
-                              [&stream](const Sample& sample) { stream.queue.push(sample); });
+    if (stream.source) stream.source->on_frame(time_ns);
   }
+}
+
+void SampleStreams::stop() {
+  for (Stream& stream : streams_) stream.source.reset();
 }
 
 void SampleStreams::on_connected(const wire::Position& position, const std::vector<bool>& takes) {
@@ -63,13 +90,22 @@ bool SampleStreams::can_be_at(const wire::Position& position) const {
 
 std::vector<std::uint8_t> SampleStreams::take_message(std::int64_t upto_ns) {
   for (Stream& stream : streams_) {
-    if (!stream.is_taken) continue;
-    if (const auto batch = stream.queue.take(upto_ns)) {
-      return wire::encode(
-          wire::Items{stream.declaration.id, batch->first, wire::encode_samples(batch->samples)});
-    }
+    if (auto message = take_from(stream, upto_ns); !message.empty()) return message;
   }
   return {};
+}
+
+std::vector<std::uint8_t> SampleStreams::take_batch() {
+  const auto due = std::ranges::find_if(streams_, is_due);
+  if (due == streams_.end()) return {};
+  return take_from(*due, std::numeric_limits<std::int64_t>::max());
+}
+
+std::vector<std::uint8_t> SampleStreams::take_from(Stream& stream, std::int64_t upto_ns) {
+  const auto batch = stream.is_taken ? stream.queue.take(upto_ns) : std::nullopt;
+  if (!batch) return {};
+  return wire::encode(
+      wire::Items{stream.declaration.id, batch->first, wire::encode_samples(batch->samples)});
 }
 
 bool SampleStreams::is_settled() const {
@@ -85,10 +121,10 @@ void SampleStreams::put_ends(wire::Position& position) const {
 
 std::string SampleStreams::stats() const {
   std::string text;
-  for (const auto& [declaration, source, queue, is_taken, lost_logged] : streams_) {
+  for (const Stream& stream : streams_) {
     text += fmt::format("{}{} captured {} = delivered {} + waiting {} + lost {}",
-                        text.empty() ? "" : ", ", declaration.name, queue.captured(),
-                        queue.delivered(), queue.waiting(), queue.lost());
+                        text.empty() ? "" : ", ", stream.declaration.name, stream.queue.captured(),
+                        stream.queue.delivered(), stream.queue.waiting(), stream.queue.lost());
   }
   return text;
 }

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <boost/asio/io_context.hpp>
+#include <chrono>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -15,14 +18,24 @@ namespace orbbuf {
 /// Thread-bound to `main`.
 class SampleStreams {
  public:
-  /// Throws std::runtime_error if a source cannot be opened.
-  explicit SampleStreams(const std::vector<SampleStreamSettings>& settings = {});
+  /// How much of a stream goes in one message while no frame is sent.
+  static constexpr std::chrono::milliseconds kBatch{20};
+
+  /// `on_due` is called when a batch of samples waits, also within on_frame(). Throws
+  /// std::runtime_error if a source cannot be opened.
+  SampleStreams(boost::asio::io_context& main, const std::vector<SampleStreamSettings>& settings,
+                std::function<void()> on_due);
+  SampleStreams(const SampleStreams&) = delete;
+  SampleStreams& operator=(const SampleStreams&) = delete;
 
   /// For the hello.
   std::vector<wire::StreamDeclaration> declarations() const;
 
-  /// A frame of that time was captured: takes the samples up to it from the sources.
-  void capture_until(std::int64_t time_ns);
+  /// A frame of that time was captured.
+  void on_frame(std::int64_t time_ns);
+
+  /// No more samples will come.
+  void stop();
 
   /// As the welcome of a new connection says. A stream that the server does not take is not sent.
   void on_connected(const wire::Position& position, const std::vector<bool>& takes);
@@ -31,6 +44,8 @@ class SampleStreams {
 
   /// A message with samples not sent yet, up to `upto_ns`; empty: there are none.
   std::vector<std::uint8_t> take_message(std::int64_t upto_ns);
+  /// The same, of a stream of which a batch waits.
+  std::vector<std::uint8_t> take_batch();
 
   /// All that the server takes is acknowledged.
   bool is_settled() const;
@@ -43,13 +58,19 @@ class SampleStreams {
  private:
   struct Stream {
     wire::StreamDeclaration declaration;
-    std::unique_ptr<SampleSource> source;
     SampleQueue queue;
+    std::unique_ptr<SampleSource> source{};
     bool is_taken = true;
+    bool is_disorder_logged = false;
     std::uint64_t lost_logged = 0;
   };
 
-  std::vector<Stream> streams_;
+  void take(Stream& stream, const Sample& sample);
+  static bool is_due(const Stream& stream);
+  static std::vector<std::uint8_t> take_from(Stream& stream, std::int64_t upto_ns);
+
+  const std::function<void()> on_due_;
+  std::vector<Stream> streams_;  // as many as at first: their sources know them
 };
 
 }  // namespace orbbuf

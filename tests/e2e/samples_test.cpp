@@ -2,6 +2,7 @@
 // Samples of an inertial sensor beside frames: each arrives once, before the first newer frame.
 #include <gtest/gtest.h>
 
+#include <boost/asio/local/datagram_protocol.hpp>
 #include <csignal>
 #include <fstream>
 #include <sstream>
@@ -86,6 +87,24 @@ TEST_F(Samples, ArriveOnceAndInOrderBesideTheFrames) {
   const Finished exported = run({ORBBUF_SERVER, "export", "--layout", "euroc", record.folder, out});
   ASSERT_EQ(exported.status, 0) << exported.output;
   EXPECT_EQ(read_file(out / "mav0/imu0/data.csv"), read_file(record.folder / "imu0/data.csv"));
+}
+
+TEST_F(Samples, OfADriverArriveOnceThroughItsSocket) {
+  const fs::path socket = folder_ / "imu";
+  Overrides live = settings();
+  live.back() = "stream.imu0.path=" + socket.string();
+  live.emplace_back("stream.imu0.kind=socket");
+  const Server server(folder_ / "out");
+  Process robot(robot_command(kRobot, server.address(), live));
+  ASSERT_TRUE(robot.wait_for_line("] captured ")) << robot.output();
+  boost::asio::io_context io;
+  boost::asio::local::datagram_protocol::socket driver(io, {});
+  driver.connect(socket.string());
+  for (const Sample& sample : sent_) driver.send(boost::asio::buffer(to_euroc_line(sample)));
+  EXPECT_EQ(robot.wait(), 0) << robot.output();
+  const Record record = read_record(folder_ / "out", kRobot);
+  expect_exactly_once(record, kFrames);
+  EXPECT_EQ(read_samples(record.folder / "imu0/data.csv"), sent_);
 }
 
 TEST_F(Samples, ArriveOnceThroughAnOutageAndAServerThatIsKilled) {

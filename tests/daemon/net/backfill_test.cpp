@@ -34,7 +34,7 @@ class BackfillTest : public ::testing::Test {
     hello.session_id = session;
     record_.emplace(settings(), "r", session,
                     [this] { asio::post(io_, [this] { sender_->wake(); }); });
-    sender_ = std::make_unique<Sender>(io_, link_, hello, buffer_, *record_);
+    sender_ = std::make_unique<Sender>(io_, link_, hello, buffer_, *record_, samples_);
     push(0, 4);  // 0 and 1 go
     sender_->start();
     main_ = std::jthread([this] { io_.run(); });
@@ -124,6 +124,7 @@ class BackfillTest : public ::testing::Test {
   FrameBuffer buffer_{{3}, std::make_unique<DropOldestPolicy>()};
   asio::io_context io_;
   std::optional<Record> record_;
+  SampleStreams samples_{io_, {}, nullptr};
   std::unique_ptr<Sender> sender_;
   std::uint64_t number_ = 0;        // of the last late frame
   std::uint64_t next_account_ = 0;  // behind the last account read

@@ -29,9 +29,9 @@ class SenderTest : public ::testing::Test {
     wire::Hello hello;
     hello.robot_id = "r";
     hello.session_id = "s";
-    SampleStreams samples(streams_);
-    hello.streams = samples.declarations();
-    sender_ = std::make_unique<Sender>(io_, link_, hello, buffer_, record_, std::move(samples));
+    samples_.emplace(io_, streams_, [] {});
+    hello.streams = samples_->declarations();
+    sender_ = std::make_unique<Sender>(io_, link_, hello, buffer_, record_, *samples_);
     sender_->start();
     main_ = std::jthread([this] {
       io_.run();
@@ -68,6 +68,7 @@ class SenderTest : public ::testing::Test {
   FrameBuffer buffer_{{5}, std::make_unique<DropOldestPolicy>()};
   Record record_{{}, "r", "s", [] {}};
   asio::io_context io_;
+  std::optional<SampleStreams> samples_;
   std::unique_ptr<Sender> sender_;
   std::promise<void> has_ended_;
   std::jthread main_;
@@ -102,6 +103,7 @@ TEST_F(SenderTest, SamplesGoBeforeTheFirstFrameThatIsNewerAndAgainUntilAcknowled
     EXPECT_EQ(wire::parse_samples(items.payload).value().size(), count);
   };
   EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 0U);
+  server_.ack({1, 0});
   expect_samples(0, 1);
   EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 1U);
   expect_samples(1, 2);
@@ -111,6 +113,8 @@ TEST_F(SenderTest, SamplesGoBeforeTheFirstFrameThatIsNewerAndAgainUntilAcknowled
   position[wire::kFirstOther] = 1;
   server_.welcome(position);
   EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 1U);
+  position[wire::kFrames] = 2;
+  server_.ack(position);
   expect_samples(1, 2);
   EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 2U);
   const auto done = finish();

@@ -16,11 +16,15 @@ class SampleStreamsTest : public ::testing::Test {
     std::ofstream file(folder_ / "data.csv");
     for (std::int64_t time = 0; time < 10; ++time) file << to_euroc_line({time, {}, {}});
     file.close();
-    streams_.emplace(std::vector<SampleStreamSettings>{{"imu0", "euroc", folder_ / "data.csv"},
-                                                       {"imu1", "euroc", folder_ / "data.csv"}});
+    streams_.emplace(io_,
+                     std::vector<SampleStreamSettings>{{"imu0", "euroc", folder_ / "data.csv"},
+                                                       {"imu1", "euroc", folder_ / "data.csv"}},
+                     [this] { ++due_; });
   }
 
   const test::TemporaryFolder folder_;
+  boost::asio::io_context io_;
+  int due_ = 0;
   std::optional<SampleStreams> streams_;
 };
 
@@ -28,7 +32,7 @@ TEST_F(SampleStreamsTest, DeclaresEachAndSendsThemByNumber) {
   const auto declared = streams_->declarations();
   ASSERT_EQ(declared.size(), 2U);
   EXPECT_EQ(declared[1], (wire::StreamDeclaration{5, "imu1", "imu"}));
-  streams_->capture_until(3);
+  streams_->on_frame(3);
   EXPECT_FALSE(streams_->take_message(3).empty());
   EXPECT_FALSE(streams_->take_message(3).empty());
   EXPECT_TRUE(streams_->take_message(3).empty());
@@ -44,9 +48,26 @@ TEST_F(SampleStreamsTest, DeclaresEachAndSendsThemByNumber) {
   EXPECT_FALSE(streams_->can_be_at(position));
 }
 
+TEST_F(SampleStreamsTest, ABatchIsDueOnceItIsTwentyMillisecondsLong) {
+  std::ofstream file(folder_ / "data.csv");
+  for (std::int64_t i = 0; i < 30; ++i) file << to_euroc_line({i * 1'000'000, {}, {}});
+  file.close();
+  SampleStreams streams(io_, {{"imu0", "euroc", folder_ / "data.csv"}}, [this] { ++due_; });
+  streams.on_frame(19'000'000);
+  EXPECT_EQ(due_, 0);
+  EXPECT_TRUE(streams.take_batch().empty());
+  streams.on_frame(20'000'000);
+  EXPECT_EQ(due_, 1);
+  EXPECT_FALSE(streams.take_batch().empty());
+  EXPECT_TRUE(streams.take_message(20'000'000).empty());
+  streams.stop();
+  streams.on_frame(100'000'000);
+  EXPECT_EQ(streams.stats(), "imu0 captured 21 = delivered 0 + waiting 21 + lost 0");
+}
+
 TEST_F(SampleStreamsTest, AStreamThatTheServerDoesNotTakeHoldsNothingUp) {
   streams_->on_connected({}, {true, false});
-  streams_->capture_until(3);
+  streams_->on_frame(3);
   EXPECT_FALSE(streams_->take_message(3).empty());
   EXPECT_TRUE(streams_->take_message(3).empty());
   wire::Position position;
