@@ -1,16 +1,17 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Samples at 1 kHz beside frames at 25 Hz, while the server is killed and started again (outages of 1 to 5 s, seeded):
+# Samples at 1 kHz beside frames at 25 Hz, while the server is killed and started again (the first outage is of 60 s, the others of 1 to 5 s, seeded):
 # compares what arrived with what the robot captured.
-# Usage: bench/samples/run.sh BUILD_FOLDER [--seed N] [--seconds N]
+# Usage: bench/samples/run.sh BUILD_FOLDER [--seed N] [--seconds N] [--outage SECONDS]
 set -euo pipefail
 orbbufd=$1/daemon/orbbufd server=$1/server/orbbuf-server
 shift
-seed=1 seconds=120
+seed=1 seconds=180 outage=60
 while [ $# -gt 0 ]; do
   case $1 in
     --seed) seed=$2 ;;
     --seconds) seconds=$2 ;;
+    --outage) outage=$2 ;;
     *) echo "samples: unknown option $1" >&2 && exit 2 ;;
   esac
   shift 2
@@ -42,7 +43,7 @@ serve() { # ADDRESS: sets address
 }
 
 awk -v count=$((seconds * 1000)) 'BEGIN {
-  for (i = 0; i < count; ++i) printf "%d,%.6f,%.6f,0.25,0.125,-%.6f,9.81\n", i * 1e6 + 137, i / 7, i / 3, i / 11 }' \
+  for (i = 0; i < count; ++i) printf "%.0f,%.6f,%.6f,0.25,0.125,-%.6f,9.81\n", i * 1e6 + 137, i / 7, i / 3, i / 11 }' \
   >"$work/data.csv"
 serve 127.0.0.1:0
 "$orbbufd" --set "link.server=$address" --set robot.id=r --set source.width=320 --set source.height=240 \
@@ -55,12 +56,15 @@ while kill -0 "$robot_pid" 2>/dev/null && [ $((SECONDS + 10)) -lt "$seconds" ]; 
   kill -KILL "$server_pid"
   wait "$server_pid" 2>/dev/null || true
   kills=$((kills + 1))
-  sleep $((1 + RANDOM % 5))
+  if [ $kills -eq 1 ]; then sleep "$outage"; else sleep $((1 + RANDOM % 5)); fi
   serve "$address"
   sleep $((3 + RANDOM % 5))
 done
-wait "$robot_pid" && robot_pid=''
-kill "$server_pid" && wait "$server_pid" && server_pid=''
+wait "$robot_pid"
+robot_pid=''
+kill "$server_pid"
+wait "$server_pid"
+server_pid=''
 
 session=$(echo "$work"/out/r/*/)
 "$server" check "$session" >"$work/check" 2>&1 || true
