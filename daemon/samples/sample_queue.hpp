@@ -39,8 +39,6 @@ class SampleQueue {
   std::optional<Batch> take(std::int64_t upto_ns);
   /// Between the oldest and the newest unsent one.
   std::int64_t unsent_ns() const;
-  /// Of the newest that was pushed; nothing before.
-  std::optional<std::int64_t> last_time_ns() const { return last_time_ns_; }
 
   /// Behind the last number that was ever sent.
   std::uint64_t sent_end() const { return sent_end_; }
