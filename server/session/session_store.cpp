@@ -17,6 +17,7 @@
 #include "common/crc32.hpp"
 #include "common/file_io.hpp"
 #include "common/log.hpp"
+#include "common/sample.hpp"
 #include "server/session/session_lines.hpp"
 #include "server/session/session_names.hpp"
 #include "server/session/session_reader.hpp"
@@ -156,6 +157,7 @@ std::optional<Error> SessionStore::begin_anew() {
   summary_.late_end = 0;
   numbers_.reset();
   times_.reset();
+  samples_.clear();
   is_new_ = true;
   return std::nullopt;
 }
@@ -265,7 +267,33 @@ void SessionStore::mend_from(const journal::Place& place) {
 }
 
 std::optional<Error> SessionStore::write_items(const RecordedItems& items) {
-  return append_to_folder(items);
+  auto error = append_to_folder(items);
+  if (!error) append_samples(items);
+  return error;
+}
+
+/// Like lines of times.txt, only a view.
+void SessionStore::append_samples(const RecordedItems& items) {
+  const auto& streams = summary_.info.streams;
+  const auto stream = std::ranges::find(streams, items.stream, &wire::StreamDeclaration::id);
+  if (stream == streams.end()) return;
+  const fs::path path = folder_ / session_names::samples(stream->name);
+  UniqueFd& file = samples_[items.stream];
+  std::optional<Error> error;
+  if (file) {
+    std::string lines;
+    const auto samples = wire::parse_samples(items.payload);
+    if (!samples) return;
+    for (const Sample& sample : samples.value()) lines += to_euroc_line(sample);
+    error = write_all(file.get(), as_bytes(lines), path);
+  } else {
+    const auto all = write_samples(folder_, *stream);
+    if (!all) error = all.error();
+    file = UniqueFd(::open(path.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC));
+  }
+  if (!error && file) return;
+  file = UniqueFd();  // it is made again with the next ones
+  if (lines_.lets_through()) log_warn("{} is not complete for now", path.string());
 }
 
 std::optional<Error> SessionStore::note(const RecordedReport& report) {
@@ -299,6 +327,7 @@ std::optional<Error> SessionStore::finish(bool has_ended) {
   ::unlink((folder_ / session_names::kSession).c_str());  // its absence says: views are to be made
   if (auto error = append_to_folder(RecordedEnd{has_ended})) return error;
   times_.reset();
+  samples_.clear();
   times_from_ = journal_.end();
   if (auto error = make_views(folder_, Views::kAll)) {
     is_clean_ = false;

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -13,6 +14,7 @@
 #include "common/frame.hpp"
 #include "common/journal/journal.hpp"
 #include "common/log_limit.hpp"
+#include "common/unique_fd.hpp"
 #include "server/session/durability.hpp"
 #include "server/session/records.hpp"
 #include "server/session/recovery.hpp"
@@ -27,14 +29,16 @@ namespace orbbuf {
 ///   images_right/000123.jpg   of stereo frames the right image; `images` has the left one
 ///   camera.txt           the robot's calibration, if it sent one
 ///   times.txt            `123 1.633012000 0.000000`: number, seconds, exposure in ms (0: unknown)
+///   imu0/data.csv        the samples of a stream, kEurocImuHeader first
 ///   checksums.sfv, drops.csv, quality.csv, session.txt   see make_views()
 ///   orphans/             what was found and could not be explained; no program reads it
 ///
 /// The record in the journal is what makes a frame accepted. Its images are renamed into place
-/// before, and its line in times.txt follows. All text files are views: they can be made again from
-/// the journal, and nothing reads them back. An accepted frame survives the death of this process;
-/// GroupCommit is for that of the machine, and set_kept() tells what it has done. On a file system
-/// where that may not reach the device (weak_file_system()) each call does so itself, with kAck.
+/// before, and its line in times.txt follows, as do those of samples their record. All text files
+/// are views: they can be made again from the journal, and nothing reads them back. An accepted
+/// frame survives the death of this process; GroupCommit is for that of the machine, and set_kept()
+/// tells what it has done. On a file system where that may not reach the device
+/// (weak_file_system()) each call does so itself, with kAck.
 ///
 /// Late frames stand in the journal as they come. They are in times.txt from close() on.
 ///
@@ -116,6 +120,7 @@ class SessionStore {
   std::optional<Error> write_images(const EncodedFrame& frame, bool is_synced);
   void remove_images(Sequence sequence) const;
   void append_line(const RecordedFrame& frame, const journal::Place& place);
+  void append_samples(const RecordedItems& items);
   void mend_from(const journal::Place& place);
   std::optional<Error> load_numbers();
   bool has_images(const EncodedFrame& frame) const;
@@ -135,7 +140,8 @@ class SessionStore {
   bool is_prepared_ = false;
   bool has_right_folder_ = false;
   std::optional<TimesFile> times_;
-  journal::Place times_from_;  // lines of records from here on may be missing
+  std::map<wire::StreamId, UniqueFd> samples_;  // data.csv
+  journal::Place times_from_;                   // lines of records from here on may be missing
   std::optional<Numbers> numbers_;
   std::optional<std::chrono::steady_clock::time_point> account_at_;
   LogLimit conflicts_{std::chrono::seconds{10}};

@@ -119,8 +119,9 @@ std::optional<Error> write_drops(const fs::path& folder, std::vector<DropRecord>
   return view.finish();
 }
 
-/// A line for session.txt.
-Result<std::string> write_samples(const fs::path& folder, const wire::StreamDeclaration& stream) {
+}  // namespace
+
+Result<SampleTotals> write_samples(const fs::path& folder, const wire::StreamDeclaration& stream) {
   const std::string name = session_names::samples(stream.name);
   std::error_code failed;
   fs::create_directories((folder / name).parent_path(), failed);
@@ -131,11 +132,8 @@ Result<std::string> write_samples(const fs::path& folder, const wire::StreamDecl
       folder, stream.id, [&view](const Sample& sample) { view.add(to_euroc_line(sample)); });
   if (!totals) return totals.error();
   if (auto error = view.finish()) return std::move(*error);
-  return fmt::format("{} delivered {} lost {}\n", stream.name, totals.value().samples,
-                     totals.value().lost());
+  return totals;
 }
-
-}  // namespace
 
 std::optional<Error> make_views(const fs::path& folder, Views views) {
   const auto outline = read_outline(folder);
@@ -168,9 +166,11 @@ std::optional<Error> make_views(const fs::path& folder, Views views) {
   }
   std::string samples;
   for (const wire::StreamDeclaration& stream : outline.value().summary.info.streams) {
-    const auto line = write_samples(folder, stream);
-    if (!line) return line.error();
-    samples += line.value();
+    const auto totals = has_times ? write_samples(folder, stream)
+                                  : for_each_sample(folder, stream.id, [](const Sample&) {});
+    if (!totals) return totals.error();
+    samples += fmt::format("{} delivered {} lost {}\n", stream.name, totals.value().samples,
+                           totals.value().lost());
   }
   View session(folder, session_names::kSession);
   session.add(session_text(outline.value().summary, drops.value()) + samples);

@@ -6,13 +6,15 @@
 #include <optional>
 
 #include "common/error.hpp"
+#include "common/wire.hpp"
+#include "server/session/session_reader.hpp"
 
 namespace orbbuf {
 
 /// Which views of a session.
 enum class Views : std::uint8_t {
   kAll,
-  kAllButTimes,  ///< of a session that is open: its times.txt is being written
+  kAllButTimes,  ///< of a session that is open: times.txt and data.csv are being written
 };
 
 /// Makes the text files of a session anew from its journal; each appears by rename, session.txt as
@@ -30,5 +32,9 @@ enum class Views : std::uint8_t {
 /// Blocking; reentrant for different sessions. Memory: that of a SessionOutline and the drop
 /// records.
 std::optional<Error> make_views(const std::filesystem::path& folder, Views views);
+
+/// Makes the data.csv of one stream of samples, likewise.
+Result<SampleTotals> write_samples(const std::filesystem::path& folder,
+                                   const wire::StreamDeclaration& stream);
 
 }  // namespace orbbuf

@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 
+#include "server/session/views.hpp"
 #include "tests/server/session/stepped_child.hpp"
 #include "tests/server/session/stored_session.hpp"
 
@@ -34,6 +35,35 @@ TEST_F(SessionStoreTest, LaysFramesOutAsDsoReadsThem) {
   EXPECT_EQ(read_file(folder_ / "times.txt"),
             "0 0.000000000 8.500000\n7 0.280000000 8.500000\n1234567 49382.680000000 8.500000\n");
   EXPECT_EQ(read_file(folder_ / "camera.txt"), "Pinhole 1 2 3\n");
+}
+
+TEST_F(SessionStoreTest, SamplesAreInTheirFileAsTheyCome) {
+  const SessionInfo info{"robot", "session", "", {}, {{4, "imu0", "imu"}}};
+  const auto take = [](SessionStore& store, std::uint64_t number) {
+    const std::vector<Sample> one{{static_cast<std::int64_t>(10 * number), {1, 2, 3}, {4, 5, 6}}};
+    EXPECT_FALSE(store.write_items({4, number, number + 1, wire::encode_samples(one)}));
+  };
+  const auto lines = [this](std::initializer_list<int> times) {
+    std::string all(kEurocImuHeader);
+    for (const int time : times) all += std::to_string(time) + ",1,2,3,4,5,6\n";
+    EXPECT_EQ(read_file(folder_ / "imu0/data.csv"), all);
+  };
+  {
+    const auto store = SessionStore::open(folder_, info, Durability::kAck);
+    take(*store.value(), 0);
+    lines({0});
+    take(*store.value(), 1);
+    lines({0, 10});
+    fs::remove_all(folder_ / "imu0");
+    EXPECT_FALSE(make_views(folder_, Views::kAllButTimes));  // whoever follows it keeps it
+    EXPECT_FALSE(fs::exists(folder_ / "imu0"));
+  }
+  const auto again = SessionStore::open(folder_, info, Durability::kAck);
+  take(*again.value(), 2);
+  lines({0, 10, 20});
+  EXPECT_FALSE(again.value()->finish(true));
+  take(*again.value(), 3);
+  lines({0, 10, 20, 30});
 }
 
 TEST_F(SessionStoreTest, RightImagesOfStereoFramesHaveTheirOwnFolder) {
