@@ -19,7 +19,12 @@ namespace {
 using Qos = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
 
 constexpr dds_duration_t kLongestWrite = DDS_MSECS(100);
-constexpr int kRetries = 9;  // up to 1 s
+constexpr std::int32_t kDepth = 256;  // messages that a slow reader may still get
+constexpr std::int32_t kRawDepth = 16;
+/// Cyclone has a writer wait while readers lack so many bytes; the depths are the limit here.
+constexpr std::string_view kNeverWait =
+    "<Internal><Watermarks><WhcHigh>1GB</WhcHigh><WhcHighInit>1GB</WhcHighInit></Watermarks>"
+    "</Internal>";
 constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 
 dds_domainid_t domain_id() {
@@ -41,22 +46,21 @@ dds_entity_t require(dds_entity_t entity, std::string_view attempt) {
   throw std::runtime_error(fmt::format("dds: cannot {}: {}", attempt, dds_strretcode(-entity)));
 }
 
-/// What ROS 2's default readers ask for: with XCDR1, whatever Cyclone would choose. KEEP_ALL, which
-/// readers of any history match: with KEEP_LAST Cyclone overwrites without an error what a slow
-/// reader lacks.
-Qos topic_qos() {
+/// What ROS 2's default readers ask for: with XCDR1, whatever Cyclone would choose. KEEP_LAST: with
+/// KEEP_ALL a slow reader would delay all others.
+Qos topic_qos(std::int32_t depth) {
   Qos qos(dds_create_qos(), &dds_delete_qos);
   const dds_data_representation_id_t xcdr1 = DDS_DATA_REPRESENTATION_XCDR1;
   dds_qset_data_representation(qos.get(), 1, &xcdr1);
   dds_qset_reliability(qos.get(), DDS_RELIABILITY_RELIABLE, kLongestWrite);
-  dds_qset_history(qos.get(), DDS_HISTORY_KEEP_ALL, 0);
+  dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, depth);
   return qos;
 }
 
 dds_entity_t make_writer(const DdsParticipant& participant, dds_entity_t publisher,
                          const dds_topic_descriptor_t& type, const std::string& name,
-                         bool is_latched) {
-  const Qos qos = topic_qos();
+                         std::int32_t depth, bool is_latched) {
+  const Qos qos = topic_qos(depth);
   if (is_latched) {
     dds_qset_durability(qos.get(), DDS_DURABILITY_TRANSIENT_LOCAL);
     dds_qset_durability_service(qos.get(), 0, DDS_HISTORY_KEEP_LAST, 1, DDS_LENGTH_UNLIMITED,
@@ -103,11 +107,18 @@ sensor_msgs_msg_dds__CameraInfo_ message_of(const CameraInfo& camera,
 
 }  // namespace
 
-DdsParticipant::DdsParticipant()
-    : entity_(require(dds_create_participant(domain_id(), nullptr, nullptr),
-                      "join the domain (see CYCLONEDDS_URI and the network interfaces)")) {}
+DdsParticipant::DdsParticipant() {
+  constexpr std::string_view kAttempt =
+      "join the domain (see CYCLONEDDS_URI and the network interfaces)";
+  const char* const uri = std::getenv("CYCLONEDDS_URI");
+  const std::string config = fmt::format("{},{}", kNeverWait, uri != nullptr ? uri : "");
+  domain_ = require(dds_create_domain(domain_id(), config.c_str()), kAttempt);
+  entity_ = dds_create_participant(domain_id(), nullptr, nullptr);
+  if (entity_ < 0) dds_delete(domain_);
+  require(entity_, kAttempt);
+}
 
-DdsParticipant::~DdsParticipant() { dds_delete(entity_); }
+DdsParticipant::~DdsParticipant() { dds_delete(domain_); }
 
 DdsCamera::DdsCamera(const DdsParticipant& participant, const std::string& base,
                      std::string frame_id)
@@ -115,15 +126,15 @@ DdsCamera::DdsCamera(const DdsParticipant& participant, const std::string& base,
       publisher_(require(dds_create_publisher(participant.entity(), nullptr, nullptr),
                          "make a publisher")) {
   const auto writer = [&](const dds_topic_descriptor_t& type, std::string_view name,
-                          bool is_latched) {
-    return Writer{
-        make_writer(participant, publisher_, type, fmt::format("rt/{}/{}", base, name), is_latched),
-        kRetries};
+                          std::int32_t depth, bool is_latched) {
+    return make_writer(participant, publisher_, type, fmt::format("rt/{}/{}", base, name), depth,
+                       is_latched);
   };
   try {
-    compressed_ = writer(sensor_msgs_msg_dds__CompressedImage__desc, "image_raw/compressed", false);
-    raw_ = writer(sensor_msgs_msg_dds__Image__desc, "image_raw", false);
-    info_ = writer(sensor_msgs_msg_dds__CameraInfo__desc, "camera_info", true);
+    compressed_ =
+        writer(sensor_msgs_msg_dds__CompressedImage__desc, "image_raw/compressed", kDepth, false);
+    raw_ = writer(sensor_msgs_msg_dds__Image__desc, "image_raw", kRawDepth, false);
+    info_ = writer(sensor_msgs_msg_dds__CameraInfo__desc, "camera_info", kDepth, true);
   } catch (...) {
     dds_delete(publisher_);
     throw;
@@ -132,15 +143,9 @@ DdsCamera::DdsCamera(const DdsParticipant& participant, const std::string& base,
 
 DdsCamera::~DdsCamera() { dds_delete(publisher_); }
 
-std::optional<Error> DdsCamera::write(Writer& writer, const void* message) {
-  dds_return_t status = dds_write(writer.entity, message);
-  while (status == DDS_RETCODE_TIMEOUT && writer.retries > 0) {
-    --writer.retries;
-    status = dds_write(writer.entity, message);
-  }
-  if (status == DDS_RETCODE_TIMEOUT) return Error{"a reader is slow or does not answer"};
+std::optional<Error> DdsCamera::write(int writer, const void* message) {
+  const dds_return_t status = dds_write(writer, message);
   if (status != DDS_RETCODE_OK) return Error{dds_strretcode(-status)};
-  writer.retries = kRetries;
   return std::nullopt;
 }
 
@@ -172,7 +177,7 @@ std::optional<Error> DdsCamera::publish_raw(std::int64_t time_ns, const GrayImag
 
 bool DdsCamera::has_raw_reader() const {
   dds_publication_matched_status_t matched{};
-  return dds_get_publication_matched_status(raw_.entity, &matched) == DDS_RETCODE_OK &&
+  return dds_get_publication_matched_status(raw_, &matched) == DDS_RETCODE_OK &&
          matched.current_count > 0;
 }
 

@@ -27,6 +27,7 @@ class DdsParticipant {
   int entity() const { return entity_; }
 
  private:
+  int domain_;
   int entity_;
 };
 
@@ -37,9 +38,8 @@ class DdsParticipant {
 ///   BASE/camera_info           sensor_msgs/msg/CameraInfo, latched: a reader that asks for
 ///                              durability `transient local` gets the last one, too
 ///
-/// All are reliable. A reader that is slow holds up to about 500 kB (Cyclone's WhcHigh); a call
-/// then waits for it, up to 1 s, and is refused; the calls after that wait up to 100 ms, until one
-/// succeeds. Such a reader delays the others as well, until it reads or its lease is over.
+/// All are reliable, and keep the last 256 messages (raw: 16) for readers that lack them. No reader
+/// holds up a call, or another reader: one that is slower misses what is older.
 /// Thread-bound: one object per thread; it must not outlive the participant.
 class DdsCamera {
  public:
@@ -57,18 +57,13 @@ class DdsCamera {
   bool has_raw_reader() const;
 
  private:
-  struct Writer {
-    int entity = 0;
-    int retries = 0;  // left, since the last success
-  };
-
-  static std::optional<Error> write(Writer& writer, const void* message);
+  static std::optional<Error> write(int writer, const void* message);
 
   const std::string frame_id_;
   int publisher_;  // owns the writers
-  Writer compressed_;
-  Writer raw_;
-  Writer info_;
+  int compressed_ = 0;
+  int raw_ = 0;
+  int info_ = 0;
 };
 
 }  // namespace orbbuf
