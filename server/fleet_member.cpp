@@ -22,7 +22,7 @@ class EtcdFleetMember final : public FleetMember {
         claims_(main, files, fleet_, settings.fleet.name, settings.sinks.files_path) {}
 
   FleetPage page() override {
-    return {[this](auto answer) { fleet_.async_overview(std::move(answer)); },
+    return {[this](const auto& from, auto answer) { fleet_.overview().async_page(from, answer); },
             [this] { return fleet::to_prometheus(fleet_); }};
   }
 

@@ -179,8 +179,10 @@ void EtcdClient::send_txns() {
                       }));
 }
 
-void EtcdClient::async_range(std::string prefix, Done<std::vector<KeyValue>> done) {
-  const json request{{"key", to_base64(prefix)}, {"range_end", to_base64(end_of(prefix))}};
+void EtcdClient::async_range(KeyRange range, Done<std::vector<KeyValue>> done) {
+  json request{{"key", to_base64(range.prefix + range.from)},
+               {"range_end", to_base64(end_of(range.prefix))}};
+  if (range.most > 0) request["limit"] = std::to_string(range.most);
   channel_.async_post("/v3/kv/range", request.dump(),
                       reader<std::vector<KeyValue>>(std::move(done), [](const json& answer) {
                         std::vector<KeyValue> found;

@@ -21,7 +21,7 @@ class EtcdClient final : public KeyStore {
       : main_(main), channel_(main, std::move(options)) {}
 
   void async_txns(std::vector<KeyTxn> txns, Done<std::vector<KeyTxnOutcome>> done) override;
-  void async_range(std::string prefix, Done<std::vector<KeyValue>> done) override;
+  void async_range(KeyRange range, Done<std::vector<KeyValue>> done) override;
   void async_grant(std::chrono::seconds ttl, Done<std::int64_t> done) override;
   void async_keep_alive(std::int64_t lease, Done<bool> done) override;
   void async_revoke(std::int64_t lease, Done<bool> done) override;

@@ -70,7 +70,7 @@ void async_find_session(KeyStore& store, const SessionName& session,
     const auto& found = outcomes.value().front().found;
     const auto owner = found.empty() ? std::nullopt : owner_from(found.front().value);
     if (!owner) return done(Error{"etcd: no session " + session.text()});
-    store.async_range(std::string(kServers), [owner, done](auto keys) {
+    store.async_range(KeyRange(kServers), [owner, done](auto keys) {
       if (!keys) return done(keys.error());
       FoundSession answer;
       for (const KeyValue& key : keys.value()) {

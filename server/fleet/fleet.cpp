@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <boost/asio/post.hpp>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <random>
 #include <utility>
 
@@ -31,7 +30,9 @@ Fleet::Fleet(boost::asio::io_context& main, const FleetSettings& settings,
     : etcd_(main, {settings.etcd, settings.tls}),
       membership_(main, etcd_, entry_of(settings), settings.lease, std::move(robots)),
       ownership_(etcd_, settings.name, membership_.self().instance),
-      recorder_(main, etcd_) {}
+      recorder_(main, etcd_),
+      viewers_etcd_(main, {settings.etcd, settings.tls}),
+      overview_(viewers_etcd_, settings.etcd) {}
 
 void Fleet::start() {
   const ServerEntry& self = membership_.self();
@@ -43,6 +44,7 @@ void Fleet::async_stop(std::function<void()> stopped) {
   recorder_.stop();
   membership_.async_stop([this, stopped = std::move(stopped)] {
     etcd_.stop();
+    viewers_etcd_.stop();
     stopped();
   });
 }
@@ -115,53 +117,6 @@ std::string Fleet::refuge() const {
 std::string Fleet::refuge_name() const {
   const auto other = membership_.least_loaded_other();
   return other ? other->name : std::string();
-}
-
-void Fleet::async_overview(const std::function<void(Result<std::string>)>& done) {
-  using nlohmann::json;
-  json etcd = json::array();
-  for (const Address& endpoint : channel().endpoints()) etcd.push_back(to_string(endpoint));
-  const auto servers = [this] {
-    json all = json::array();
-    for (const auto& [name, server] : membership_.servers()) {
-      json entry = json::parse(to_text(server));
-      entry["name"] = name;
-      all.push_back(entry);
-    }
-    return all;
-  };
-  const auto fail = [done](const Error& error) { done(error); };
-  membership_.async_refresh([this, etcd, servers, fail, done](const auto& error) {
-    if (error) return fail(*error);
-    etcd_.async_range(std::string(kSessions), [this, etcd, servers, fail,
-                                               done](const auto& owners) {
-      if (!owners) return fail(owners.error());
-      std::map<std::string, json> sessions;
-      for (const KeyValue& key : owners.value()) {
-        const auto name = session_of(key.key);
-        const auto owner = owner_from(key.value);
-        if (!name || !owner) continue;
-        json entry = json::parse(to_text(*owner));
-        entry["robot"] = name->robot_id;
-        entry["session"] = name->session_id;
-        sessions[name->text()] = entry;
-      }
-      etcd_.async_range(std::string(kPositions), [etcd, servers, fail, done,
-                                                  sessions](const auto& positions) mutable {
-        if (!positions) return fail(positions.error());
-        for (const KeyValue& key : positions.value()) {
-          const auto name = session_of(key.key);
-          const auto entry = name ? sessions.find(name->text()) : sessions.end();
-          const auto position = position_from(key.value);
-          if (entry == sessions.end() || !position) continue;
-          entry->second.update(json::parse(to_text(*position)));
-        }
-        json list = json::array();
-        for (auto& [name, entry] : sessions) list.push_back(std::move(entry));
-        done(json{{"etcd", etcd}, {"servers", servers()}, {"sessions", std::move(list)}}.dump());
-      });
-    });
-  });
 }
 
 }  // namespace orbbuf::fleet

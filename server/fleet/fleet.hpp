@@ -13,6 +13,7 @@
 #include "server/fleet/etcd_client.hpp"
 #include "server/fleet/fleet_settings.hpp"
 #include "server/fleet/membership.hpp"
+#include "server/fleet/overview.hpp"
 #include "server/fleet/ownership.hpp"
 #include "server/fleet/position_recorder.hpp"
 
@@ -60,9 +61,7 @@ class Fleet {
   const Membership& membership() const { return membership_; }
   const Ownership& ownership() const { return ownership_; }
   const EtcdChannel& channel() const { return etcd_.channel(); }
-
-  /// Servers and sessions as JSON, for people: read from etcd now.
-  void async_overview(const std::function<void(Result<std::string>)>& done);
+  Overview& overview() { return overview_; }
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -76,6 +75,8 @@ class Fleet {
   Membership membership_;
   Ownership ownership_;
   PositionRecorder recorder_;
+  EtcdClient viewers_etcd_;  // a lease does not wait behind what is read for people
+  Overview overview_;
   std::map<std::string, Clock::time_point> sent_away_;  // by SessionName::text()
 };
 

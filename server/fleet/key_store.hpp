@@ -2,9 +2,12 @@
 #pragma once
 
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "common/error.hpp"
@@ -37,6 +40,17 @@ struct KeyTxn {
   std::vector<std::string> reads;  ///< in either case, after the puts
 };
 
+/// The keys that begin with `prefix`, in order; of these, if `most` is not 0, so many from
+/// `prefix` + `from` on.
+struct KeyRange {
+  explicit KeyRange(std::string_view all, std::string first = "", std::size_t count = 0)
+      : prefix(all), from(std::move(first)), most(count) {}
+
+  std::string prefix;
+  std::string from;
+  std::size_t most;
+};
+
 struct KeyTxnOutcome {
   bool is_done = false;
   std::int64_t revision = 0;    ///< of the store: that of the puts, if they are done
@@ -56,8 +70,7 @@ class KeyStore {
   /// Each txn by itself, all in one request: at most kMostTxns, no key put by two of them.
   static constexpr std::size_t kMostTxns = 100;
   virtual void async_txns(std::vector<KeyTxn> txns, Done<std::vector<KeyTxnOutcome>> done) = 0;
-  /// All keys that begin with `prefix`.
-  virtual void async_range(std::string prefix, Done<std::vector<KeyValue>> done) = 0;
+  virtual void async_range(KeyRange range, Done<std::vector<KeyValue>> done) = 0;
 
   /// A lease that lasts so long after each renewal; its keys go with it.
   virtual void async_grant(std::chrono::seconds ttl, Done<std::int64_t> done) = 0;

@@ -80,7 +80,7 @@ void Membership::beat_later(const std::optional<Error>& error) {
 }
 
 void Membership::async_refresh(Done done) {
-  store_.async_range(std::string(kServers), [this, done = std::move(done)](const auto& found) {
+  store_.async_range(KeyRange(kServers), [this, done = std::move(done)](const auto& found) {
     if (!found) return done(found.error());
     servers_.clear();
     for (const KeyValue& key : found.value()) {

@@ -40,13 +40,16 @@ std::vector<std::string> words_of(std::string_view path) {
   return words;
 }
 
+/// What is behind `key`; empty if the query does not begin with it.
+std::string_view value_of(std::string_view query, std::string_view key) {
+  return query.starts_with(key) ? query.substr(key.size()) : std::string_view();
+}
+
 /// The number behind `since=`; 0 if there is none.
 std::uint64_t since(std::string_view query) {
-  constexpr std::string_view kKey = "since=";
+  const std::string_view value = value_of(query, "since=");
   std::uint64_t number = 0;
-  if (query.starts_with(kKey)) {
-    std::from_chars(query.data() + kKey.size(), query.data() + query.size(), number);
-  }
+  std::from_chars(value.data(), value.data() + value.size(), number);
   return number;
 }
 
@@ -109,7 +112,7 @@ void Router::answer_path(const HttpRequest& request, const Words& words, Answer 
   if (first == "metrics" && words.size() == 1) {
     return answer(prometheus());
   }
-  if (first == "fleet.json" && words.size() == 1) return fleet(std::move(answer));
+  if (first == "fleet.json" && words.size() == 1) return fleet(request.query, std::move(answer));
   if (first == "robots" && words.size() == 3 && words[2] == "image") return answer(image(words[1]));
   if (first == "api" && words.size() == 2 && words[1] == "robots") {
     return answer(robots(request.query));
@@ -130,9 +133,10 @@ HttpResponse Router::prometheus() const {
   return text_response(std::move(text), kMetricsType);
 }
 
-void Router::fleet(Answer answer) const {
+void Router::fleet(const std::string& query, Answer answer) const {
   if (!fleet_.overview) return answer(error_response(kNotFound, "[fleet] is not set"));
-  fleet_.overview([answer = std::move(answer)](const Result<std::string>& overview) {
+  const std::string from(value_of(query, "from="));
+  fleet_.overview(from, [answer = std::move(answer)](const Result<std::string>& overview) {
     answer(overview ? text_response(overview.value(), kJson)
                     : error_response(kUnavailable, overview.error().text));
   });

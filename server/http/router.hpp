@@ -37,7 +37,7 @@ class Router {
 
   void answer_path(const HttpRequest& request, const Words& words, Answer answer) const;
   HttpResponse prometheus() const;
-  void fleet(Answer answer) const;
+  void fleet(const std::string& query, Answer answer) const;
   HttpResponse robots(const std::string& query) const;
   HttpResponse image(const std::string& robot) const;
   void session_file(const Words& words, Answer answer) const;

@@ -426,7 +426,7 @@ function showTable(title, heads, rows) {
   return card;
 }
 
-function showFleet({ etcd, servers, sessions }) {
+function showFleet({ etcd, servers, sessions, next }) {
   const pages = new Map(servers.map(({ name, http }) => [name, http]));
   const linked = (text, server, ...parts) => {
     const to = element(pages.get(server) ? "a" : "span", text);
@@ -447,6 +447,11 @@ function showFleet({ etcd, servers, sessions }) {
         state(session), linked(session.server, session.server), String(session.next?.[0] ?? 0),
         session.segments.map((one) => part(session, one, `${one.server} from ${one.next[0] ?? 0}`)),
         join(session)])));
+  if (next) {
+    const more = element("a", "More sessions");
+    more.href = `/fleet?from=${next}`;
+    main.append(more);
+  }
   const open = sessions.filter((session) => !session.ended).length;
   summary(`${servers.length} server${servers.length === 1 ? "" : "s"}, ${open} of ${sessions.length} sessions open`);
 }
@@ -455,7 +460,7 @@ let fleetShown = "";
 async function fleet() {
   if (!document.hidden && getSelection().isCollapsed) { // what is selected is about to be copied
     try {
-      const answer = await fetch("/fleet.json"), now = await answer.text();
+      const answer = await fetch(`/fleet.json${location.search}`), now = await answer.text();
       if (!answer.ok) throw new Error(now);
       if (now !== fleetShown) showFleet(JSON.parse(now));
       fleetShown = now;

@@ -54,8 +54,8 @@ class EtcdClientTest : public test::EventLoop {
     return outcomes ? outcomes.value().at(0) : KeyTxnOutcome{};
   }
   std::vector<KeyValue> range(const std::string& prefix) {
-    const auto found =
-        await<std::vector<KeyValue>>([&](auto done) { client_->async_range(prefix, done); });
+    const auto found = await<std::vector<KeyValue>>(
+        [&](auto done) { client_->async_range(KeyRange(prefix), done); });
     EXPECT_TRUE(found) << found.error().text;
     return found ? found.value() : std::vector<KeyValue>();
   }
@@ -179,10 +179,10 @@ TEST_F(EtcdClientTest, WhatEtcdRefusesIsNotTriedAgain) {
 TEST_F(EtcdClientTest, WhatWaitsWhenTheClientStopsFails) {
   int failed = 0;
   for (int i = 0; i < 2; ++i) {
-    client_->async_range("/", [&](const auto& found) { failed += found ? 0 : 1; });
+    client_->async_range(KeyRange("/"), [&](const auto& found) { failed += found ? 0 : 1; });
   }
   client_->stop();
-  client_->async_range("/", [&](const auto& found) { failed += found ? 0 : 1; });
+  client_->async_range(KeyRange("/"), [&](const auto& found) { failed += found ? 0 : 1; });
   EXPECT_TRUE(run_until([&] { return failed == 3; }));
 }
 

@@ -61,12 +61,14 @@ class FakeKeyStore final : public KeyStore {
           error ? done(*error) : done(*outcomes);
         });
   }
-  void async_range(std::string prefix, Done<std::vector<KeyValue>> done) override {
+  void async_range(KeyRange range, Done<std::vector<KeyValue>> done) override {
     auto found = std::make_shared<std::vector<KeyValue>>();
     add(
-        [this, prefix, found] {
-          for (const auto& [key, value] : keys_.keys) {
-            if (key.starts_with(prefix)) found->push_back(value);
+        [this, range, found] {
+          for (auto at = keys_.keys.lower_bound(range.prefix + range.from);
+               at != keys_.keys.end() && at->first.starts_with(range.prefix); ++at) {
+            if (range.most > 0 && found->size() == range.most) break;
+            found->push_back(at->second);
           }
         },
         [found, done](const std::optional<Error>& error) { error ? done(*error) : done(*found); });

@@ -307,7 +307,11 @@ TEST_F(HandOverTest, ThePageTellsOfAllServersAndSessions) {
   }
   const RobotClient robot(b->port());
   ASSERT_TRUE(robot.hello("robot", "s"));
-  const auto overview = fleet_json(b->http_port());
+  auto overview = fleet_json(b->http_port());
+  while (overview["sessions"][0]["server"] == "a") {  // what was read for the first one
+    std::this_thread::yield();
+    overview = fleet_json(b->http_port());
+  }
   EXPECT_EQ(overview["servers"][0]["draining"], true);
   const auto& session = overview["sessions"][0];
   EXPECT_EQ(session["robot"], "robot");
