@@ -17,7 +17,7 @@ class EtcdFleetMember final : public FleetMember {
  public:
   EtcdFleetMember(boost::asio::io_context& main, boost::asio::thread_pool& files,
                   const Settings& settings)
-      : fleet_(main, settings.fleet,
+      : fleet_(main, settings.fleet, settings.sinks.files_path,
                [this] { return listener_ == nullptr ? 0 : listener_->robots(); }),
         claims_(main, files, fleet_, settings.fleet.name, settings.sinks.files_path) {}
 

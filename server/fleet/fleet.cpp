@@ -2,11 +2,13 @@
 #include "server/fleet/fleet.hpp"
 
 #include <algorithm>
+#include <boost/asio/ip/host_name.hpp>
 #include <boost/asio/post.hpp>
 #include <memory>
 #include <random>
 #include <utility>
 
+#include "common/file_io.hpp"
 #include "common/log.hpp"
 
 namespace orbbuf::fleet {
@@ -19,16 +21,28 @@ std::string make_instance() {
 
 Error unanswered(const Error& error) { return {"the fleet's etcd does not answer: " + error.text}; }
 
-ServerEntry entry_of(const FleetSettings& settings) {
-  return {settings.name, make_instance(), settings.address, settings.http, 0, false};
+/// Another process cannot have it: lock_folder() sees to that on this machine, and no other one has
+/// its kernel's number. After a restart of the machine the old key's lease is over soon.
+std::string place_of(const std::filesystem::path& folder) {
+  std::error_code no_path;
+  boost::system::error_code no_name;
+  const auto boot = read_text("/proc/sys/kernel/random/boot_id");
+  const std::string text = std::filesystem::weakly_canonical(folder, no_path).string() + '\n' +
+                           boost::asio::ip::host_name(no_name) + '\n' + (boot ? boot.value() : "");
+  return fmt::format("{:016x}", std::hash<std::string>{}(text));
+}
+
+ServerEntry entry_of(const FleetSettings& settings, const std::filesystem::path& folder) {
+  return {settings.name, make_instance(), settings.address, settings.http, 0,
+          false,         place_of(folder)};
 }
 
 }  // namespace
 
 Fleet::Fleet(boost::asio::io_context& main, const FleetSettings& settings,
-             std::function<std::uint64_t()> robots)
+             const std::filesystem::path& folder, std::function<std::uint64_t()> robots)
     : etcd_(main, {settings.etcd, settings.tls}),
-      membership_(main, etcd_, entry_of(settings), settings.lease, std::move(robots)),
+      membership_(main, etcd_, entry_of(settings, folder), settings.lease, std::move(robots)),
       ownership_(etcd_, settings.name, membership_.self().instance),
       recorder_(main, etcd_),
       viewers_etcd_(main, {settings.etcd, settings.tls}),

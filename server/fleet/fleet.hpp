@@ -4,6 +4,7 @@
 #include <boost/asio/io_context.hpp>
 #include <chrono>
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <map>
 #include <optional>
@@ -36,9 +37,10 @@ class Fleet {
   /// stays.
   static constexpr std::chrono::seconds kInsistence{10};
 
-  /// Throws std::runtime_error if the keys of settings.tls cannot be used. robots: of this server.
+  /// Throws std::runtime_error if the keys of settings.tls cannot be used. folder: its files.path.
+  /// robots: of this server.
   Fleet(boost::asio::io_context& main, const FleetSettings& settings,
-        std::function<std::uint64_t()> robots);
+        const std::filesystem::path& folder, std::function<std::uint64_t()> robots);
 
   void start();
   /// No more is recorded. `stopped` when etcd knows, or does not answer.

@@ -114,11 +114,9 @@ std::optional<wire::Position> position_from(std::string_view text) {
 }
 
 std::string to_text(const ServerEntry& server) {
-  return json{{"instance", server.instance},
-              {"address", server.address},
-              {"http", server.http},
-              {"robots", server.robots},
-              {"draining", server.is_draining}}
+  return json{
+      {"instance", server.instance}, {"address", server.address},      {"http", server.http},
+      {"robots", server.robots},     {"draining", server.is_draining}, {"place", server.place}}
       .dump();
 }
 
@@ -131,7 +129,8 @@ std::optional<ServerEntry> server_from(std::string_view key, std::string_view te
                        object.at("address").get<std::string>(),
                        object.value("http", ""),
                        object.value("robots", std::uint64_t{0}),
-                       object.value("draining", false)};
+                       object.value("draining", false),
+                       object.value("place", "")};
   });
 }
 

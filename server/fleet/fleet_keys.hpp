@@ -71,6 +71,7 @@ struct ServerEntry {
   std::string http;     ///< empty: it has no page
   std::uint64_t robots = 0;
   bool is_draining = false;
+  std::string place{};  ///< names the folder that only one process at a time has, on its machine
 
   std::string key() const { return std::string(kServers) + name; }
   friend bool operator==(const ServerEntry&, const ServerEntry&) = default;

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/fleet/membership.hpp"
 
+#include <fmt/core.h>
+
+#include <stdexcept>
 #include <utility>
 
 #include "common/log.hpp"
@@ -40,6 +43,7 @@ void Membership::join() {
     if (is_stopped_) return;
     if (!lease) return beat_later(lease.error());
     lease_ = lease.value();
+    revision_ = 0;  // the key went with the lease before
     written_.reset();
     keep();
   });
@@ -57,14 +61,41 @@ void Membership::keep() {
 
 void Membership::write(Done done) {
   KeyTxn txn;
+  txn.compare = {{self_.key(), revision_}};
   txn.puts = {{self_.key(), to_text(self_), lease_}};
+  txn.reads = {self_.key()};
   store_.async_txns({std::move(txn)},
                     [this, entry = self_, done = std::move(done)](const auto& outcomes) {
                       if (!outcomes) return done(outcomes.error());
+                      const KeyTxnOutcome& outcome = outcomes.value().front();
+                      if (!outcome.is_done) return on_refused(outcome, done);
                       if (!written_) log_info("fleet: {} has joined", entry.name);
                       written_ = entry;
+                      revision_ = outcome.revision;
+                      has_ever_joined_ = true;
+                      doubled_since_.reset();
                       done(std::nullopt);
                     });
+}
+
+/// The key is gone with its lease, or this server's from an earlier start, or another's.
+void Membership::on_refused(const KeyTxnOutcome& outcome, const Done& done) {
+  const auto other = outcome.found.empty()
+                         ? std::nullopt
+                         : server_from(outcome.found.front().key, outcome.found.front().value);
+  if (!other || (!other->place.empty() && other->place == self_.place)) {
+    revision_ = outcome.found.empty() ? 0 : outcome.found.front().mod_revision;
+    return write(done);
+  }
+  written_.reset();
+  const Error error{
+      fmt::format("fleet.name: another server of the fleet, {}, has the name {}, too; give this "
+                  "one another name",
+                  other->address, self_.name)};
+  const auto now = std::chrono::steady_clock::now();
+  if (!doubled_since_) doubled_since_ = now;
+  if (!has_ever_joined_ && now >= *doubled_since_ + 2 * ttl_) throw std::runtime_error(error.text);
+  done(error);
 }
 
 void Membership::beat_later(const std::optional<Error>& error) {
@@ -87,11 +118,7 @@ void Membership::async_refresh(Done done) {
       if (auto server = server_from(key.key, key.value)) servers_[server->name] = *server;
     }
     const auto own = servers_.find(self_.name);
-    const bool is_doubled = own != servers_.end() && own->second.instance != self_.instance;
-    if (is_doubled && !std::exchange(is_doubled_, true)) {
-      log_error("fleet.name: another server of the fleet has the name {}, too", self_.name);
-      written_.reset();
-    }
+    if (own != servers_.end() && own->second.instance != self_.instance) written_.reset();
     done(std::nullopt);
   });
 }

@@ -26,6 +26,9 @@ class Membership {
   Membership(boost::asio::io_context& main, KeyStore& store, ServerEntry self,
              std::chrono::seconds lease, std::function<std::uint64_t()> robots);
 
+  /// A key of that name which another server has written is not replaced. If it is there for longer
+  /// than the lease of a server that has died, this one must not serve: start() leads to a
+  /// std::runtime_error out of the io_context's run(), before any robot is taken.
   void start();
   /// Gives up the lease, so that others need not wait for its end; takes at most a second.
   void async_stop(std::function<void()> stopped);
@@ -47,6 +50,7 @@ class Membership {
   void keep();
   void join();
   void write(Done done);
+  void on_refused(const KeyTxnOutcome& outcome, const Done& done);
   void beat_later(const std::optional<Error>& error);
 
   KeyStore& store_;
@@ -56,9 +60,11 @@ class Membership {
   boost::asio::steady_timer timer_;
   std::int64_t lease_ = 0;  // 0: none
   std::optional<ServerEntry> written_;
+  std::int64_t revision_ = 0;  // of the key; 0: it is not there
+  bool has_ever_joined_ = false;
+  std::optional<std::chrono::steady_clock::time_point> doubled_since_;
   Servers servers_;
   bool is_failing_ = false;
-  bool is_doubled_ = false;
   bool is_stopped_ = false;
 };
 

@@ -58,6 +58,7 @@ std::string Overview::to_json(const Keys& servers, Keys owners, const Keys& posi
     if (!server) continue;
     json& entry = page["servers"].emplace_back(json::parse(to_text(*server)));
     entry["name"] = server->name;
+    entry.erase("place");
   }
   if (owners.size() > kPage) {
     if (const auto next = session_of(owners.back().key)) page["next"] = next->text();

@@ -27,15 +27,17 @@ class FleetTest : public testing::Test {
   }
 
   /// Server `a` or `b`, or both again on their ports.
-  std::unique_ptr<Server> start(const std::string& name, Overrides overrides = {}) const {
+  std::unique_ptr<Server> start(const std::string& name, const Overrides& more = {}) const {
     const std::size_t first = name == "a" ? 0 : 2;
     const std::string page = "127.0.0.1:" + std::to_string(ports_[first + 1]);
-    for (const std::string& one :
-         {"fleet.etcd=[\"" + etcd_->endpoint() + "\"]", "fleet.name=" + name,
-          "fleet.address=" + address(name), "fleet.http=" + page, "http.address=" + page,
-          "status.socket=" + socket(name), std::string("session.drain_timeout=60 s")}) {
-      overrides.push_back(one);
-    }
+    Overrides overrides{"fleet.etcd=[\"" + etcd_->endpoint() + "\"]",
+                        "fleet.name=" + name,
+                        "fleet.address=" + address(name),
+                        "fleet.http=" + page,
+                        "http.address=" + page,
+                        "status.socket=" + socket(name),
+                        "session.drain_timeout=60 s"};
+    overrides.insert(overrides.end(), more.begin(), more.end());
     auto server = std::make_unique<Server>(folder_ / name, overrides, address(name));
     EXPECT_TRUE(server->process().wait_for_line(name + " has joined"));
     return server;
@@ -147,6 +149,21 @@ TEST_F(FleetTest, TheProgramOfTheNextOwnerGetsTheFramesOfAServerThatWasKilledAnd
   EXPECT_EQ(joining.status, 0) << joining.output;
   EXPECT_EQ(read_by_slam("b"), joined());
   EXPECT_EQ(b->process().count_lines("are passed over"), 0) << b->process().output();
+}
+
+/// B3
+TEST_F(FleetTest, ASecondServerOfOneNameEndsAndTheFirstGoesOn) {
+  const auto a = start("a", {"fleet.lease=2 s"});
+  const Finished twin =
+      run({ORBBUF_SERVER, "--set", "listen.address=127.0.0.1:0", "--set",
+           "files.path=" + (folder_ / "twin").string(), "--set",
+           "fleet.etcd=[\"" + etcd_->endpoint() + "\"]", "--set", "fleet.name=a", "--set",
+           "fleet.address=127.0.0.1:1", "--set", "fleet.lease=2 s", "--set", "status.socket="});
+  EXPECT_EQ(twin.status, 1) << twin.output;
+  EXPECT_THAT(twin.output, HasSubstr("fleet.name: another server of the fleet, " + address("a") +
+                                     ", has the name a, too"));
+  const RobotClient robot(port("a"));
+  EXPECT_TRUE(robot.hello("robot", "s"));
 }
 
 TEST_F(FleetTest, DrainSaysThatNoServerListens) {

@@ -12,10 +12,11 @@ namespace {
 
 class MembershipTest : public test::EventLoop {
  protected:
-  /// Its beats follow one another at once.
+  /// Its beats follow one another at once, unless a test sets `lease_`.
   void start() {
-    member_ = std::make_unique<Membership>(main_, store_, ServerEntry{"a", "1", "a:7722", "", 0},
-                                           std::chrono::seconds(0), [this] { return robots_; });
+    member_ = std::make_unique<Membership>(main_, store_,
+                                           ServerEntry{"a", "1", "a:7722", "", 0, false, "here"},
+                                           lease_, [this] { return robots_; });
     member_->start();
   }
   /// The next request is answered.
@@ -35,6 +36,7 @@ class MembershipTest : public test::EventLoop {
   test::FakeKeys keys_;
   test::FakeKeyStore store_{keys_};
   std::uint64_t robots_ = 2;
+  std::chrono::seconds lease_{0};
   std::unique_ptr<Membership> member_;
 };
 
@@ -99,13 +101,56 @@ TEST_F(MembershipTest, ADrainIsWrittenAtOnce) {
   EXPECT_TRUE(written()->is_draining);
 }
 
-TEST_F(MembershipTest, ATwinIsReported) {
+/// B3
+TEST_F(MembershipTest, ItDoesNotBeginBesideAnotherServerOfItsName) {
+  add({"a", "other instance", "x:1", "", 0, false, "elsewhere"});
+  start();
+  deliver();
+  try {
+    deliver();
+    FAIL() << "it goes on";
+  } catch (const std::runtime_error& error) {
+    EXPECT_EQ(std::string(error.what()),
+              "fleet.name: another server of the fleet, x:1, has the name a, too; give this one "
+              "another name");
+  }
+  EXPECT_EQ(written()->instance, "other instance");
+  EXPECT_FALSE(member_->has_joined());
+}
+
+TEST_F(MembershipTest, ItWaitsForTheEndOfTheLeaseOfOneThatHasDied) {
+  lease_ = std::chrono::seconds(1);
+  add({"a", "other instance", "x:1", "", 0, false, "elsewhere"});
+  start();
+  deliver();
+  deliver();
+  EXPECT_FALSE(member_->has_joined());
+  keys_.keys.clear();
+  for (int i = 0; i < 3; ++i) deliver();  // keeps alive, finds no key, writes it
+  EXPECT_TRUE(member_->has_joined());
+  EXPECT_EQ(written()->instance, "1");
+}
+
+TEST_F(MembershipTest, StartedAgainInItsFolderItReplacesItsKeyAtOnce) {
+  add({"a", "before", "a:7722", "", 0, false, "here"});
+  start();
+  for (int i = 0; i < 3; ++i) deliver();  // the lease, finds its key, writes it
+  EXPECT_TRUE(member_->has_joined());
+  EXPECT_EQ(written()->instance, "1");
+}
+
+TEST_F(MembershipTest, OneThatRunsDoesNotReplaceATwinAndGoesOnWhenThatIsGone) {
   const test::CapturedLog log;
   start();
   for (int i = 0; i < 2; ++i) deliver();
-  add({"a", "other instance", "x:1", "", 0});
-  deliver();
+  add({"a", "other instance", "x:1", "", 0, false, "elsewhere"});
+  for (int i = 0; i < 3; ++i) deliver();  // sees it, keeps alive, is refused
+  EXPECT_FALSE(member_->has_joined());
+  EXPECT_EQ(written()->instance, "other instance");
   EXPECT_EQ(log.lines("has the name a, too").size(), 1U);
+  keys_.keys.clear();
+  for (int i = 0; i < 3; ++i) deliver();
+  EXPECT_TRUE(member_->has_joined());
 }
 
 TEST_F(MembershipTest, AStopGivesUpTheLease) {
