@@ -183,8 +183,8 @@ void add_drain(CommandLine& app, std::function<int()>& command) {
       .value_name("SECONDS")
       .in_range(1, 1e6);
   drain_app.add_footer(
-      "Exit status 0: no robot is there any more, and the server can be stopped. It takes none\n"
-      "until it is started again.");
+      "Exit status 0: no robot is there any more, others have all, and the server can be stopped.\n"
+      "It takes none until it is started again.");
 }
 
 }  // namespace

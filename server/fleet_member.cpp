@@ -38,10 +38,10 @@ class EtcdFleetMember final : public FleetMember {
     fleet_.async_drain([this](const std::optional<Error>& error) {
       if (error) return on_drained(*error);
       log_info("draining: the robots are sent to other servers");
-      listener_->move_all([this] {
+      listener_->move_all([this](const std::vector<SessionKey>& told) {
         log_info("drained: no robot is here any more");
-        is_drained_ = true;
-        on_drained(kDrained);
+        for (const auto& [robot_id, session_id] : told) leaving_.push_back({robot_id, session_id});
+        fleet_.async_leave(leaving_, [this](const auto& left) { on_left(left); });
       });
     });
   }
@@ -55,6 +55,18 @@ class EtcdFleetMember final : public FleetMember {
  private:
   static constexpr const char* kDrained = "drained\n";
 
+  void on_left(const Result<std::vector<fleet::SessionName>>& staying) {
+    if (!staying) return on_drained(staying.error());
+    leaving_ = staying.value();
+    is_drained_ = leaving_.empty();
+    if (is_drained_) return on_drained(kDrained);
+    std::string names;
+    for (const auto& session : leaving_) names += " " + session.text();
+    Error error{"these robots do not reach another server; is its fleet.address right?" + names};
+    log_error("drain: {}", error.text);
+    on_drained(std::move(error));
+  }
+
   void on_drained(const Result<std::string>& outcome) {
     for (const auto& answer : std::exchange(draining_, {})) answer(outcome);
   }
@@ -63,6 +75,7 @@ class EtcdFleetMember final : public FleetMember {
   fleet::Fleet fleet_;
   fleet::FleetClaims claims_;
   std::vector<ControlSocket::Answer> draining_;  // those who wait
+  std::vector<fleet::SessionName> leaving_;      // told to, and not yet elsewhere
   bool is_drained_ = false;
 };
 

@@ -4,8 +4,11 @@
 #include <algorithm>
 #include <boost/asio/ip/host_name.hpp>
 #include <boost/asio/post.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <iterator>
 #include <memory>
 #include <random>
+#include <set>
 #include <utility>
 
 #include "common/file_io.hpp"
@@ -13,6 +16,8 @@
 
 namespace orbbuf::fleet {
 namespace {
+
+constexpr std::chrono::milliseconds kLeavingInterval{200};
 
 std::string make_instance() {
   std::random_device random;
@@ -41,7 +46,8 @@ ServerEntry entry_of(const FleetSettings& settings, const std::filesystem::path&
 
 Fleet::Fleet(boost::asio::io_context& main, const FleetSettings& settings,
              const std::filesystem::path& folder, std::function<std::uint64_t()> robots)
-    : etcd_(main, {settings.etcd, settings.tls}),
+    : main_(main),
+      etcd_(main, {settings.etcd, settings.tls}),
       membership_(main, etcd_, entry_of(settings, folder), settings.lease, std::move(robots)),
       ownership_(etcd_, settings.name, membership_.self().instance),
       recorder_(main, etcd_),
@@ -120,6 +126,42 @@ void Fleet::async_drain(Membership::Done done) {
       return done(Error{"no other server of the fleet can take the robots"});
     }
     membership_.async_drain(done);
+  });
+}
+
+void Fleet::async_leave(std::vector<SessionName> sessions,
+                        std::function<void(Result<std::vector<SessionName>>)> done) {
+  await_leaving(std::move(sessions), Clock::now() + kInsistence, std::move(done));
+}
+
+/// A request's worth at a time.
+void Fleet::await_leaving(std::vector<SessionName> sessions, Clock::time_point limit,
+                          std::function<void(Result<std::vector<SessionName>>)> done) {
+  if (sessions.empty() || Clock::now() >= limit) return done(std::move(sessions));
+  std::vector<KeyTxn> txns;
+  for (const SessionName& session : sessions) {
+    if (txns.size() < KeyStore::kMostTxns) txns.push_back({{}, {}, {session.owner_key()}});
+  }
+  etcd_.async_txns(std::move(txns), [this, sessions = std::move(sessions), limit,
+                                     done = std::move(done)](const auto& outcomes) mutable {
+    if (!outcomes) return done(outcomes.error());
+    std::set<std::string> ours;
+    for (const KeyTxnOutcome& outcome : outcomes.value()) {
+      const auto owner =
+          outcome.found.empty() ? std::nullopt : owner_from(outcome.found.front().value);
+      const bool is_ours = owner && owner->server == membership_.self().name && !owner->has_ended;
+      if (is_ours) ours.insert(outcome.found.front().key);
+    }
+    const auto asked = sessions.begin() + static_cast<std::ptrdiff_t>(outcomes.value().size());
+    sessions.erase(
+        std::remove_if(sessions.begin(), asked,
+                       [&](const auto& each) { return !ours.contains(each.owner_key()); }),
+        asked);
+    const auto timer = std::make_shared<boost::asio::steady_timer>(main_, kLeavingInterval);
+    timer->async_wait([this, timer, sessions = std::move(sessions), limit,
+                       done = std::move(done)](const auto& /*aborted*/) mutable {
+      await_leaving(std::move(sessions), limit, std::move(done));
+    });
   });
 }
 

@@ -10,6 +10,7 @@
 #include <optional>
 #include <string>
 #include <variant>
+#include <vector>
 
 #include "server/fleet/etcd_client.hpp"
 #include "server/fleet/fleet_settings.hpp"
@@ -56,6 +57,10 @@ class Fleet {
   bool is_draining() const { return membership_.self().is_draining; }
   /// From here on no session begins. `done` when the others know; an error if there is none.
   void async_drain(Membership::Done done);
+  /// Waits until another server has each of these, or their robot has ended it, for kInsistence at
+  /// most. `done` with those that are still this server's.
+  void async_leave(std::vector<SessionName> sessions,
+                   std::function<void(Result<std::vector<SessionName>>)> done);
   /// Where robots can go; empty: nowhere.
   std::string refuge() const;
 
@@ -71,8 +76,11 @@ class Fleet {
   std::optional<std::string> better() const;
   std::string refuge_name() const;
   void acquire(const SessionName& session, bool is_fresh, Entered entered);
+  void await_leaving(std::vector<SessionName> sessions, Clock::time_point limit,
+                     std::function<void(Result<std::vector<SessionName>>)> done);
   void send_away(const SessionName& session, const std::string& server, const Entered& entered);
 
+  boost::asio::io_context& main_;
   EtcdClient etcd_;
   Membership membership_;
   Ownership ownership_;

@@ -215,7 +215,7 @@ void Listener::on_entered(const SessionKey& key, SessionInfo info,
   connection->join(known->second);
 }
 
-void Listener::move_all(std::function<void()> moved) {
+void Listener::move_all(std::function<void(std::vector<SessionKey>)> moved) {
   moved_ = std::move(moved);
   move_next();
 }
@@ -223,11 +223,13 @@ void Listener::move_all(std::function<void()> moved) {
 void Listener::move_next() {
   if (!moved_) return;
   if (sessions_.empty()) {
-    if (opening_.empty()) std::exchange(moved_, nullptr)();
+    if (opening_.empty()) std::exchange(moved_, nullptr)(std::exchange(told_, {}));
     return;
   }
-  const auto session = sessions_.begin()->second;
-  if (!session->is_closing()) session->move(claims_->refuge());
+  const auto [key, session] = *sessions_.begin();
+  if (session->is_closing()) return;
+  if (session->has_peer()) told_.push_back(key);
+  session->move(claims_->refuge());
 }
 
 void Listener::on_session_closed(const SessionKey& key) {

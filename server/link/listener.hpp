@@ -64,8 +64,9 @@ class Listener final : public ConnectionOwner {
   void share_by(SessionClaims& claims) { claims_ = &claims; }
 
   /// Sends all robots to other servers, one after the other: the next when the one before is told.
-  /// `moved` when none is here any more. No session is granted to this server any more.
-  void move_all(std::function<void()> moved);
+  /// `moved` when none is here any more, with the sessions of those that were told. No session is
+  /// granted to this server any more.
+  void move_all(std::function<void(std::vector<SessionKey>)> moved);
 
   void start();
   /// Reads the certificates again, for the connections that follow. If they cannot be used, it logs
@@ -127,10 +128,11 @@ class Listener final : public ConnectionOwner {
   /// waits for each; null: none does any more.
   std::map<SessionKey, std::shared_ptr<Connection>> opening_;
   std::map<SessionKey, std::shared_ptr<Session>> sessions_;
-  SessionClaims* claims_ = nullptr;    // null: this server is alone
-  std::function<void()> moved_;        // set: moving all
-  std::deque<SessionKey> superseded_;  // the last thousand
-  std::string last_refusal_;           // logged already
+  SessionClaims* claims_ = nullptr;                     // null: this server is alone
+  std::function<void(std::vector<SessionKey>)> moved_;  // set: moving all
+  std::vector<SessionKey> told_;                        // to go elsewhere
+  std::deque<SessionKey> superseded_;                   // the last thousand
+  std::string last_refusal_;                            // logged already
   std::function<void()> sink_failed_;
   std::function<void()> stopped_;  // set: stopping
 };

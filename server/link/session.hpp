@@ -112,6 +112,8 @@ class Session : public std::enable_shared_from_this<Session> {
   void move(std::string address);
 
   bool is_closing() const { return life_ != Life::kOpen; }
+  /// A robot is connected.
+  bool has_peer() const { return !peer_.expired(); }
   /// Up to where the sinks have taken all.
   wire::Position position() const { return position_; }
   /// Up to where they keep it, on the device if that is asked for: never beyond position().

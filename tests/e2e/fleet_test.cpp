@@ -166,6 +166,17 @@ TEST_F(FleetTest, ASecondServerOfOneNameEndsAndTheFirstGoesOn) {
   EXPECT_TRUE(robot.hello("robot", "s"));
 }
 
+/// C1: the robot cannot resolve where it is sent.
+TEST_F(FleetTest, DrainNamesTheRobotThatReachesNoOtherServerAndFails) {
+  const auto a = start("a");
+  const auto b = start("b", {"fleet.address=no-such-server.invalid:1"});
+  Process robot = this->robot(address("a"));
+  ASSERT_NO_FATAL_FAILURE(stream(robot));
+  const Finished drained = drain("a");
+  EXPECT_EQ(drained.status, 1) << drained.output;
+  EXPECT_THAT(drained.output, ContainsRegex("do not reach another server.* turtlebot1/"));
+}
+
 TEST_F(FleetTest, DrainSaysThatNoServerListens) {
   const Finished drained = drain("a");
   EXPECT_EQ(drained.status, 1);
@@ -199,11 +210,12 @@ class LateInFleet : public FleetTest {
     if (IsSkipped()) return;
     a_ = start("a");
     b_ = start("b");
-    const RobotClient at_a(port("a"));
+    RobotClient at_a(port("a"));
     ASSERT_TRUE(at_a.hello("robot", "s"));
     send(at_a, {0, 1, 3});
     at_a.send_drops(0, {{2, 2 * kFrameNs, DropReason::kPolicy}});
     ASSERT_TRUE(at_a.acked(4));
+    at_a.close();
     ASSERT_EQ(drain("a").status, 0);
     at_b_.emplace(port("b"));
     ASSERT_TRUE(at_b_->hello("robot", "s"));

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 
 #include <algorithm>
+#include <future>
 #include <nlohmann/json.hpp>
 #include <regex>
 #include <thread>
@@ -52,6 +53,12 @@ class HandOverTest : public testing::Test {
   }
   static void send(const RobotClient& robot, Sequence first, Sequence end) {
     for (Sequence i = first; i < end; ++i) robot.send_frame(*test::jpeg_like_frame_ptr(i));
+  }
+  /// Returns when no robot is there; its end is when all are elsewhere.
+  std::future<std::optional<Error>> drain(RunningServer& server) const {
+    auto drained = std::async(std::launch::async, [&server] { return server.drain(); });
+    log_.wait_for("drained: no robot is here");
+    return drained;
   }
   static nlohmann::json fleet_json(std::uint16_t http_port) {
     const auto answer = test::HttpClient(http_port).get("/fleet.json");
@@ -173,6 +180,7 @@ TEST_F(HandOverTest, WithoutEtcdFramesAreReceivedAndNotAcknowledgedAndNewSession
   EXPECT_TRUE(robot.acked(3));
 }
 
+/// C1: two says nothing more.
 TEST_F(HandOverTest, ADrainSendsTheRobotsAwayOneByOneAndTheOtherTakesThemAtOnce) {
   const auto a = start("a");
   const auto b = start("b");
@@ -181,14 +189,19 @@ TEST_F(HandOverTest, ADrainSendsTheRobotsAwayOneByOneAndTheOtherTakesThemAtOnce)
   ASSERT_TRUE(one.hello("one", "s"));
   ASSERT_TRUE(two.hello("two", "s"));
   send(one, 0, 5);
-  const auto error = a->drain();
-  EXPECT_FALSE(error) << error->text;
+  auto drained = drain(*a);
   std::optional<wire::Ack> ack = one.whole_ack();
   EXPECT_TRUE(ack);
   const RobotClient moved(b->port());
   const auto position = moved.hello("one", "s");
   ASSERT_TRUE(position);
   EXPECT_GE(5U, (*position)[wire::kFrames]);
+  const auto error = drained.get();
+  ASSERT_TRUE(error) << "two did not go";
+  EXPECT_THAT(error->text, testing::EndsWith("right? two/s"));
+  const RobotClient two_moved(b->port());
+  EXPECT_TRUE(two_moved.hello("two", "s"));
+  EXPECT_FALSE(a->drain()) << "now it has";
   const RobotClient late(a->port());
   late.send_hello("three", "s");
   const auto sent = late.error();
@@ -235,6 +248,7 @@ TEST_F(HandOverTest, TheNextOwnersProgramGetsAllFramesInOrderFromEveryServer) {
   http_port_ = 0;
   begin_slam("read.mjpeg");
   a = start("a");
+  while (log_.lines("connection lost").size() < 2) std::this_thread::yield();
   EXPECT_FALSE(b->drain());
   const RobotClient robot(a->port());
   ASSERT_EQ(robot.hello("robot", "s"), (wire::Position{9, 0}));
@@ -277,8 +291,10 @@ TEST_F(HandOverTest, AMoveDoesNotWaitForAProgramThatCatchesUp) {
   send(robot, 3, 5);
   EXPECT_TRUE(robot.acked(5));
   const auto begun = std::chrono::steady_clock::now();
-  EXPECT_FALSE(b->drain());
+  auto drained = drain(*b);
   EXPECT_LT(std::chrono::steady_clock::now() - begun, std::chrono::milliseconds(1500));
+  EXPECT_TRUE(RobotClient(c->port()).hello("robot", "s"));
+  EXPECT_FALSE(drained.get());
 }
 
 TEST_F(HandOverTest, ThePageTellsOfAllServersAndSessions) {
@@ -287,6 +303,7 @@ TEST_F(HandOverTest, ThePageTellsOfAllServersAndSessions) {
   auto a = start("a");
   http_port_ = ports[1];
   const auto b = start("b");
+  std::future<std::optional<Error>> drained;
   {
     const RobotClient robot(a->port());
     ASSERT_TRUE(robot.hello("robot", "s"));
@@ -303,10 +320,11 @@ TEST_F(HandOverTest, ThePageTellsOfAllServersAndSessions) {
     EXPECT_EQ(overview["sessions"][0]["server"], "a");
     EXPECT_EQ(overview["sessions"][0]["epoch"], 1);
     EXPECT_EQ(overview["sessions"][0]["next"][0], 3);
-    EXPECT_FALSE(a->drain());
+    drained = drain(*a);
   }
   const RobotClient robot(b->port());
   ASSERT_TRUE(robot.hello("robot", "s"));
+  EXPECT_FALSE(drained.get());
   auto overview = fleet_json(b->http_port());
   while (overview["sessions"][0]["server"] == "a") {  // what was read for the first one
     std::this_thread::yield();
