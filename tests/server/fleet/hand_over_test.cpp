@@ -8,6 +8,8 @@
 #include <regex>
 #include <thread>
 
+#include "server/dataset/join_session.hpp"
+#include "server/fleet/etcd_client.hpp"
 #include "server/fleet/fetch_segment.hpp"
 #include "server/session/session_reader.hpp"
 #include "testing/captured_log.hpp"
@@ -87,6 +89,29 @@ class HandOverTest : public testing::Test {
     ASSERT_TRUE(robot.hello("robot", "s"));
     send(robot, first, end);
     ASSERT_TRUE(robot.acked(end));
+  }
+  /// All keys of sessions.
+  std::vector<KeyValue> snapshot() const {
+    boost::asio::io_context io;
+    EtcdClient client(io, {{parse_address(etcd_->endpoint()).value()}, {}});
+    std::optional<Result<std::vector<KeyValue>>> found;
+    client.async_range(KeyRange("/orbbuf/"),
+                       [&](auto answer) { found.emplace(std::move(answer)); });
+    while (!found) io.run_one();
+    std::vector<KeyValue> keys = found->value();
+    std::erase_if(keys, [](const KeyValue& key) { return key.key.starts_with(fleet::kServers); });
+    return keys;
+  }
+  /// As a restore of etcd does.
+  void restore(const std::vector<KeyValue>& keys) const {
+    boost::asio::io_context io;
+    EtcdClient client(io, {{parse_address(etcd_->endpoint()).value()}, {}});
+    KeyTxn txn;
+    for (const KeyValue& key : keys) txn.puts.push_back({key.key, key.value});
+    std::optional<bool> is_done;
+    client.async_txns({txn}, [&](const auto& answer) { is_done = answer.value().front().is_done; });
+    while (!is_done) io.run_one();
+    ASSERT_TRUE(*is_done);
   }
   std::vector<Sequence> frames_in(const std::string& folder) const {
     std::vector<Sequence> sequences;
@@ -343,6 +368,42 @@ TEST_F(HandOverTest, ThePageTellsOfAllServersAndSessions) {
   const auto page = test::HttpClient(b->http_port()).get("/fleet");
   EXPECT_EQ(page.status, 200);
   EXPECT_THAT(page.body, testing::HasSubstr(R"(<a href="/fleet" data-nav="fleet">Fleet</a>)"));
+}
+
+/// B4: etcd knows nothing of what b has, and gives out its epoch again.
+TEST_F(HandOverTest, AfterARestoreOfEtcdTheDisksHaveAllAndJoinFindsIt) {
+  auto a = start("a");
+  ASSERT_NO_FATAL_FAILURE(deliver(*a, 0, 3));
+  a->stop();
+  const auto before = snapshot();
+  auto b = start("b");
+  ASSERT_NO_FATAL_FAILURE(deliver(*b, 3, 5));
+  b->stop();
+  ASSERT_NO_FATAL_FAILURE(restore(before));
+
+  b = start("b");
+  {
+    const RobotClient robot(b->port());
+    ASSERT_EQ(robot.hello("robot", "s"), (wire::Position{5, 0})) << "its journal knows";
+    send(robot, 5, 6);
+    ASSERT_TRUE(robot.acked(6));
+  }
+  b->stop();
+  ASSERT_NO_FATAL_FAILURE(restore(before));
+
+  const auto c = start("c");
+  const RobotClient robot(c->port());
+  ASSERT_EQ(robot.hello("robot", "s"), (wire::Position{3, 0})) << "it knows what etcd does";
+  robot.send_drops(
+      0, {{3, 0, DropReason::kLost}, {4, 0, DropReason::kLost}, {5, 0, DropReason::kLost}});
+  send(robot, 6, 7);
+  ASSERT_TRUE(robot.acked(7));
+  const auto joined = join_session(
+      {folder_ / "a/robot/s", folder_ / "b/robot/s.e2", folder_ / "c/robot/s.e2"}, folder_ / "out");
+  ASSERT_TRUE(joined) << joined.error().text;
+  EXPECT_EQ(joined.value().problems, std::vector<std::string>());
+  EXPECT_EQ(frames_in("out"), (std::vector<Sequence>{0, 1, 2, 3, 4, 5, 6}));
+  EXPECT_TRUE(test::read_lines(folder_ / "out/drops.csv").empty());
 }
 
 TEST_F(HandOverTest, WithoutEtcdThePageSaysSo) {
