@@ -8,6 +8,7 @@
 
 #include "common/as_bytes.hpp"
 #include "common/log.hpp"
+#include "server/runtime/listen_on.hpp"
 #include "server/runtime/run_in_pool.hpp"
 
 namespace orbbuf {
@@ -27,7 +28,8 @@ std::span<const std::uint8_t> body_of(const HttpResponse& response) {
 
 HttpConnection::HttpConnection(tcp::socket socket, TlsContext* tls, asio::thread_pool& files,
                                HttpOwner& owner)
-    : stream_(std::make_unique<Stream>(std::move(socket), tls)),
+    : peer_(peer_of(socket)),
+      stream_(std::make_unique<Stream>(std::move(socket), tls)),
       files_(files),
       owner_(owner),
       timer_(stream_->get_executor()) {}
@@ -179,6 +181,7 @@ void HttpConnection::close() {
 }
 
 void HttpConnection::limit(std::chrono::seconds time) {
+  since_ = std::chrono::steady_clock::now();
   timer_.expires_after(time);
   timer_.async_wait([weak = weak_from_this()](const error_code& failed) {
     const auto self = weak.lock();

@@ -53,6 +53,9 @@ class HttpConnection final : public std::enable_shared_from_this<HttpConnection>
                  boost::asio::thread_pool& files, HttpOwner& owner);
 
   void start();
+  const boost::asio::ip::tcp::endpoint& peer() const { return peer_; }
+  /// It has neither begun a request nor taken a piece of an answer since.
+  std::chrono::steady_clock::time_point since() const { return since_; }
   /// At once; harmless when repeated.
   void close();
 
@@ -72,10 +75,12 @@ class HttpConnection final : public std::enable_shared_from_this<HttpConnection>
   void discard();
   void limit(std::chrono::seconds time);
 
+  const boost::asio::ip::tcp::endpoint peer_;
   std::unique_ptr<Stream> stream_;  // null: given away
   boost::asio::thread_pool& files_;
   HttpOwner& owner_;
   boost::asio::steady_timer timer_;
+  std::chrono::steady_clock::time_point since_;
   bool is_closed_ = false;
 
   RequestReader reader_;

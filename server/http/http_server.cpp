@@ -5,6 +5,7 @@
 
 #include "common/log.hpp"
 #include "server/runtime/listen_on.hpp"
+#include "server/runtime/longest_waiting.hpp"
 
 namespace orbbuf {
 namespace {
@@ -49,12 +50,13 @@ void HttpServer::accept() {
   acceptor_.async_accept([this](const error_code& failed, tcp::socket socket) {
     if (!acceptor_.is_open()) return;  // stopped
     if (failed) return accept_later();
-    if (connections_.size() < kMaxConnections) {  // else the socket is closed here
-      auto connection = std::make_shared<HttpConnection>(std::move(socket), tls_.get(), files_,
-                                                         static_cast<HttpOwner&>(*this));
-      connections_.insert(connection);
-      connection->start();
+    if (connections_.size() >= kMaxConnections) {
+      longest_waiting(connections_, [](const auto& /*connection*/) { return true; })->close();
     }
+    auto connection = std::make_shared<HttpConnection>(std::move(socket), tls_.get(), files_,
+                                                       static_cast<HttpOwner&>(*this));
+    connections_.insert(connection);
+    connection->start();
     accept();
   });
 }

@@ -19,7 +19,8 @@
 namespace orbbuf {
 
 /// Shows the server to browsers and to Prometheus, read-only: accepts connections, as many as
-/// kMaxConnections, and answers requests; those for Foxglove's WebSocket go to FoxgloveServer.
+/// kMaxConnections, beyond which longest_waiting() ends for each that comes, and answers requests;
+/// those for Foxglove's WebSocket go to FoxgloveServer.
 /// Under [tls] it asks for certificates as the link does. Thread-bound to `main`. Must outlive
 /// every run of the io_context.
 class HttpServer final : private HttpOwner {

@@ -26,11 +26,6 @@ using wire::ErrorCode;
 constexpr std::chrono::seconds kPartingTime{1};
 constexpr std::uint64_t kMostAside = 8;
 
-tcp::endpoint peer_of(const tcp::socket& socket) {
-  error_code gone;  // then there is no address, and the next read fails
-  return socket.remote_endpoint(gone);
-}
-
 }  // namespace
 
 Connection::Connection(tcp::socket socket, std::shared_ptr<TlsContext> tls,

@@ -83,6 +83,11 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   /// Tells the robot that this server lives.
   void beat() { on_kept(); }
   bool is_introduced() const { return state_ > State::kHello; }
+  /// It serves no robot: it has not joined a session, or it is over.
+  bool is_stranger() const { return state_ != State::kJoining && state_ != State::kServing; }
+  std::chrono::steady_clock::time_point since() const { return since_; }
+  /// At once, without a word; harmless when repeated.
+  void close();
   const boost::asio::ip::tcp::endpoint& peer() const { return peer_; }
   const std::string& robot_id() const { return robot_id_; }
 
@@ -128,7 +133,6 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void part(std::vector<std::uint8_t> last_words);
   void send(std::vector<std::uint8_t> message);
   void send_next();
-  void close();
   void start_timer(std::chrono::nanoseconds time);
   void stop_timer();
   void await_deadline();
@@ -136,6 +140,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   std::string name() const;
 
   const boost::asio::ip::tcp::endpoint peer_;
+  const std::chrono::steady_clock::time_point since_ = std::chrono::steady_clock::now();
   const std::shared_ptr<TlsContext> tls_;
   Stream stream_;
   const ListenSettings& settings_;

@@ -14,6 +14,7 @@
 #include "common/log.hpp"
 #include "common/sample.hpp"
 #include "server/runtime/listen_on.hpp"
+#include "server/runtime/longest_waiting.hpp"
 #include "server/runtime/run_in_pool.hpp"
 
 namespace orbbuf {
@@ -24,6 +25,8 @@ using asio::ip::tcp;
 using boost::system::error_code;
 
 constexpr std::size_t kSupersededKept = 1000;
+/// Of all connections, those without a hello have one of so many: one under TLS costs 140 kB.
+constexpr std::size_t kStrangersShare = 4;
 
 /// Best effort, at once: there is no room to be polite to more than we can serve.
 void turn_away(tcp::socket& socket, const std::string& why) {
@@ -125,28 +128,43 @@ void Listener::on_accepted(tcp::socket socket) {
   error_code gone;
   const auto address = socket.remote_endpoint(gone).address();
   if (gone) return;
-  if (const std::string why = reason_to_turn_away(address); !why.empty()) {
-    if (!std::exchange(is_full_, true)) log_warn("refusing connections: {}", why);
-    return turn_away(socket, why);
-  }
-  is_full_ = false;
+  if (const std::string why = make_room(address); !why.empty()) return turn_away(socket, why);
   auto connection = std::make_shared<Connection>(std::move(socket), tls_, settings_.listen, *this);
   connections_.insert(connection);
   connection->start();
 }
 
-/// Empty if there is none.
-std::string Listener::reason_to_turn_away(const asio::ip::address& address) const {
-  const ListenSettings& listen = settings_.listen;
-  if (connections_.size() >= listen.max_connections) {
-    return fmt::format("all {} connections are taken", listen.max_connections);
+/// A connection that serves no robot leaves its place. Empty, or why no place is free.
+std::string Listener::make_room(const asio::ip::address& address) {
+  const auto is_from_there = [&](const Connection& each) {
+    return each.peer().address() == address;
+  };
+  std::size_t from_there = 0;
+  std::size_t strangers = 0;
+  for (const auto& connection : connections_) {
+    if (is_from_there(*connection)) ++from_there;
+    if (connection->is_stranger()) ++strangers;
   }
-  const auto from_there = std::ranges::count_if(connections_, [&](const auto& connection) {
-    return connection->peer().address() == address;
+  const ListenSettings& listen = settings_.listen;
+  const bool has_all_its_places = from_there >= listen.max_connections_per_address;
+  std::string why;
+  if (has_all_its_places) {
+    why = fmt::format("{} has all its {} connections", address.to_string(),
+                      listen.max_connections_per_address);
+  } else if (connections_.size() >= listen.max_connections) {
+    why = fmt::format("all {} connections are taken", listen.max_connections);
+  } else if (strangers >= std::max<std::size_t>(listen.max_connections / kStrangersShare, 1)) {
+    why = fmt::format("{} connections serve no robot", strangers);
+  } else {
+    return "";
+  }
+  if (crowding_.lets_through()) log_warn("too many connections: {}", why);
+  const auto leaving = longest_waiting(connections_, [&](const Connection& each) {
+    return each.is_stranger() && (!has_all_its_places || is_from_there(each));
   });
-  if (static_cast<std::size_t>(from_there) < listen.max_connections_per_address) return "";
-  return fmt::format("{} has all its {} connections", address.to_string(),
-                     listen.max_connections_per_address);
+  if (!leaving) return why;
+  leaving->close();
+  return "";
 }
 
 void Listener::on_hello(const std::shared_ptr<Connection>& connection, const wire::Hello& hello) {

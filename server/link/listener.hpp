@@ -16,6 +16,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/log_limit.hpp"
 #include "server/link/connection.hpp"
 #include "server/link/session.hpp"
 #include "server/link/session_claim.hpp"
@@ -30,6 +31,10 @@ namespace orbbuf {
 /// blocks is done elsewhere. A session is made when a robot asks for it, from what its files hold,
 /// which the pool reads while the robot waits for its welcome; a robot that begins a new one ends
 /// its old one, for good: else two robots with one id would replace each other again and again.
+///
+/// A host that connects and says nothing takes no robot's place: where there are as many
+/// connections as there may be, one that serves no robot is ended for each that comes, the oldest
+/// of the address that has the most of them.
 ///
 /// Memory for one robot, at most: the kernel's receive buffer, twice the largest frame while one
 /// comes, and as much again while a replaced connection's frame is still being written.
@@ -93,7 +98,7 @@ class Listener final : public ConnectionOwner {
   void accept();
   void beat();
   void on_accepted(boost::asio::ip::tcp::socket socket);
-  std::string reason_to_turn_away(const boost::asio::ip::address& address) const;
+  std::string make_room(const boost::asio::ip::address& address);
   void on_accept_failed(const boost::system::error_code& failed);
   bool is_allowed(const std::string& robot_id) const;
   std::string reason_to_refuse(const SessionKey& key) const;
@@ -121,7 +126,7 @@ class Listener final : public ConnectionOwner {
   boost::asio::steady_timer retry_;
   boost::asio::steady_timer beat_;
   bool is_accept_failing_ = false;
-  bool is_full_ = false;
+  LogLimit crowding_{std::chrono::seconds{10}};
   std::vector<std::string> allowed_;  // robots; empty: all
   std::set<std::shared_ptr<Connection>> connections_;
   /// The sessions that `pool` reads from the disk at the moment, and the newest connection that

@@ -30,6 +30,11 @@ tcp::acceptor listen_on(asio::io_context& main, std::string_view attempt, const 
   }
 }
 
+tcp::endpoint peer_of(const tcp::socket& socket) {
+  boost::system::error_code gone;  // then there is no address, and the next read fails
+  return socket.remote_endpoint(gone);
+}
+
 std::string to_text(const tcp::endpoint& endpoint) {
   return to_string(Address{endpoint.address().to_string(), endpoint.port()});
 }

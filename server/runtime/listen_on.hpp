@@ -18,6 +18,9 @@ boost::asio::ip::tcp::acceptor listen_on(boost::asio::io_context& main, std::str
                                          const Address& address,
                                          std::uint32_t receive_buffer_bytes = 0);
 
+/// No address if it is gone already.
+boost::asio::ip::tcp::endpoint peer_of(const boost::asio::ip::tcp::socket& socket);
+
 /// `ADDRESS:PORT`, as it is written in configurations.
 std::string to_text(const boost::asio::ip::tcp::endpoint& endpoint);
 

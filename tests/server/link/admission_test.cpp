@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Who may connect, and how many: the part of server/listener.cpp that says no.
+#include <arpa/inet.h>
 #include <gtest/gtest.h>
+#include <sys/socket.h>
 
 #include <algorithm>
 #include <atomic>
@@ -16,6 +18,7 @@ namespace {
 
 using test::ListenerTest;
 using test::plain_frame;
+using test::RobotClient;
 using wire::ErrorCode;
 
 TEST_F(ListenerTest, ConnectionsBeyondTheLimitAreRefused) {
@@ -46,6 +49,46 @@ TEST_F(ListenerTest, OneAddressDoesNotTakeAllConnections) {
   const auto error = connect().error();
   ASSERT_TRUE(error);
   EXPECT_EQ(error->text, "127.0.0.1 has all its 2 connections");
+}
+
+/// C5
+TEST_F(ListenerTest, ConnectionsWithoutAHelloLeaveTheirPlacesToRobots) {
+  settings_.listen.max_connections_per_address = 2;
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r1", "s"));
+  const auto silent = connect();
+  const auto half = connect();
+  half.send_text("ORB");
+  EXPECT_TRUE(silent.is_closed());
+  const auto other = connect();
+  EXPECT_TRUE(half.is_closed());
+  EXPECT_TRUE(other.hello("r2", "s"));
+  robot.send_frame(plain_frame(0));
+  EXPECT_TRUE(robot.acked(1));
+  EXPECT_EQ(log_.lines("too many connections: 127.0.0.1 has all its 2 connections").size(), 1U);
+}
+
+/// From an address of its own.
+RobotClient connect_from(const char* address, std::uint16_t port) {
+  UniqueFd socket = RobotClient::tcp_socket();
+  sockaddr_in own{};
+  own.sin_family = AF_INET;
+  ::inet_pton(AF_INET, address, &own.sin_addr);
+  EXPECT_EQ(::bind(socket.get(), reinterpret_cast<const sockaddr*>(&own), sizeof(own)), 0);
+  return RobotClient(port, std::move(socket));
+}
+
+TEST_F(ListenerTest, TheAddressWithTheMostSilentConnectionsLosesThem) {
+  settings_.listen.max_connections = 3 * 4;  // three may be silent
+  start();
+  const auto alone = connect_from("127.0.0.2", server_->port());
+  const auto first = connect_from("127.0.0.3", server_->port());
+  const auto second = connect_from("127.0.0.3", server_->port());
+  const auto third = connect_from("127.0.0.4", server_->port());
+  EXPECT_TRUE(first.is_closed());
+  EXPECT_TRUE(alone.hello("r", "s"));
+  EXPECT_TRUE(second.hello("r2", "s"));
+  EXPECT_TRUE(third.hello("r3", "s"));
 }
 
 TEST_F(ListenerTest, RobotsBeyondTheLimitAreRefused) {
