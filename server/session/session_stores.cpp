@@ -15,6 +15,7 @@ namespace asio = boost::asio;
 using boost::system::error_code;
 
 constexpr std::chrono::seconds kRetry{1};
+constexpr std::chrono::hours kNaming{24};
 
 std::int64_t now_ns() {
   return std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
@@ -35,6 +36,17 @@ std::shared_ptr<SessionStores::Robot> SessionStores::robot(const std::string& ro
   auto& robot = robots_[robot_id];
   if (!robot) robot = std::make_shared<Robot>(asio::make_strand(pool_));
   return robot;
+}
+
+bool SessionStores::Robot::may_name() {
+  const auto now = std::chrono::steady_clock::now();
+  if (now >= begun + kNaming) {
+    begun = now;
+    count = named.size();
+  }
+  if (count >= kMostNamed) return false;
+  ++count;
+  return true;
 }
 
 std::shared_ptr<SharedStore> SessionStores::make(Robot& robot, const SessionInfo& info) {
@@ -164,8 +176,7 @@ void SessionStores::take_account(const std::string& robot_id, wire::Account acco
   const std::string session_id = account.session_id;
   const auto known = robot->entries.find(session_id);
   const bool is_live = known != robot->entries.end() && known->second.is_live;
-  const bool can_make =
-      is_live || robot->named.contains(session_id) || robot->named.size() < kMostNamed;
+  const bool can_make = is_live || robot->named.contains(session_id) || robot->may_name();
   const bool is_held = account.held > 0;
   if (can_make && !is_live) robot->named.insert(session_id);
   if (can_make && is_held) robot->held.insert(session_id);

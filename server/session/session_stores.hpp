@@ -3,6 +3,7 @@
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/thread_pool.hpp>
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -32,7 +33,8 @@ namespace orbbuf {
 class SessionStores {
  public:
   static constexpr std::size_t kMostIdle = 64;
-  /// Sessions without a live stream that accounts of one robot name, and that are not over.
+  /// Sessions without a live stream that accounts of one robot name in a day: as many as a robot's
+  /// record has. Each may make a folder.
   static constexpr std::size_t kMostNamed = 10'000;
 
   /// What a robot has sent is kept: it may be acknowledged. An error: the robot must not send that.
@@ -91,6 +93,11 @@ class SessionStores {
     std::set<std::string> named;           // sessions that accounts name, without a live stream
     std::set<std::string> held;            // of these the robot has frames
     bool is_failing = false;
+    std::size_t count = 0;  // of `named`, with those that are over, in the day that begun
+    std::chrono::steady_clock::time_point begun = std::chrono::steady_clock::now();
+
+    /// Counts one more; false: it is not to be.
+    bool may_name();
   };
   enum class Outcome : std::uint8_t { kNew, kKnown, kRefused };
   using Write = std::function<Result<Outcome>(SessionStore&)>;
