@@ -88,6 +88,10 @@ void Session::write(FramePtr frame, Taken taken) {
     log_debug("{}: ignored frame {}, a repeat", name_, frame->sequence);
     return repeat(std::move(taken));
   }
+  const bool is_jpeg = frame->jpeg.size() > 1 && frame->jpeg[0] == 0xFF && frame->jpeg[1] == 0xD8;
+  if (!is_jpeg && !std::exchange(has_no_jpeg_, true)) {
+    log_warn("{}: frame {} is no JPEG; it is kept as it came", name_, frame->sequence);
+  }
   wire::Position then = position_;
   then[wire::kFrames] = frame->sequence + 1;
   begin({std::move(frame), {}, then, std::move(taken)});

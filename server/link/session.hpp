@@ -200,6 +200,7 @@ class Session : public std::enable_shared_from_this<Session> {
   Life life_ = Life::kOpen;
   SessionEnd end_ = SessionEnd::kStopping;  // since kClosing
   bool is_failing_ = false;                 // logged
+  bool has_no_jpeg_ = false;                // a frame, logged
   SessionClosing closing_;
   std::optional<SessionClosing> noted_;  // by the sinks
   std::chrono::steady_clock::time_point noted_at_;

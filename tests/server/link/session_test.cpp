@@ -141,6 +141,22 @@ TEST_F(SessionTest, LostFramesOfAllSinksAreShown) {
   EXPECT_EQ(metrics->lost(), 6U);
 }
 
+/// D
+TEST_F(SessionTest, FramesThatAreNoJpegAreKeptAndTheFirstIsLogged) {
+  const test::CapturedLog log;
+  make({sink_});
+  session_->write(test::jpeg_like_frame_ptr(0), [this] { ++taken_; });
+  sink_->answer();
+  EXPECT_TRUE(log.lines("is no JPEG").empty());
+  for (const Sequence sequence : {1U, 2U}) {
+    write(sequence);
+    sink_->answer();
+  }
+  EXPECT_EQ(sink_->frames, (std::vector<Sequence>{0, 1, 2}));
+  EXPECT_EQ(log.lines("frame 1 is no JPEG; it is kept as it came").size(), 1U);
+  EXPECT_EQ(log.lines("is no JPEG").size(), 1U);
+}
+
 TEST_F(SessionTest, AFrameIsTakenWhenAllSinksHaveIt) {
   const auto second = std::make_shared<FakeSink>();
   make({sink_, second});
