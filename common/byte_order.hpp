@@ -9,9 +9,13 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
-/// Integers and texts as bytes in network order, for wire*.cpp and journals only.
+/// Integers and texts as bytes in network order, for wire*.cpp and journals only. Writer and Reader
+/// both have fields(), flags(), list(), rest() and require(): a template of the two names the
+/// fields of a format once, as `fields(archive, FieldsOf<Archive, T>& value)`.
 namespace orbbuf::wire {
 
 /// Writes `value` to at[0 .. sizeof value), most significant byte first; returns the place after.
@@ -32,10 +36,19 @@ class Writer {
  public:
   explicit Writer(std::size_t skip_bytes) : bytes_(skip_bytes) {}
 
-  template <std::integral T>
-  void put(T value) {
-    bytes_.resize(bytes_.size() + sizeof(T));
-    store(bytes_.data() + bytes_.size() - sizeof(T), value);
+  /// An integer or an enumerator as it is, a bool as a u8, a text as put_text() does.
+  template <class T>
+  void put(const T& value) {
+    if constexpr (std::is_enum_v<T>) {
+      put(static_cast<std::underlying_type_t<T>>(value));
+    } else if constexpr (std::is_same_v<T, bool>) {
+      put(std::uint8_t{value});
+    } else if constexpr (std::integral<T>) {
+      bytes_.resize(bytes_.size() + sizeof(T));
+      store(bytes_.data() + bytes_.size() - sizeof(T), value);
+    } else {
+      put_text(value);
+    }
   }
   void put_zeros(std::size_t count) { bytes_.insert(bytes_.end(), count, 0); }
   /// u16 length, then the bytes. Requires text.size() < 64 Ki.
@@ -47,6 +60,28 @@ class Writer {
   void put_bytes(std::span<const std::uint8_t> bytes) {
     bytes_.insert(bytes_.end(), bytes.begin(), bytes.end());
   }
+
+  template <class... Values>
+  void fields(const Values&... values) {
+    (put(values), ...);
+  }
+  /// A u8 with a bit for each, the first in the lowest.
+  template <class... Flags>
+  void flags(const Flags&... flags) {
+    unsigned bit = 0;
+    unsigned all = 0;
+    ((all |= unsigned{flags} << bit++), ...);
+    put(static_cast<std::uint8_t>(all));
+  }
+  /// u32 count, then each by `put_item`.
+  template <class List, class PutItem>
+  void list(const List& list, PutItem put_item) {
+    put(static_cast<std::uint32_t>(list.size()));
+    for (const auto& item : list) put_item(item);
+  }
+  /// All that follows.
+  void rest(std::span<const std::uint8_t> bytes) { put_bytes(bytes); }
+  void require(bool /*is_so*/) {}
 
   std::vector<std::uint8_t>& bytes() { return bytes_; }
 
@@ -60,10 +95,19 @@ class Reader {
  public:
   explicit Reader(std::span<const std::uint8_t> bytes) : rest_(bytes) {}
 
-  template <std::integral T>
+  /// What Writer::put() takes. An enumerator may have any value.
+  template <class T>
   T take() {
-    const auto bytes = take_bytes(sizeof(T));
-    return bytes.empty() ? T{0} : load<T>(bytes.data());
+    if constexpr (std::is_enum_v<T>) {
+      return static_cast<T>(take<std::underlying_type_t<T>>());
+    } else if constexpr (std::is_same_v<T, bool>) {
+      return take<std::uint8_t>() != 0;
+    } else if constexpr (std::integral<T>) {
+      const auto bytes = take_bytes(sizeof(T));
+      return bytes.empty() ? T{0} : load<T>(bytes.data());
+    } else {
+      return T(take_text());
+    }
   }
   /// A view into the bytes; not copied, so its length need not be trusted.
   std::string_view take_text() {
@@ -80,14 +124,37 @@ class Reader {
 
   /// A view, as take_text() gives it. Empty past the end.
   std::span<const std::uint8_t> take_bytes(std::size_t count) {
-    if (count > rest_.size()) {
-      is_short_ = true;
-      rest_ = {};
-      return {};
-    }
+    require(count <= rest_.size());
+    if (is_short_) return {};
     const auto bytes = rest_.first(count);
     rest_ = rest_.subspan(count);
     return bytes;
+  }
+
+  template <class... Values>
+  void fields(Values&... values) {
+    ((values = take<Values>()), ...);
+  }
+  template <class... Flags>
+  void flags(Flags&... flags) {
+    unsigned all = take<std::uint8_t>();
+    ((flags = (std::exchange(all, all / 2) & 1U) != 0), ...);
+  }
+  template <class Item, class TakeItem>
+  void list(std::vector<Item>& list, TakeItem take_item) {
+    for (auto count = take<std::uint32_t>(); count > 0 && !is_short_; --count) {
+      take_item(list.emplace_back());
+    }
+  }
+  void rest(std::vector<std::uint8_t>& bytes) {
+    const auto all = take_bytes(rest_.size());
+    bytes.assign(all.begin(), all.end());
+  }
+  /// Otherwise it goes on as past the end.
+  void require(bool is_so) {
+    if (is_so) return;
+    is_short_ = true;
+    rest_ = {};
   }
 
   bool is_short() const { return is_short_; }
@@ -97,5 +164,9 @@ class Reader {
   std::span<const std::uint8_t> rest_;
   bool is_short_ = false;
 };
+
+/// What a list of fields is given: a Reader changes the value.
+template <class Archive, class T>
+using FieldsOf = std::conditional_t<std::is_same_v<Archive, Reader>, T, const T>;
 
 }  // namespace orbbuf::wire

@@ -4,40 +4,24 @@
 #include <fmt/core.h>
 
 #include <algorithm>
-#include <array>
-#include <cerrno>
-#include <cstdio>
-#include <memory>
 #include <numeric>
 #include <utility>
 
 #include "common/config.hpp"
-#include "common/error.hpp"
+#include "common/file_io.hpp"
 
 namespace orbbuf {
 namespace {
 
 constexpr std::string_view kHeld = "v";
 
-std::string read_text(const std::filesystem::path& path) {
-  const auto fail = [&] {
-    throw ConfigError(system_error(fmt::format("cannot read {}", path.string()), errno).text);
-  };
-  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"),
-                                                             &std::fclose);
-  if (file == nullptr) fail();
-  std::string text;
-  std::array<char, 4096> piece{};
-  while (const std::size_t count = std::fread(piece.data(), 1, piece.size(), file.get())) {
-    text.append(piece.data(), count);
-  }
-  if (std::ferror(file.get()) != 0) fail();
-  return text;
-}
-
 toml::table parse_file(const std::filesystem::path& path) {
+  const auto content = read_file(path);
+  if (!content) throw ConfigError("cannot " + content.error().text);
+  const std::string_view text(reinterpret_cast<const char*>(content.value().data()),
+                              content.value().size());
   try {
-    return toml::parse(read_text(path), path.string());
+    return toml::parse(text, path.string());
   } catch (const toml::parse_error& error) {
     throw ConfigError(
         fmt::format("{}:{}: {}", path.string(), error.source().begin.line, error.description()));

@@ -3,30 +3,19 @@
 
 #include <fmt/core.h>
 
+#include <array>
 #include <cmath>
+#include <cstddef>
 
 #include "common/decimal.hpp"
 
 namespace orbbuf {
 
 std::string_view to_string(DropReason reason) {
-  switch (reason) {
-    case DropReason::kPolicy:
-      return "policy";
-    case DropReason::kBusy:
-      return "busy";
-    case DropReason::kFailed:
-      return "failed";
-    case DropReason::kShutdown:
-      return "shutdown";
-    case DropReason::kRefused:
-      return "refused";
-    case DropReason::kUnknown:
-      return "unknown";
-    case DropReason::kLost:
-      return "lost";
-  }
-  return "";
+  constexpr std::array<std::string_view, 7> kNames = {"policy",  "busy",    "failed", "shutdown",
+                                                      "refused", "unknown", "lost"};
+  const auto place = static_cast<std::size_t>(reason) - 1;
+  return place < kNames.size() ? kNames[place] : "";
 }
 
 std::int64_t DropRecord::capture_time_of(Sequence number) const {
@@ -40,11 +29,12 @@ std::int64_t DropRecord::capture_time_of(Sequence number) const {
   return static_cast<std::int64_t>(begin + static_cast<std::uint64_t>(since));
 }
 
-DropRecord DropRecord::first(std::uint64_t most) const {
-  if (frames <= most) return *this;
+DropRecord DropRecord::part(Sequence begin, Sequence end) const {
   DropRecord part = *this;
-  part.frames = most;
-  part.last_capture_time_ns = most > 1 ? capture_time_of(sequence + most - 1) : 0;
+  part.sequence = begin;
+  part.frames = end - begin;
+  part.capture_time_ns = capture_time_of(begin);
+  part.last_capture_time_ns = part.frames > 1 ? capture_time_of(end - 1) : 0;
   return part;
 }
 
@@ -55,7 +45,7 @@ bool cut(std::vector<DropRecord>& records, std::uint64_t most) {
       continue;
     }
     if (most > 0) {
-      *record = record->first(most);
+      *record = record->part(record->sequence, record->sequence + most);
       ++record;
     }
     records.erase(record, records.end());

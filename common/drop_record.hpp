@@ -18,9 +18,9 @@ enum class DropReason : std::uint8_t {
   kFailed = 3,    ///< the image could not be read or encoded
   kShutdown = 4,  ///< still undelivered when the daemon had to stop
   kRefused = 5,   ///< larger than the server accepts: wire::Welcome::max_frame_bytes
-  kUnknown =
-      6,      ///< sent and not acknowledged when the daemon had to stop (the server may have it),
-              ///< or captured by a daemon that was killed, which left no more than its number
+  /// Sent and not acknowledged when the daemon had to stop (the server may have it), or captured by
+  /// a daemon that was killed, which left no more than its number.
+  kUnknown = 6,
   kLost = 7,  ///< acknowledged, but the server does not have it any more
 };
 
@@ -40,8 +40,8 @@ struct DropRecord {
   Sequence end() const { return sequence + frames; }
   /// Of the frame `number` of them; between the first and the last it is interpolated.
   std::int64_t capture_time_of(Sequence number) const;
-  /// The first `most` frames of it, at least 1.
-  DropRecord first(std::uint64_t most) const;
+  /// Those of its frames from `begin` to before `end`, at least one.
+  DropRecord part(Sequence begin, Sequence end) const;
 
   friend bool operator==(const DropRecord&, const DropRecord&) = default;
 };
@@ -58,7 +58,8 @@ constexpr std::uint64_t most_drop_lines(std::uint64_t frames) {
 /// Leaves the first `most` frames that the records name. True: there were more.
 bool cut(std::vector<DropRecord>& records, std::uint64_t most);
 
-/// One word: `policy`, `busy`, `failed`, `shutdown`, `refused`, `unknown` or `lost`.
+/// One word: `policy`, `busy`, `failed`, `shutdown`, `refused`, `unknown` or `lost`; empty for any
+/// other number.
 std::string_view to_string(DropReason reason);
 
 /// A line for each frame: `17,policy,1.633012000`. The ends of the lines are in it.

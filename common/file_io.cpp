@@ -86,25 +86,33 @@ std::optional<Error> close_written(UniqueFd fd, const std::filesystem::path& pat
   return system_error("close " + path.string(), errno);
 }
 
+std::optional<Error> write_new(const std::filesystem::path& path,
+                               std::span<const std::uint8_t> bytes, bool is_synced) {
+  UniqueFd fd(::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644));
+  if (!fd) return system_error("create " + path.string(), errno);
+  if (auto error = write_all(fd.get(), bytes, path)) return error;
+  if (is_synced && ::fdatasync(fd.get()) != 0) return system_error("sync " + path.string(), errno);
+  return close_written(std::move(fd), path);
+}
+
+std::optional<Error> move_file(const std::filesystem::path& from, const std::filesystem::path& to) {
+  if (std::rename(from.c_str(), to.c_str()) == 0) return std::nullopt;
+  return system_error("rename " + from.string() + " to " + to.string(), errno);
+}
+
 std::optional<Error> write_file(const std::filesystem::path& path,
                                 const std::filesystem::path& temporary,
                                 std::span<const std::uint8_t> bytes) {
-  UniqueFd fd(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644));
-  if (!fd) return system_error("create " + temporary.string(), errno);
-  auto error = write_all(fd.get(), bytes, temporary);
-  if (!error) error = close_written(std::move(fd), temporary);
-  if (!error && std::rename(temporary.c_str(), path.c_str()) != 0) {
-    error = system_error("rename " + temporary.string() + " to " + path.string(), errno);
-  }
+  auto error = write_new(temporary, bytes, false);
+  if (!error) error = move_file(temporary, path);
   if (error) ::unlink(temporary.c_str());
   return error;
 }
 
-std::optional<Error> sync_file_system(const std::filesystem::path& folder) {
-  const UniqueFd fd(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-  if (!fd) return system_error("open " + folder.string(), errno);
-  if (::syncfs(fd.get()) == 0) return std::nullopt;
-  return system_error("sync the file system of " + folder.string(), errno);
+std::optional<Error> sync(const std::filesystem::path& path) {
+  const UniqueFd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  if (fd && ::fsync(fd.get()) == 0) return std::nullopt;
+  return system_error("sync " + path.string(), errno);
 }
 
 }  // namespace orbbuf

@@ -35,14 +35,21 @@ std::optional<Error> write_all_at(int fd, std::uint64_t offset, std::span<const 
 /// Closes `fd`, which is where a network file system reports what it could not write.
 std::optional<Error> close_written(UniqueFd fd, const std::filesystem::path& path);
 
+/// Makes `path` with these bytes, in place of a file that is there. is_synced: they are on the
+/// device then. After an error a part may be there. Blocking.
+std::optional<Error> write_new(const std::filesystem::path& path,
+                               std::span<const std::uint8_t> bytes, bool is_synced);
+
+/// rename(2). Blocking.
+std::optional<Error> move_file(const std::filesystem::path& from, const std::filesystem::path& to);
+
+/// fsync(2) of a file or a folder. Blocking.
+std::optional<Error> sync(const std::filesystem::path& path);
+
 /// Makes `path` with these bytes, complete or not at all: they are written to `temporary`, which is
 /// on the same file system and gone afterwards, and renamed. No fsync. Blocking.
 std::optional<Error> write_file(const std::filesystem::path& path,
                                 const std::filesystem::path& temporary,
                                 std::span<const std::uint8_t> bytes);
-
-/// syncfs(2): everything that was written to the file system of `folder` is on its device.
-/// Blocking.
-std::optional<Error> sync_file_system(const std::filesystem::path& folder);
 
 }  // namespace orbbuf

@@ -27,69 +27,45 @@ template void fmt::detail::vformat_to<char>(fmt::detail::buffer<char>&, fmt::str
 namespace orbbuf {
 namespace {
 
-/// A level in our word for it, and as syslog(3) and sd-daemon(3) number it.
-struct LevelName {
-  spdlog::level::level_enum level;
-  std::string_view word;
-  std::string_view journal_prefix;
-};
-
-/// In the order of LogLevel.
-constexpr std::array<LevelName, kLogLevels.size()> kLevels = {
-    {{spdlog::level::trace, kLogLevels[0], "<7>"},
-     {spdlog::level::debug, kLogLevels[1], "<7>"},
-     {spdlog::level::info, kLogLevels[2], "<6>"},
-     {spdlog::level::warn, kLogLevels[3], "<4>"},
-     {spdlog::level::err, kLogLevels[4], "<3>"}}};
+/// As sd-daemon(3) has them; in the order of LogLevel, which is spdlog's.
+constexpr std::array<std::string_view, kLogLevels.size()> kJournalPrefixes = {"<7>", "<7>", "<6>",
+                                                                              "<4>", "<3>"};
 
 /// `critical`, which we do not use, goes as an error.
-const LevelName& name_of(spdlog::level::level_enum level) {
-  for (const LevelName& name : kLevels) {
-    if (name.level == level) return name;
-  }
-  return kLevels.back();
+std::size_t place_of(spdlog::level::level_enum level) {
+  return std::min(static_cast<std::size_t>(level), kLogLevels.size() - 1);
 }
 
 void append(spdlog::memory_buf_t& to, std::string_view text) {
   to.append(text.data(), text.data() + text.size());
 }
 
-class LevelFlag : public spdlog::custom_flag_formatter {
+/// A part of the pattern: what `Append` appends.
+template <void (*Append)(const spdlog::details::log_msg&, spdlog::memory_buf_t&)>
+class Flag : public spdlog::custom_flag_formatter {
  public:
   void format(const spdlog::details::log_msg& message, const std::tm& /*time*/,
               spdlog::memory_buf_t& to) override {
-    append(to, name_of(message.level).word);
+    Append(message, to);
   }
-  std::unique_ptr<custom_flag_formatter> clone() const override {
-    return std::make_unique<LevelFlag>();
-  }
+  std::unique_ptr<custom_flag_formatter> clone() const override { return std::make_unique<Flag>(); }
 };
 
-class JournalPrefixFlag : public spdlog::custom_flag_formatter {
- public:
-  void format(const spdlog::details::log_msg& message, const std::tm& /*time*/,
-              spdlog::memory_buf_t& to) override {
-    append(to, name_of(message.level).journal_prefix);
-  }
-  std::unique_ptr<custom_flag_formatter> clone() const override {
-    return std::make_unique<JournalPrefixFlag>();
-  }
-};
+void append_level(const spdlog::details::log_msg& message, spdlog::memory_buf_t& to) {
+  append(to, kLogLevels.at(place_of(message.level)));
+}
+
+void append_journal_prefix(const spdlog::details::log_msg& message, spdlog::memory_buf_t& to) {
+  append(to, kJournalPrefixes.at(place_of(message.level)));
+}
 
 /// The calling thread is the one that logs, since the logger is synchronous. The first one goes by
 /// the program's name in the kernel, for pgrep and top, and by "main" in the log.
-class ThreadNameFlag : public spdlog::custom_flag_formatter {
- public:
-  void format(const spdlog::details::log_msg& /*message*/, const std::tm& /*time*/,
-              spdlog::memory_buf_t& to) override {
-    if (gettid() == getpid()) return append(to, "main");
-    std::array<char, 16> name{};
-    if (pthread_getname_np(pthread_self(), name.data(), name.size()) == 0) append(to, name.data());
-  }
-  std::unique_ptr<custom_flag_formatter> clone() const override {
-    return std::make_unique<ThreadNameFlag>();
-  }
-};
+void append_thread_name(const spdlog::details::log_msg& /*message*/, spdlog::memory_buf_t& to) {
+  if (gettid() == getpid()) return append(to, "main");
+  std::array<char, 16> name{};
+  if (pthread_getname_np(pthread_self(), name.data(), name.size()) == 0) append(to, name.data());
+}
 
 /// systemd.exec(5): $JOURNAL_STREAM holds DEVICE:INODE of the stream that it has set up. A stderr
 /// redirected since then does not match.
@@ -111,15 +87,18 @@ void unblock_stderr() {
   if (own) dup2(own.get(), STDERR_FILENO);
 }
 
+spdlog::level::level_enum level_from(LogLevel level) {
+  return static_cast<spdlog::level::level_enum>(level);
+}
+static_assert(static_cast<int>(LogLevel::kTrace) == spdlog::level::trace &&
+              static_cast<int>(LogLevel::kError) == spdlog::level::err);
+
 spdlog::level::level_enum level_from(std::string_view word) {
-  for (const LevelName& name : kLevels) {
-    if (name.word == word) return name.level;
+  const auto* const found = std::ranges::find(kLogLevels, word);
+  if (found != kLogLevels.end()) {
+    return static_cast<spdlog::level::level_enum>(found - kLogLevels.begin());
   }
   throw std::invalid_argument("unknown log level '" + std::string(word) + "'");
-}
-
-spdlog::level::level_enum level_from(LogLevel level) {
-  return kLevels.at(static_cast<std::size_t>(level)).level;
 }
 
 }  // namespace
@@ -137,8 +116,9 @@ void set_log_level(std::string_view level) { spdlog::set_level(level_from(level)
 void set_up_log(std::string_view level) {
   const auto threshold = level_from(level);
   auto formatter = std::make_unique<spdlog::pattern_formatter>(spdlog::pattern_time_type::utc);
-  formatter->add_flag<LevelFlag>('L').add_flag<ThreadNameFlag>('N').add_flag<JournalPrefixFlag>(
-      'J');
+  formatter->add_flag<Flag<append_level>>('L');
+  formatter->add_flag<Flag<append_thread_name>>('N');
+  formatter->add_flag<Flag<append_journal_prefix>>('J');
   formatter->set_pattern(is_stderr_the_journal() ? "%J[%N] %v"
                                                  : "%Y-%m-%dT%H:%M:%S.%eZ %L [%N] %v");
   unblock_stderr();

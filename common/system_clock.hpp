@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <sys/timex.h>
+
 #include <chrono>
+#include <ctime>
 
 namespace orbbuf {
 
@@ -11,6 +14,14 @@ struct SystemClockReading {
   bool is_synchronised = false;            ///< the kernel says so: an NTP client keeps the clock
 };
 
-SystemClockReading read_system_clock();
+inline SystemClockReading read_system_clock() {
+  timespec since_boot{};
+  ::clock_gettime(CLOCK_BOOTTIME, &since_boot);
+  timex kernel{};
+  const bool is_synchronised = ::adjtimex(&kernel) != TIME_ERROR;
+  return {std::chrono::system_clock::now(),
+          std::chrono::seconds(since_boot.tv_sec) + std::chrono::nanoseconds(since_boot.tv_nsec),
+          is_synchronised};
+}
 
 }  // namespace orbbuf

@@ -7,7 +7,7 @@
 #include <cassert>
 #include <limits>
 
-#include "common/byte_order.hpp"
+#include "common/wire_fields.hpp"
 
 namespace orbbuf::wire {
 namespace {
@@ -34,22 +34,6 @@ void store_header(std::uint8_t* at, Type type, std::uint32_t body_bytes, std::ui
 class Message : public Writer {
  public:
   explicit Message(Type type) : Writer(kHeaderBytes), type_(type) {}
-
-  /// Of these streams.
-  void put_position(const Position& position, const std::bitset<kMostStreams>& streams) {
-    put(static_cast<std::uint16_t>(streams.count()));
-    for (StreamId id = 0; id < kMostStreams; ++id) {
-      if (!streams[id]) continue;
-      put(id);
-      put(position[id]);
-    }
-  }
-  /// Of those of which there is something.
-  void put_position(const Position& position) {
-    std::bitset<kMostStreams> streams;
-    for (StreamId id = 0; id < kMostStreams; ++id) streams[id] = position[id] > 0;
-    put_position(position, streams);
-  }
 
   std::vector<std::uint8_t> take() && {
     const auto body = std::span(bytes()).subspan(kHeaderBytes);
@@ -88,14 +72,7 @@ std::uint32_t body_crc(std::span<const std::uint8_t, kFrameMetaBytes> meta,
 void put_drops(Writer& out, std::span<const DropRecord> records) {
   assert(records.size() <= kMaxDropsPerMessage);
   out.put(static_cast<std::uint16_t>(records.size()));
-  for (const DropRecord& record : records) {
-    out.put(record.sequence);
-    out.put(record.frames);
-    out.put(record.capture_time_ns);
-    out.put(record.last_capture_time_ns);
-    out.put(static_cast<std::uint8_t>(record.reason));
-    out.put(record.similarity);
-  }
+  for (const DropRecord& record : records) fields(out, record);
 }
 
 bool is_id_character(char c) {
@@ -106,25 +83,10 @@ bool is_id_character(char c) {
 }  // namespace
 
 std::string_view to_string(Type type) {
-  switch (type) {
-    case Type::kHello:
-      return "hello";
-    case Type::kWelcome:
-      return "welcome";
-    case Type::kFrame:
-      return "frame";
-    case Type::kAck:
-      return "ack";
-    case Type::kItems:
-      return "items";
-    case Type::kStats:
-      return "stats";
-    case Type::kBye:
-      return "bye";
-    case Type::kError:
-      return "error";
-  }
-  return "unknown";
+  constexpr std::array<std::string_view, 8> kNames = {"hello", "welcome", "frame", "ack",
+                                                      "items", "stats",   "bye",   "error"};
+  const auto place = static_cast<std::size_t>(type) - 1;
+  return place < kNames.size() ? kNames[place] : "unknown";
 }
 
 bool is_valid_id(std::string_view id) {
@@ -135,11 +97,9 @@ bool is_valid_id(std::string_view id) {
 std::vector<std::uint8_t> encode(const Hello& hello) {
   assert(is_valid_id(hello.robot_id) && is_valid_id(hello.session_id));
   Message message(Type::kHello);
-  message.put(hello.min_version);
-  message.put(hello.max_version);
+  message.fields(hello.min_version, hello.max_version);
   message.put_zeros(2);
-  message.put_text(hello.robot_id);
-  message.put_text(hello.session_id);
+  message.fields(hello.robot_id, hello.session_id);
   message.put_text(cut(hello.software, kMaxTextBytes));
   message.put_text(cut(hello.calibration, kMaxCalibrationBytes));
   message.put(static_cast<std::uint16_t>(hello.streams.size()));
@@ -157,13 +117,13 @@ std::vector<std::uint8_t> encode(const Welcome& welcome) {
   message.put(welcome.has_heartbeat ? kHasHeartbeat : std::uint8_t{0});
   message.put_zeros(2);
   message.put(welcome.max_frame_bytes);
-  message.put_position(welcome.position, welcome.takes);
+  put_position(message, welcome.position, welcome.takes);
   return std::move(message).take();
 }
 
 std::vector<std::uint8_t> encode(const Ack& ack) {
   Message message(Type::kAck);
-  message.put_position(ack.position);
+  put_position(message, ack.position);
   message.put(ack.received);
   return std::move(message).take();
 }
@@ -171,8 +131,7 @@ std::vector<std::uint8_t> encode(const Ack& ack) {
 std::vector<std::uint8_t> encode(const Items& items) {
   assert(items.stream != kFrames && items.stream < kMostStreams && !items.payload.empty());
   Message message(Type::kItems);
-  message.put(items.stream);
-  message.put(items.first);
+  message.fields(items.stream, items.first);
   message.put_bytes(items.payload);
   return std::move(message).take();
 }
@@ -185,29 +144,19 @@ std::vector<std::uint8_t> encode_drops(std::span<const DropRecord> records) {
 
 std::vector<std::uint8_t> encode(const Report& report) {
   Message message(Type::kStats);
-  const Stats& stats = report.stats;
-  for (const std::uint64_t count : {stats.captured, stats.skipped, stats.failed, stats.dropped,
-                                    stats.acknowledged, stats.waiting, stats.in_flight}) {
-    message.put(count);
-  }
-  message.put(report.capacity);
-  message.put(report.waiting_bytes);
-  message.put(report.link_rate);
-  message.put(report.round_trip_us);
-  message.put(report.clock_offset_ns);
-  message.put(report.irreducible);
+  fields(message, report);
   return std::move(message).take();
 }
 
 std::vector<std::uint8_t> encode(const Bye& bye) {
   Message message(Type::kBye);
-  message.put_position(bye.position);
+  put_position(message, bye.position);
   return std::move(message).take();
 }
 
 std::vector<std::uint8_t> encode(const ErrorMessage& error) {
   Message message(Type::kError);
-  message.put(static_cast<std::uint16_t>(error.code));
+  message.put(error.code);
   message.put_text(cut(error.text, kMaxTextBytes));
   return std::move(message).take();
 }
@@ -215,8 +164,7 @@ std::vector<std::uint8_t> encode(const ErrorMessage& error) {
 std::vector<std::uint8_t> encode_late_part(const LatePart& part) {
   assert(!part.bytes.empty());
   Writer payload(0);
-  payload.put(part.offset);
-  payload.put(part.record_bytes);
+  payload.fields(part.offset, part.record_bytes);
   payload.put_bytes(part.bytes);
   return std::move(payload.bytes());
 }
@@ -232,14 +180,10 @@ Sequence known_end(const Account& account) {
 
 std::vector<std::uint8_t> encode_account(const Account& account) {
   Writer payload(0);
-  payload.put_text(account.session_id);
-  payload.put(static_cast<std::uint8_t>((account.is_final ? kIsFinal : 0) |
-                                        (account.has_ended ? kHasEnded : 0)));
-  payload.put(known_end(account));
-  payload.put(account.last_capture_time_ns);
-  payload.put(account.confirmed);
-  payload.put(account.held);
-  payload.put(account.first_held);
+  payload.put(account.session_id);
+  payload.flags(account.is_final, account.has_ended);
+  payload.fields(known_end(account), account.last_capture_time_ns, account.confirmed, account.held,
+                 account.first_held);
   put_drops(payload, account.given_up);
   return std::move(payload.bytes());
 }

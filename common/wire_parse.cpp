@@ -8,8 +8,7 @@
 #include <optional>
 #include <utility>
 
-#include "common/byte_order.hpp"
-#include "common/wire.hpp"
+#include "common/wire_fields.hpp"
 
 namespace orbbuf::wire {
 namespace {
@@ -97,6 +96,11 @@ class Body {
   T take() {
     return reader_.take<T>();
   }
+  template <class... Values>
+  void fields(Values&... values) {
+    reader_.fields(values...);
+  }
+  Reader& reader() { return reader_; }
 
   void take_zeros(std::size_t count) {
     require(reader_.take_zeros(count), "reserved bytes are not zero");
@@ -175,21 +179,12 @@ class Body {
 
 DropRecord take_drop_record(Body& in) {
   DropRecord record;
-  record.sequence = in.take<std::uint64_t>();
-  record.frames = in.take<std::uint64_t>();
-  record.capture_time_ns = in.take<std::int64_t>();
-  record.last_capture_time_ns = in.take<std::int64_t>();
-  const auto reason = in.take<std::uint8_t>();
+  wire::fields(in.reader(), record);
   in.require(record.sequence < kEndOfNumbers, "sequence number out of range");
   in.require(record.frames >= 1 && record.frames <= kEndOfNumbers - record.sequence,
              fmt::format("{} frames from {} on", record.frames, record.sequence));
-  if (reason < static_cast<std::uint8_t>(DropReason::kPolicy) ||
-      reason > static_cast<std::uint8_t>(DropReason::kLost)) {
-    in.require(false, fmt::format("unknown drop reason {}", reason));
-  } else {
-    record.reason = static_cast<DropReason>(reason);
-  }
-  record.similarity = in.take<std::uint16_t>();
+  in.require(!to_string(record.reason).empty(),
+             fmt::format("unknown drop reason {}", static_cast<unsigned>(record.reason)));
   return record;
 }
 
@@ -255,8 +250,7 @@ Parsed<Hello> parse_hello(const Header& header, std::span<const std::uint8_t> bo
   assert(header.type == Type::kHello);
   Body in(header, body);
   Hello hello;
-  hello.min_version = in.take<std::uint8_t>();
-  hello.max_version = in.take<std::uint8_t>();
+  in.fields(hello.min_version, hello.max_version);
   in.take_zeros(2);
   in.require(hello.min_version <= hello.max_version, "version range is empty");
   hello.robot_id = in.take_id("robot id");
@@ -294,8 +288,7 @@ Parsed<Items> parse_items(const Header& header, std::span<const std::uint8_t> bo
   assert(header.type == Type::kItems);
   Body in(header, body);
   Items items;
-  items.stream = in.take<StreamId>();
-  items.first = in.take<std::uint64_t>();
+  in.fields(items.stream, items.first);
   in.require(items.stream != kFrames && items.stream < kMostStreams,
              fmt::format("of stream {}", items.stream));
   in.require(items.first < kEndOfNumbers, "number out of range");
@@ -314,17 +307,7 @@ Parsed<Report> parse_stats(const Header& header, std::span<const std::uint8_t> b
   assert(header.type == Type::kStats);
   Body in(header, body);
   Report report;
-  auto& [captured, skipped, failed, dropped, acknowledged, waiting, in_flight] = report.stats;
-  for (std::uint64_t* const count :
-       {&captured, &skipped, &failed, &dropped, &acknowledged, &waiting, &in_flight}) {
-    *count = in.take<std::uint64_t>();
-  }
-  report.capacity = in.take<std::uint32_t>();
-  report.waiting_bytes = in.take<std::uint64_t>();
-  report.link_rate = in.take<std::uint64_t>();
-  report.round_trip_us = in.take<std::uint32_t>();
-  report.clock_offset_ns = in.take<std::int64_t>();
-  report.irreducible = in.take<std::uint64_t>();
+  wire::fields(in.reader(), report);
   return in.finish(report);
 }
 
@@ -347,8 +330,7 @@ Parsed<ErrorMessage> parse_error(const Header& header, std::span<const std::uint
 Parsed<LatePart> parse_late_part(std::span<const std::uint8_t> payload) {
   Body in("late frame", payload);
   LatePart part;
-  part.offset = in.take<std::uint32_t>();
-  part.record_bytes = in.take<std::uint32_t>();
+  in.fields(part.offset, part.record_bytes);
   part.bytes = in.take_bytes(in.left());
   in.require(
       !part.bytes.empty() && std::uint64_t{part.offset} + part.bytes.size() <= part.record_bytes,
@@ -365,11 +347,8 @@ Parsed<Account> parse_account(std::span<const std::uint8_t> payload) {
   in.require((flags & ~(kIsFinal | kHasEnded)) == 0, "reserved bits are not zero");
   account.is_final = (flags & kIsFinal) != 0;
   account.has_ended = (flags & kHasEnded) != 0;
-  account.captured = in.take<std::uint64_t>();
-  account.last_capture_time_ns = in.take<std::int64_t>();
-  account.confirmed = in.take<std::uint64_t>();
-  account.held = in.take<std::uint64_t>();
-  account.first_held = in.take<std::uint64_t>();
+  in.fields(account.captured, account.last_capture_time_ns, account.confirmed, account.held,
+            account.first_held);
   account.given_up = take_drops(in, 0);
   in.require(account.captured < kEndOfNumbers, "sequence number out of range");
   const Sequence end = known_end(account);
@@ -409,17 +388,11 @@ Parsed<EncodedFrame> parse_frame(const Header& header,
   const auto body_crc = static_cast<std::uint32_t>(
       ::crc32_combine(crc32(meta), frame.jpeg_crc, static_cast<z_off_t>(jpeg.size())));
   Body in(header, meta, kFrameMetaBytes + jpeg.size(), body_crc);
-  frame.sequence = in.take<std::uint64_t>();
-  frame.capture_time_ns = in.take<std::int64_t>();
-  frame.exposure_ns = in.take<std::uint32_t>();
-  frame.width_px = in.take<std::uint16_t>();
-  frame.height_px = in.take<std::uint16_t>();
-  const auto encoding = in.take<std::uint8_t>();
-  frame.quality = in.take<std::uint8_t>();
+  std::uint8_t encoding = 0;
+  in.fields(frame.sequence, frame.capture_time_ns, frame.exposure_ns, frame.width_px,
+            frame.height_px, encoding, frame.quality);
   in.take_zeros(2);
-  frame.left_bytes = in.take<std::uint32_t>();
-  frame.whole_bytes = in.take<std::uint32_t>();
-  frame.whole_crc = in.take<std::uint32_t>();
+  in.fields(frame.left_bytes, frame.whole_bytes, frame.whole_crc);
   in.require(!jpeg.empty(), "no JPEG");
   in.require(frame.left_bytes >= 1 && frame.left_bytes <= jpeg.size(),
              fmt::format("left image of {} bytes, of {}", frame.left_bytes, jpeg.size()));

@@ -6,12 +6,12 @@
 #include <utility>
 
 #include "common/log.hpp"
+#include "common/seconds.hpp"
 #include "common/watched_thread.hpp"
 
 namespace orbbuf {
 namespace {
 
-using std::chrono::duration;
 using std::chrono::nanoseconds;
 
 constexpr std::chrono::seconds kTellInterval{1};
@@ -36,7 +36,7 @@ void Health::report(const wire::Report& report, const Sender& sender) {
 void Health::tell(const wire::Report& report, const Sender& sender) {
   const wire::Stats& stats = report.stats;
   const auto now = Clock::now();
-  const double seconds = duration<double>(now - std::exchange(reported_time_, now)).count();
+  const double seconds = to_seconds(now - std::exchange(reported_time_, now));
   const wire::Stats before = std::exchange(reported_, stats);
   const auto rate = [seconds](std::uint64_t from, std::uint64_t to) {
     return static_cast<double>(to - std::min(from, to)) / seconds;
@@ -57,7 +57,7 @@ void Health::feed_if_moving() {
     names.insert(name);
     if (still_.contains(name)) continue;
     log_error("thread {} has not responded for {:.1f} s; feeding the watchdog stops until it does",
-              name, duration<double>(time).count());
+              name, to_seconds(time));
   }
   still_ = std::move(names);
   if (still_.empty()) service_.feed();

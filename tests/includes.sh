@@ -35,7 +35,7 @@ server/foxglove: common server/calibration
 server/dataset/mcap: common server/runtime server/session server/calibration server/foxglove
 server/dataset: common common/journal server/calibration server/session server/dataset/mcap
 server/retention: common common/journal server/runtime server/session
-server/live: common server/runtime server/session
+server/live: common server/session
 server/link/session_claim: common server/session
 server/fleet: common common/journal common/net server/fleet/fleet_settings server/runtime server/session server/link/session_claim
 server/sink: common server/session

@@ -87,7 +87,6 @@ class Reader {
   Result<std::optional<std::uint64_t>> find_record(std::uint64_t from);
   Result<std::optional<Record>> find_in_segment();
   void leave_segment();
-  void note_damage(std::uint64_t bytes);
 
   const std::filesystem::path folder_;
   Place place_;

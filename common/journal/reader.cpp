@@ -126,7 +126,7 @@ Result<std::optional<Record>> Reader::find_in_segment() {
   const auto found = find_record(place_.offset);
   if (!found) return found.error();
   if (!found.value()) return std::nullopt;
-  note_damage(*found.value() - place_.offset);
+  damaged_bytes_ += *found.value() - place_.offset;
   place_.offset = *found.value();
   return record_at(place_.offset);
 }
@@ -156,10 +156,8 @@ Result<std::optional<Record>> Reader::next() {
 void Reader::leave_segment() {
   std::error_code unknown;
   const auto bytes = fs::file_size(segment_path(folder_, place_.segment), unknown);
-  if (!unknown && bytes > place_.offset) note_damage(bytes - place_.offset);
+  if (!unknown && bytes > place_.offset) damaged_bytes_ += bytes - place_.offset;
   file_ = {};
 }
-
-void Reader::note_damage(std::uint64_t bytes) { damaged_bytes_ += bytes; }
 
 }  // namespace orbbuf::journal

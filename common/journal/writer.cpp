@@ -111,10 +111,7 @@ std::optional<Error> Writer::sync() {
     return system_error("sync " + segment_path(folder_, end_.segment).string(), errno);
   }
   if (!is_folder_unsynced_) return std::nullopt;
-  const UniqueFd folder(::open(folder_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-  if (!folder || ::fsync(folder.get()) != 0) {
-    return system_error("sync " + folder_.string(), errno);
-  }
+  if (auto error = orbbuf::sync(folder_)) return error;
   is_folder_unsynced_ = false;
   return std::nullopt;
 }

@@ -11,6 +11,7 @@
 
 #include "common/error.hpp"
 #include "common/log.hpp"
+#include "common/seconds.hpp"
 #include "common/watched_thread.hpp"
 
 namespace orbbuf {
@@ -25,11 +26,6 @@ using std::chrono::nanoseconds;
 constexpr auto kFirstFrame = 5s;  // some cameras take seconds to start
 constexpr milliseconds kFirstBackoff = 100ms;
 constexpr milliseconds kLongestBackoff = 2s;
-
-double seconds_between(std::chrono::steady_clock::time_point a,
-                       std::chrono::steady_clock::time_point b) {
-  return duration<double>(b - a).count();
-}
 
 std::string describe(const CameraMode& mode) {
   return fmt::format("{} {}x{} px, {}", to_string(mode.format), mode.width_px, mode.height_px,
@@ -80,7 +76,7 @@ std::optional<RawFrame> CameraSource::take() {
   }
   if (!buffer.value()) {
     if (Clock::now() >= deadline_) {
-      give_up(fmt::format("no frame for {:.1f} s", seconds_between(waiting_since_, Clock::now())));
+      give_up(fmt::format("no frame for {:.1f} s", to_seconds(Clock::now() - waiting_since_)));
     }
     return std::nullopt;
   }
@@ -167,7 +163,7 @@ void CameraSource::greet() {
   is_lost_ = false;
   delivers_since_ = Clock::now();
   ++reopened_;
-  log_info("{}: recovered after {:.1f} s", description(), seconds_between(lost_at_, Clock::now()));
+  log_info("{}: recovered after {:.1f} s", description(), to_seconds(Clock::now() - lost_at_));
 }
 
 void CameraSource::await_frame_for(nanoseconds limit) {

@@ -38,8 +38,8 @@ struct Kind {
 
 #ifdef ORBBUF_V4L2
 std::unique_ptr<CameraSource> open_v4l2_camera(const Settings& settings) {
-  return std::make_unique<CameraSource>(
-      [settings] { return std::make_unique<V4l2Stream>(settings); }, settings.device, settings.fps);
+  return std::make_unique<CameraSource>([settings] { return open_v4l2_stream(settings); },
+                                        settings.device, settings.fps);
 }
 #endif
 
@@ -67,9 +67,8 @@ Source open_v4l2([[maybe_unused]] const Settings& settings) {
 
 Source open_libcamera([[maybe_unused]] const Settings& settings) {
 #ifdef ORBBUF_LIBCAMERA
-  return std::make_unique<CameraSource>(
-      [settings] { return std::make_unique<LibcameraStream>(settings); }, settings.camera,
-      settings.fps);
+  return std::make_unique<CameraSource>([settings] { return open_libcamera_stream(settings); },
+                                        settings.camera, settings.fps);
 #else
   throw std::runtime_error("cannot open a libcamera camera: orbbufd was built without libcamera");
 #endif

@@ -5,19 +5,6 @@
 #include <iterator>
 
 namespace orbbuf {
-namespace {
-
-/// Some of its numbers.
-DropRecord part_of(const DropRecord& record, Sequence begin, Sequence end) {
-  DropRecord part = record;
-  part.sequence = begin;
-  part.frames = end - begin;
-  part.capture_time_ns = record.capture_time_of(begin);
-  part.last_capture_time_ns = part.frames > 1 ? record.capture_time_of(end - 1) : 0;
-  return part;
-}
-
-}  // namespace
 
 void DropRanges::add(const DropRecord& record) {
   for (Sequence begin = record.sequence; begin < record.end();) {
@@ -27,7 +14,7 @@ void DropRanges::add(const DropRecord& record) {
       continue;
     }
     const Sequence end = next == ranges_.end() ? record.end() : std::min(record.end(), next->first);
-    insert(part_of(record, begin, end));
+    insert(record.part(begin, end));
     begin = end;
   }
 }

@@ -93,7 +93,7 @@ std::vector<std::uint8_t> frame_head(std::string_view name, const EncodedFrame& 
 std::optional<std::pair<std::string, EncodedFrame>> parse_frame(Bytes body);
 
 std::vector<std::uint8_t> encode_released(std::string_view name,
-                                          std::span<const Sequence> released);
+                                          const std::vector<Sequence>& released);
 std::optional<std::pair<std::string, std::vector<Sequence>>> parse_released(Bytes body);
 
 std::vector<std::uint8_t> encode(const Index& index);

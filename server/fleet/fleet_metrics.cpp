@@ -3,8 +3,9 @@
 
 #include <fmt/core.h>
 
-#include <chrono>
 #include <string_view>
+
+#include "common/seconds.hpp"
 
 namespace orbbuf::fleet {
 namespace {
@@ -14,10 +15,6 @@ void add(std::string& text, std::string_view name, std::string_view help, double
   text += fmt::format(
       "# HELP orbbuf_fleet_{0} {1}\n# TYPE orbbuf_fleet_{0} {2}\norbbuf_fleet_{0} {3}\n", name,
       help, is_counter ? "counter" : "gauge", value);
-}
-
-double seconds(std::chrono::nanoseconds time) {
-  return std::chrono::duration<double>(time).count();
 }
 
 }  // namespace
@@ -37,11 +34,12 @@ std::string to_prometheus(const Fleet& fleet) {
   add(text, "positions_total", "Positions recorded", count(recorder.records()));
   add(text, "record_requests_total", "Requests that recorded positions",
       count(recorder.requests()));
-  add(text, "record_seconds_total", "Time that these took", seconds(recorder.time_spent()));
+  add(text, "record_seconds_total", "Time that these took", to_seconds(recorder.time_spent()));
   add(text, "etcd_requests_total", "Requests to etcd", count(etcd.requests()));
   add(text, "etcd_failures_total", "Requests that an endpoint did not answer",
       count(etcd.failures()));
-  add(text, "etcd_seconds_total", "Time that answered requests took", seconds(etcd.time_spent()));
+  add(text, "etcd_seconds_total", "Time that answered requests took",
+      to_seconds(etcd.time_spent()));
   return text;
 }
 

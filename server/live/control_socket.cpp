@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/live/control_socket.hpp"
 
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <array>
@@ -9,11 +10,10 @@
 #include <boost/asio/read_until.hpp>
 #include <boost/asio/write.hpp>
 #include <cstdlib>
+#include <stdexcept>
 #include <string_view>
 #include <utility>
 #include <vector>
-
-#include "server/runtime/private_socket.hpp"
 
 namespace orbbuf {
 namespace {
@@ -65,6 +65,28 @@ Result<std::string> ask(asio::io_context& io, Protocol::socket& socket, const st
   return Error{answer.substr(answer.starts_with(kError) ? kError.size() : 0)};
 }
 
+/// Throws std::runtime_error, also if another server listens there.
+Protocol::acceptor listen_privately(asio::io_context& main, const fs::path& path) {
+  try {
+    const Protocol::endpoint endpoint(path.string());
+    Protocol::socket other(main);
+    error_code failed;
+    other.connect(endpoint, failed);
+    if (!failed) throw std::runtime_error("status.socket: another server is on " + path.string());
+    if (failed == asio::error::connection_refused && fs::is_socket(path)) ::unlink(path.c_str());
+    const mode_t mask = ::umask(S_IRWXG | S_IRWXO);
+    Protocol::acceptor acceptor(main, endpoint.protocol());
+    acceptor.bind(endpoint, failed);
+    ::umask(mask);
+    if (failed) throw boost::system::system_error(failed);
+    acceptor.listen();
+    return acceptor;
+  } catch (const boost::system::system_error& error) {
+    throw std::runtime_error("status.socket: listen on " + path.string() + ": " +
+                             error.code().message());
+  }
+}
+
 }  // namespace
 
 fs::path control_socket_path(const std::string& setting) {
@@ -93,7 +115,7 @@ ControlSocket::ControlSocket(asio::io_context& main, fs::path path,
                              std::map<std::string, Command> commands)
     : path_(std::move(path)),
       commands_(std::move(commands)),
-      acceptor_(listen_privately(main, "status.socket", path_)),
+      acceptor_(listen_privately(main, path_)),
       retry_(main) {}
 
 ControlSocket::~ControlSocket() { ::unlink(path_.c_str()); }

@@ -10,6 +10,8 @@
 #include <optional>
 #include <vector>
 
+#include "common/seconds.hpp"
+
 namespace orbbuf {
 namespace {
 

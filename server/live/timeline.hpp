@@ -9,12 +9,9 @@
 #include <optional>
 
 #include "common/drop_record.hpp"
+#include "common/seconds.hpp"
 
 namespace orbbuf {
-
-inline double to_seconds(std::chrono::nanoseconds time) {
-  return std::chrono::duration<double>(time).count();
-}
 
 /// What became of the frames that were captured in one second.
 struct TimelineSecond {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -163,6 +164,9 @@ bool is_clean_after(const RecordBody& body, bool is_clean);
 /// The summary after that record.
 void add(const RecordBody& body, SessionSummary& summary);
 
+/// The frames that the record names as dropped.
+std::vector<DropRecord> named_by(const RecordBody& body);
+
 /// Reads the records of a session one after the other, also while they are written. Blocking;
 /// reentrant.
 class RecordReader {
@@ -186,5 +190,23 @@ class RecordReader {
   journal::Reader reader_;
   std::uint64_t unknown_bytes_ = 0;
 };
+
+/// Behind each record.
+inline constexpr journal::Place kNowhere{std::numeric_limits<std::uint32_t>::max(), 0};
+
+/// Hands on the records of one kind from `from` on that are before `to`.
+template <class Record, class Take>
+std::optional<Error> for_each(const std::filesystem::path& folder, Take take,
+                              const journal::Place& from = {},
+                              const journal::Place& to = kNowhere) {
+  RecordReader reader(folder, from);
+  for (;;) {
+    const auto entry = reader.next();
+    if (!entry) return entry.error();
+    if (!entry.value() || entry.value()->place >= to) return std::nullopt;
+    const auto* const record = std::get_if<Record>(&entry.value()->record.body);
+    if (record != nullptr) take(*record);
+  }
+}
 
 }  // namespace orbbuf

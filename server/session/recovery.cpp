@@ -9,7 +9,6 @@
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
-#include <limits>
 #include <memory>
 #include <string_view>
 #include <system_error>
@@ -31,43 +30,6 @@ namespace {
 namespace fs = std::filesystem;
 using journal::Place;
 
-constexpr Place kNowhere{std::numeric_limits<std::uint32_t>::max(), 0};
-
-/// The records from the newest checkpoint on, added up.
-struct Tail {
-  SessionSummary summary;
-  Place end;
-  Place kept;
-  bool is_clean = false;
-};
-
-/// As if the journal ended at `until`. Nothing: it then has no record.
-Result<std::optional<Tail>> read_tail(const fs::path& folder, const SessionSummary& first,
-                                      const Place& until) {
-  const auto segments = journal::segments_in(folder);
-  if (!segments) return segments.error();
-  for (std::size_t i = segments.value().size(); i-- > 0;) {
-    const Place begin{segments.value()[i], 0};
-    if (begin >= until) continue;
-    RecordReader reader(folder, begin);
-    Tail tail{first, begin, {}, false};
-    for (bool is_first = true;; is_first = false) {
-      const auto entry = reader.next();
-      if (!entry) return entry.error();
-      if (!entry.value() || entry.value()->place >= until) break;
-      const auto& [place, end, record] = *entry.value();
-      const bool is_checkpoint = std::holds_alternative<SessionSummary>(record.body);
-      if (is_first && i > 0 && (!is_checkpoint || place != begin)) break;
-      add(record.body, tail.summary);
-      tail.end = end;
-      tail.kept = record.kept;
-      tail.is_clean = is_clean_after(record.body, tail.is_clean);
-    }
-    if (tail.end != begin) return std::optional(std::move(tail));
-  }
-  return std::optional<Tail>();
-}
-
 struct PlacedFrame {
   Place place;
   RecordedFrame frame;
@@ -80,7 +42,7 @@ struct Unkept {
   Place invalid = kNowhere;  // the first damage
 };
 
-/// The part of one segment; `next` is the segment behind it, if there is one.
+/// The part of one segment.
 std::optional<Error> read_segment(const fs::path& folder, std::uint32_t segment, const Place& from,
                                   Unkept& unkept) {
   std::vector<PlacedFrame> frames;
@@ -179,14 +141,9 @@ Result<std::vector<std::string>> images_from(const fs::path& folder, Sequence fi
 /// The numbers of the frames whose records are before `end`.
 Result<SequenceSet> read_numbers(const fs::path& folder, const Place& end) {
   SequenceSet numbers;
-  RecordReader reader(folder);
-  for (;;) {
-    const auto entry = reader.next();
-    if (!entry) return entry.error();
-    if (!entry.value() || entry.value()->place >= end) return numbers;
-    const auto* const frame = std::get_if<RecordedFrame>(&entry.value()->record.body);
-    if (frame != nullptr) numbers.insert(frame->sequence);
-  }
+  const auto insert = [&](const RecordedFrame& frame) { numbers.insert(frame.sequence); };
+  if (auto error = for_each<RecordedFrame>(folder, insert, {}, end)) return std::move(*error);
+  return numbers;
 }
 
 std::optional<Error> set_aside(const fs::path& folder, const std::vector<std::string>& images) {
@@ -251,22 +208,21 @@ Result<std::optional<std::uint64_t>> find_line(int fd, const fs::path& path, Seq
 /// The lines of the live frames from `from` on, behind those that are there.
 std::optional<Error> append_lines(const fs::path& folder, const Place& from, TimesFile& times) {
   constexpr std::size_t kBlockBytes = 65536;
-  RecordReader reader(folder, from);
+  const fs::path path = folder / session_names::kTimes;
   std::string lines;
-  for (;;) {
-    const auto entry = reader.next();
-    if (!entry) return entry.error();
-    if (entry.value()) {
-      const auto* const frame = std::get_if<RecordedFrame>(&entry.value()->record.body);
-      if (frame != nullptr && !frame->is_late) lines += session_lines::times(*frame);
-    }
-    if (lines.size() < kBlockBytes && entry.value()) continue;
-    const fs::path path = folder / session_names::kTimes;
-    if (auto error = write_all_at(times.fd.get(), times.bytes, as_bytes(lines), path)) return error;
+  std::optional<Error> failed;
+  const auto write = [&] {
+    if (!failed) failed = write_all_at(times.fd.get(), times.bytes, as_bytes(lines), path);
     times.bytes += lines.size();
     lines.clear();
-    if (!entry.value()) return std::nullopt;
-  }
+  };
+  const auto take = [&](const RecordedFrame& frame) {
+    if (!frame.is_late) lines += session_lines::times(frame);
+    if (lines.size() >= kBlockBytes) write();
+  };
+  if (auto error = for_each<RecordedFrame>(folder, take, from)) return error;
+  write();
+  return failed;
 }
 
 }  // namespace

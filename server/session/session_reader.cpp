@@ -44,12 +44,7 @@ void add_missing(const SequenceSet& there, const DropRecord& range, Sequence fro
                  std::vector<DropRecord>& drops) {
   while ((from = there.next_out(from, end)) < end) {
     const Sequence next = there.next_in(from, end);
-    DropRecord part = range;
-    part.sequence = from;
-    part.frames = next - from;
-    part.capture_time_ns = range.capture_time_of(from);
-    part.last_capture_time_ns = part.frames > 1 ? range.capture_time_of(next - 1) : 0;
-    drops.push_back(part);
+    drops.push_back(range.part(from, next));
     from = next;
   }
 }
@@ -154,15 +149,9 @@ Result<SessionOutline> read_outline(const fs::path& folder) {
     if (const auto* const frame = std::get_if<RecordedFrame>(&body)) {
       outline.there.insert(frame->sequence);
       if (frame->is_late) outline.late.push_back(*frame);
-    } else if (const auto* const account = std::get_if<wire::Account>(&body)) {
-      outline.named.insert(outline.named.end(), account->given_up.begin(), account->given_up.end());
-    } else if (const auto* const items = std::get_if<RecordedItems>(&body);
-               items != nullptr && items->stream == wire::kDrops) {
-      const auto drops = wire::parse_drops(items->payload);
-      if (drops) {
-        outline.named.insert(outline.named.end(), drops.value().begin(), drops.value().end());
-      }
     }
+    const auto named = named_by(body);
+    outline.named.insert(outline.named.end(), named.begin(), named.end());
   }
   if (reader.place() == journal::Place{}) {
     const auto segments = journal::segments_in(folder);
@@ -190,16 +179,12 @@ Result<std::vector<DropRecord>> for_each_frame(
     take(frame);
   };
   auto late = outline.late.begin();
-  RecordReader reader(folder);
-  for (;;) {
-    const auto entry = reader.next();
-    if (!entry) return entry.error();
-    if (!entry.value()) break;
-    const auto* const frame = std::get_if<RecordedFrame>(&entry.value()->record.body);
-    if (frame == nullptr || frame->is_late || frame->sequence < next) continue;
-    while (late != outline.late.end() && late->sequence <= frame->sequence) hand_on(*late++);
-    if (next <= frame->sequence) hand_on(*frame);
-  }
+  const auto error = for_each<RecordedFrame>(folder, [&](const RecordedFrame& frame) {
+    if (frame.is_late || frame.sequence < next) return;
+    while (late != outline.late.end() && late->sequence <= frame.sequence) hand_on(*late++);
+    if (next <= frame.sequence) hand_on(frame);
+  });
+  if (error) return *error;
   while (late != outline.late.end()) hand_on(*late++);
   if (const auto& account = outline.summary.account) {
     drops.add(outline.summary.captured(), account->last_capture_time_ns);
@@ -226,14 +211,35 @@ Result<RecordedSession> read_session(const fs::path& folder) {
 
 std::optional<Error> read_items(const fs::path& folder, wire::StreamId stream,
                                 const std::function<void(const RecordedItems&)>& take) {
-  RecordReader reader(folder);
-  for (;;) {
-    const auto entry = reader.next();
-    if (!entry) return entry.error();
-    if (!entry.value()) return std::nullopt;
-    const auto* const items = std::get_if<RecordedItems>(&entry.value()->record.body);
-    if (items != nullptr && items->stream == stream) take(*items);
+  return for_each<RecordedItems>(folder, [&](const RecordedItems& items) {
+    if (items.stream == stream) take(items);
+  });
+}
+
+Result<std::optional<Tail>> read_tail(const fs::path& folder, const SessionSummary& first,
+                                      const journal::Place& until) {
+  const auto segments = journal::segments_in(folder);
+  if (!segments) return segments.error();
+  for (std::size_t i = segments.value().size(); i-- > 0;) {
+    const journal::Place begin{segments.value()[i], 0};
+    if (begin >= until) continue;
+    RecordReader reader(folder, begin);
+    Tail tail{first, begin, {}, false};
+    for (bool is_first = true;; is_first = false) {
+      const auto entry = reader.next();
+      if (!entry) return entry.error();
+      if (!entry.value() || entry.value()->place >= until) break;
+      const auto& [place, end, record] = *entry.value();
+      const bool is_checkpoint = std::holds_alternative<SessionSummary>(record.body);
+      if (is_first && i > 0 && (!is_checkpoint || place != begin)) break;
+      add(record.body, tail.summary);
+      tail.end = end;
+      tail.kept = record.kept;
+      tail.is_clean = is_clean_after(record.body, tail.is_clean);
+    }
+    if (tail.end != begin) return std::optional(std::move(tail));
   }
+  return std::optional<Tail>();
 }
 
 Result<SampleTotals> for_each_sample(const fs::path& folder, wire::StreamId stream,
@@ -271,16 +277,9 @@ Result<SampleTotals> for_each_sample(const fs::path& folder, wire::StreamId stre
 }
 
 std::optional<SessionSummary> read_summary(const fs::path& folder) {
-  const auto begin = find_segment(folder, [](const SessionSummary&) { return true; });
-  if (!begin) return std::nullopt;
-  auto summary = summary_of(folder);
-  RecordReader reader(folder, begin.value());
-  for (bool is_any = false;; is_any = true) {
-    const auto entry = reader.next();
-    if (!entry) return std::nullopt;
-    if (!entry.value()) return is_any ? std::optional(summary) : std::nullopt;
-    add(entry.value()->record.body, summary);
-  }
+  auto tail = read_tail(folder, summary_of(folder));
+  if (!tail || !tail.value()) return std::nullopt;
+  return std::move(tail.value()->summary);
 }
 
 Result<EncodedFrame> read_images(const fs::path& folder, const RecordedFrame& recorded) {

@@ -72,6 +72,19 @@ struct SampleTotals {
 Result<SampleTotals> for_each_sample(const std::filesystem::path& folder, wire::StreamId stream,
                                      const std::function<void(const Sample&)>& take);
 
+/// Where a journal ends: the records from the newest checkpoint on, added up.
+struct Tail {
+  SessionSummary summary;
+  journal::Place end;
+  journal::Place kept;
+  bool is_clean = false;
+};
+/// As if the journal ended at `until`. `first`: what is known before the first record. Nothing: it
+/// then has no record.
+Result<std::optional<Tail>> read_tail(const std::filesystem::path& folder,
+                                      const SessionSummary& first,
+                                      const journal::Place& until = kNowhere);
+
 /// Where the session stands: reads the newest segment of the journal only. Nothing: there is none,
 /// or it cannot be read.
 std::optional<SessionSummary> read_summary(const std::filesystem::path& folder);

@@ -6,8 +6,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
-#include <cstdio>
 #include <span>
 #include <system_error>
 #include <utility>
@@ -29,26 +27,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::uint64_t kSegmentBytes = 1U << 20;
-
-std::optional<Error> write_temporary(const fs::path& path, std::span<const std::uint8_t> bytes,
-                                     bool is_synced) {
-  UniqueFd fd(::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644));
-  if (!fd) return system_error("create " + path.string(), errno);
-  if (auto error = write_all(fd.get(), bytes, path)) return error;
-  if (is_synced && ::fdatasync(fd.get()) != 0) return system_error("sync " + path.string(), errno);
-  return close_written(std::move(fd), path);
-}
-
-std::optional<Error> move(const fs::path& from, const fs::path& to) {
-  if (std::rename(from.c_str(), to.c_str()) == 0) return std::nullopt;
-  return system_error("rename " + from.string() + " to " + to.string(), errno);
-}
-
-std::optional<Error> sync_folder(const fs::path& folder) {
-  const UniqueFd fd(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-  if (fd && ::fsync(fd.get()) == 0) return std::nullopt;
-  return system_error("sync " + folder.string(), errno);
-}
 
 std::optional<Error> make_folder(const fs::path& folder) {
   std::error_code failed;
@@ -191,20 +169,20 @@ std::optional<Error> SessionStore::append_to_folder(const RecordBody& body) {
 std::optional<Error> SessionStore::write_images(const EncodedFrame& frame, bool is_synced) {
   const fs::path incoming = folder_ / session_names::kIncoming;
   const fs::path incoming_right = folder_ / session_names::kIncomingRight;
-  auto error = write_temporary(incoming, frame.left(), is_synced);
+  auto error = write_new(incoming, frame.left(), is_synced);
   if (!error && frame.is_stereo()) {
     if (!std::exchange(has_right_folder_, true)) {
       error = make_folder(folder_ / session_names::kRightImages);
     }
-    if (!error) error = write_temporary(incoming_right, frame.right(), is_synced);
+    if (!error) error = write_new(incoming_right, frame.right(), is_synced);
   }
-  if (!error) error = move(incoming, folder_ / session_names::left_image(frame.sequence));
+  if (!error) error = move_file(incoming, folder_ / session_names::left_image(frame.sequence));
   if (!error && frame.is_stereo()) {
-    error = move(incoming_right, folder_ / session_names::right_image(frame.sequence));
+    error = move_file(incoming_right, folder_ / session_names::right_image(frame.sequence));
   }
-  if (!error && is_synced_) error = sync_folder(folder_ / session_names::kImages);
+  if (!error && is_synced_) error = sync(folder_ / session_names::kImages);
   if (!error && is_synced_ && frame.is_stereo()) {
-    error = sync_folder(folder_ / session_names::kRightImages);
+    error = sync(folder_ / session_names::kRightImages);
   }
   if (!error) return std::nullopt;
   ::unlink(incoming.c_str());
@@ -363,16 +341,10 @@ std::vector<SessionStore::Reduced>::iterator SessionStore::Numbers::find(Sequenc
 std::optional<Error> SessionStore::load_numbers() {
   if (numbers_) return std::nullopt;
   Numbers numbers;
-  RecordReader reader(folder_);
-  for (;;) {
-    const auto entry = reader.next();
-    if (!entry) return entry.error();
-    if (!entry.value()) break;
-    const auto* const frame = std::get_if<RecordedFrame>(&entry.value()->record.body);
-    if (frame != nullptr) numbers.add(*frame);
-  }
-  numbers_ = std::move(numbers);
-  return std::nullopt;
+  auto error =
+      for_each<RecordedFrame>(folder_, [&](const RecordedFrame& frame) { numbers.add(frame); });
+  if (!error) numbers_ = std::move(numbers);
+  return error;
 }
 
 Result<SessionStore::Late> SessionStore::write_late(const EncodedFrame& frame,

@@ -7,7 +7,6 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstdio>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -56,8 +55,7 @@ class View {
       return std::nullopt;
     }
     if (auto error = close_written(std::move(file_), temporary_)) return error;
-    if (std::rename(temporary_.c_str(), path_.c_str()) == 0) return std::nullopt;
-    return system_error("rename " + temporary_.string() + " to " + path_.string(), errno);
+    return move_file(temporary_, path_);
   }
 
  private:

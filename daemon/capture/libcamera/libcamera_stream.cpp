@@ -56,28 +56,24 @@ std::int64_t stamp_ns_of(const libcamera::ControlList& metadata,
       .value_or(static_cast<std::int64_t>(frame.timestamp));
 }
 
-}  // namespace
-
 /// One libcamera camera, from its acquisition to its release.
-class LibcameraStream::Capture {
+class LibcameraStream final : public CameraStream {
  public:
-  explicit Capture(const std::string& camera)
+  explicit LibcameraStream(const std::string& camera)
       : manager_(libcamera_manager()),
         camera_(find_libcamera(*manager_, camera)),
         event_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
     if (!event_) throw_system_error("cannot create an eventfd");
   }
-  ~Capture();
-  Capture(const Capture&) = delete;
-  Capture& operator=(const Capture&) = delete;
+  ~LibcameraStream() override;
 
   void start(const SourceSettings& settings);
 
-  int fd() const { return event_.get(); }
-  const CameraMode& mode() const { return setup_.mode; }
-  std::string description() const;
-  Result<std::optional<CameraBuffer>> borrow();
-  std::optional<Error> give_back(std::size_t index);
+  int fd() const override { return event_.get(); }
+  const CameraMode& mode() const override { return setup_.mode; }
+  std::string description() const override;
+  Result<std::optional<CameraBuffer>> borrow() override;
+  std::optional<Error> give_back(const CameraBuffer& buffer) override;
 
  private:
   void make_requests();
@@ -100,7 +96,7 @@ class LibcameraStream::Capture {
   std::string failure_;
 };
 
-LibcameraStream::Capture::~Capture() {
+LibcameraStream::~LibcameraStream() {
   camera_->stop();  // all that was queued comes back; does nothing to an unplugged camera
   camera_->requestCompleted.disconnect(this);
   camera_->disconnected.disconnect(this);
@@ -110,7 +106,7 @@ LibcameraStream::Capture::~Capture() {
   if (is_acquired_) camera_->release();
 }
 
-void LibcameraStream::Capture::must(std::string_view attempt, int status) const {
+void LibcameraStream::must(std::string_view attempt, int status) const {
   if (status >= 0) return;
   const auto tried = fmt::format("camera {}: cannot {}", camera_->id(), attempt);
   const auto text = system_error(tried, -status).text + std::string(hint_at_camera(-status));
@@ -118,7 +114,7 @@ void LibcameraStream::Capture::must(std::string_view attempt, int status) const 
   throw std::runtime_error(text);
 }
 
-void LibcameraStream::Capture::start(const SourceSettings& settings) {
+void LibcameraStream::start(const SourceSettings& settings) {
   must("acquire it", camera_->acquire());
   is_acquired_ = true;
   setup_ = set_up(*camera_, settings);
@@ -131,8 +127,8 @@ void LibcameraStream::Capture::start(const SourceSettings& settings) {
   }
   setup_.mode.fps = set_rate(controls, camera_->controls(), settings.fps);
   make_requests();
-  camera_->requestCompleted.connect(this, &Capture::completed);
-  camera_->disconnected.connect(this, &Capture::disconnected);
+  camera_->requestCompleted.connect(this, &LibcameraStream::completed);
+  camera_->disconnected.connect(this, &LibcameraStream::disconnected);
   must("start capturing", camera_->start(&controls));
   // Some pipelines read the controls of start(), some only those of requests.
   requests_.front()->controls().merge(controls);
@@ -141,7 +137,7 @@ void LibcameraStream::Capture::start(const SourceSettings& settings) {
   }
 }
 
-void LibcameraStream::Capture::make_requests() {
+void LibcameraStream::make_requests() {
   allocator_ = std::make_unique<libcamera::FrameBufferAllocator>(camera_);
   must("allocate buffers", allocator_->allocate(setup_.stream));
   for (const auto& buffer : allocator_->buffers(setup_.stream)) {
@@ -153,7 +149,7 @@ void LibcameraStream::Capture::make_requests() {
   if (requests_.size() < kLeastRequests) must("allocate three buffers", -ENOMEM);
 }
 
-std::string LibcameraStream::Capture::description() const {
+std::string LibcameraStream::description() const {
   return fmt::format("{} ({}, libcamera {})", camera_->id(), model_of(*camera_),
                      libcamera::CameraManager::version());
 }
@@ -162,7 +158,7 @@ std::string LibcameraStream::Capture::description() const {
 /// notices that no image comes. It is not given up at once: a camera that is being unplugged
 /// cancels them before it is `disconnected`, and libcamera aborts the process if it is stopped in
 /// between.
-void LibcameraStream::Capture::completed(Request* request) {
+void LibcameraStream::completed(Request* request) {
   if (request->status() == Request::RequestCancelled) return;
   const std::lock_guard lock(mutex_);
   ready_.push_back(request);
@@ -170,13 +166,13 @@ void LibcameraStream::Capture::completed(Request* request) {
 }
 
 /// Called on libcamera's thread.
-void LibcameraStream::Capture::disconnected() {
+void LibcameraStream::disconnected() {
   const std::lock_guard lock(mutex_);
   failure_ = "the camera is unplugged";
   ::eventfd_write(event_.get(), 1);
 }
 
-Result<std::optional<CameraBuffer>> LibcameraStream::Capture::borrow() {
+Result<std::optional<CameraBuffer>> LibcameraStream::borrow() {
   const std::lock_guard lock(mutex_);
   if (ready_.empty()) {
     if (!failure_.empty()) return Error{failure_};
@@ -189,7 +185,7 @@ Result<std::optional<CameraBuffer>> LibcameraStream::Capture::borrow() {
   return std::optional(lend(*request));
 }
 
-CameraBuffer LibcameraStream::Capture::lend(Request& request) {
+CameraBuffer LibcameraStream::lend(Request& request) {
   const FrameBuffer& buffer = *request.findBuffer(setup_.stream);
   const libcamera::FrameMetadata& frame = buffer.metadata();
   CameraBuffer lent;
@@ -205,32 +201,21 @@ CameraBuffer LibcameraStream::Capture::lend(Request& request) {
   return lent;
 }
 
-std::optional<Error> LibcameraStream::Capture::give_back(std::size_t index) {
-  Request& request = *requests_[index];
-  planes_[index].end_reading();
+std::optional<Error> LibcameraStream::give_back(const CameraBuffer& buffer) {
+  Request& request = *requests_[buffer.index];
+  planes_[buffer.index].end_reading();
   request.reuse(Request::ReuseBuffers);
   const int status = camera_->queueRequest(&request);
   if (status == 0) return std::nullopt;
   return system_error("cannot queue a buffer", -status);
 }
 
-LibcameraStream::LibcameraStream(const SourceSettings& settings)
-    : capture_(std::make_unique<Capture>(settings.camera)) {
-  capture_->start(settings);
-}
+}  // namespace
 
-LibcameraStream::~LibcameraStream() = default;
-
-int LibcameraStream::fd() const { return capture_->fd(); }
-
-const CameraMode& LibcameraStream::mode() const { return capture_->mode(); }
-
-std::string LibcameraStream::description() const { return capture_->description(); }
-
-Result<std::optional<CameraBuffer>> LibcameraStream::borrow() { return capture_->borrow(); }
-
-std::optional<Error> LibcameraStream::give_back(const CameraBuffer& buffer) {
-  return capture_->give_back(buffer.index);
+std::unique_ptr<CameraStream> open_libcamera_stream(const SourceSettings& settings) {
+  auto stream = std::make_unique<LibcameraStream>(settings.camera);
+  stream->start(settings);
+  return stream;
 }
 
 }  // namespace orbbuf

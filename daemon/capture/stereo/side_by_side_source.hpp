@@ -11,9 +11,9 @@ namespace orbbuf {
 
 /// Stereo frames of a source whose images hold the left and the right one side by side.
 ///
-/// No pixel is copied: both halves lie in the memory of the whole. A JPEG is split without decoding
-/// its pixels, on `capture` (JpegCodec::halve()). An image that has no two equal halves is a frame
-/// with a defect.
+/// Gray and BGR pixels are not copied: both halves lie in the memory of the whole. The halves of a
+/// kYuv420 image are copies. A JPEG is split without decoding its pixels, on `capture`
+/// (JpegCodec::halve()). An image that has no two equal halves is a frame with a defect.
 class SideBySideSource : public FrameSource {
  public:
   explicit SideBySideSource(std::unique_ptr<FrameSource> source);

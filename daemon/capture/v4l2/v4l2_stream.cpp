@@ -8,8 +8,11 @@
 #include <cerrno>
 #include <cmath>
 #include <stdexcept>
+#include <vector>
 
+#include "daemon/capture/buffer_mapping.hpp"
 #include "daemon/capture/v4l2/v4l2_controls.hpp"
+#include "daemon/capture/v4l2/v4l2_device.hpp"
 
 namespace orbbuf {
 namespace {
@@ -67,7 +70,29 @@ std::int64_t stamp_of(const v4l2_buffer& buffer) {
   return buffer.timestamp.tv_sec * 1'000'000'000LL + buffer.timestamp.tv_usec * 1'000LL;
 }
 
-}  // namespace
+/// Its buffers are mapped here.
+class V4l2Stream final : public CameraStream {
+ public:
+  explicit V4l2Stream(const SourceSettings& settings);
+  ~V4l2Stream() override;
+
+  int fd() const override { return device_.fd(); }
+  const CameraMode& mode() const override { return mode_; }
+  std::string description() const override;
+  Result<std::optional<CameraBuffer>> borrow() override;
+  std::optional<Error> give_back(const CameraBuffer& lent) override;
+
+ private:
+  void set_crop(const Crop& crop);
+  void undo_crop();
+  void set_format(const SourceSettings& settings);
+  void set_rate(double fps);
+  void map_buffers();
+
+  V4l2Device device_;
+  CameraMode mode_;
+  std::vector<BufferMapping> buffers_;
+};
 
 V4l2Stream::V4l2Stream(const SourceSettings& settings) : device_(settings.device) {
   if (settings.crop) {
@@ -213,6 +238,12 @@ std::optional<Error> V4l2Stream::give_back(const CameraBuffer& lent) {
   const int error = device_.call(VIDIOC_QBUF, &buffer);
   if (error == 0) return std::nullopt;
   return system_error("cannot queue a buffer", error);
+}
+
+}  // namespace
+
+std::unique_ptr<CameraStream> open_v4l2_stream(const SourceSettings& settings) {
+  return std::make_unique<V4l2Stream>(settings);
 }
 
 }  // namespace orbbuf

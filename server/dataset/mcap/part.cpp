@@ -1,21 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/dataset/mcap/part.hpp"
 
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
-#include <cstdio>
-#include <functional>
 #include <system_error>
 #include <utility>
 #include <variant>
 
+#include "common/file_io.hpp"
 #include "common/log.hpp"
-#include "common/unique_fd.hpp"
-#include "common/wire.hpp"
 #include "server/session/session_names.hpp"
 #include "server/session/session_reader.hpp"
 
@@ -24,38 +20,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A file or a folder.
-std::optional<Error> sync(const fs::path& path) {
-  const UniqueFd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  if (fd && ::fsync(fd.get()) == 0) return std::nullopt;
-  return system_error("sync " + path.string(), errno);
-}
-
-/// What the record names.
-std::vector<DropRecord> drops_of(const RecordBody& body) {
-  if (const auto* const account = std::get_if<wire::Account>(&body)) return account->given_up;
-  const auto* const items = std::get_if<RecordedItems>(&body);
-  if (items == nullptr || items->stream != wire::kDrops) return {};
-  auto drops = wire::parse_drops(items->payload);
-  return drops ? std::move(drops).value() : std::vector<DropRecord>();
-}
-
 bool is_gone(const fs::path& image) {
   std::error_code failed;
   return !fs::exists(image, failed) && !failed;
-}
-
-/// The frames of a part.
-std::optional<Error> for_each_of(const fs::path& folder, const RecordedPart& part,
-                                 const std::function<void(const RecordedFrame&)>& take) {
-  RecordReader reader(folder, part.from);
-  for (;;) {
-    const auto entry = reader.next();
-    if (!entry) return entry.error();
-    if (!entry.value() || entry.value()->place >= part.to) return std::nullopt;
-    const auto* const frame = std::get_if<RecordedFrame>(&entry.value()->record.body);
-    if (frame != nullptr) take(*frame);
-  }
 }
 
 /// The whole JPEG has taken the place of what came.
@@ -124,7 +91,7 @@ Result<bool> PartMaker::add_record(const RecordBody& body) {
     if (!frame->is_replacing || !live_.contains(frame->sequence)) late_.push_back(*frame);
   }
   Result<bool> is_written = false;
-  auto drops = drops_of(body);
+  auto drops = named_by(body);
   are_drops_cut_ = cut(drops, drops_left_) || are_drops_cut_;
   for (const DropRecord& drop : drops) {
     drops_left_ -= drop.frames;
@@ -160,9 +127,7 @@ std::optional<Error> PartMaker::finish() {
   }
   if (auto error = recording_->finish(clock_offset_ns_)) return error;
   if (auto error = sync(temporary_)) return error;
-  if (std::rename(temporary_.c_str(), path_.c_str()) != 0) {
-    return system_error("rename " + temporary_.string() + " to " + path_.string(), errno);
-  }
+  if (auto error = move_file(temporary_, path_)) return error;
   return sync(folder_);
 }
 
@@ -174,7 +139,7 @@ bool lacks_part(const fs::path& folder) {
     const auto entry = reader.next();
     if (!entry || !entry.value()) return false;
     const RecordBody& body = entry.value()->record.body;
-    if (std::holds_alternative<RecordedFrame>(body) || !drops_of(body).empty()) return true;
+    if (std::holds_alternative<RecordedFrame>(body) || !named_by(body).empty()) return true;
   }
 }
 
@@ -191,11 +156,12 @@ std::optional<Error> remove_images(const fs::path& folder, const RecordedPart& p
     if (failed || ::unlink((folder / image).c_str()) == 0 || errno == ENOENT) return;
     failed = system_error("remove " + (folder / image).string(), errno);
   };
-  auto error = for_each_of(folder, part, [&](const RecordedFrame& frame) {
+  const auto remove_of = [&](const RecordedFrame& frame) {
     if (frame.is_reduced() && is_replaced(folder, frame)) return;
     remove(session_names::left_image(frame.sequence));
     if (frame.is_stereo()) remove(session_names::right_image(frame.sequence));
-  });
+  };
+  auto error = for_each<RecordedFrame>(folder, remove_of, part.from, part.to);
   return error ? error : failed;
 }
 
@@ -207,19 +173,15 @@ std::optional<Error> remove_images(const fs::path& folder) {
 
 Result<SequenceSet> numbers_without_images(const fs::path& folder) {
   std::vector<RecordedPart> parts;
-  RecordReader reader(folder);
-  for (;;) {
-    const auto entry = reader.next();
-    if (!entry) return entry.error();
-    if (!entry.value()) break;
-    const auto* const part = std::get_if<RecordedPart>(&entry.value()->record.body);
-    if (part != nullptr && part->is_only_copy) parts.push_back(*part);
-  }
+  const auto error = for_each<RecordedPart>(folder, [&](const RecordedPart& part) {
+    if (part.is_only_copy) parts.push_back(part);
+  });
+  if (error) return *error;
   SequenceSet numbers;
+  const auto insert = [&](const RecordedFrame& frame) { numbers.insert(frame.sequence); };
   for (const RecordedPart& part : parts) {
-    const auto error = for_each_of(
-        folder, part, [&](const RecordedFrame& frame) { numbers.insert(frame.sequence); });
-    if (error) return *error;
+    const auto failed = for_each<RecordedFrame>(folder, insert, part.from, part.to);
+    if (failed) return *failed;
   }
   return numbers;
 }

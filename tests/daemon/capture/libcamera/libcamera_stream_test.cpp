@@ -17,7 +17,7 @@ TEST(LibcameraStream, ACameraThatIsNotThereIsNamed) {
     SourceSettings settings;
     settings.camera = camera;
     EXPECT_THAT(
-        test::error_of([&] { LibcameraStream stream(settings); }),
+        test::error_of([&] { open_libcamera_stream(settings); }),
         HasSubstr(std::string("libcamera has no camera ") + camera + ": it found no camera"));
   }
 }

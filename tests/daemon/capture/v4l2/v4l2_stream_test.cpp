@@ -15,7 +15,7 @@ using testing::HasSubstr;
 std::string error(const std::filesystem::path& device) {
   SourceSettings settings;
   settings.device = device;
-  return test::error_of([&] { V4l2Stream stream(settings); });
+  return test::error_of([&] { open_v4l2_stream(settings); });
 }
 
 TEST(V4l2Stream, ACameraThatIsNotThereIsNamed) {
