@@ -14,6 +14,7 @@
 
 #include "common/file_io.hpp"
 #include "common/journal/journal.hpp"
+#include "common/log.hpp"
 #include "server/dataset/check_session.hpp"
 #include "server/dataset/join_session.hpp"
 #include "server/fleet/fetch_segment.hpp"

@@ -356,10 +356,10 @@ int run(const Options& options) {
   result("session_folders", static_cast<double>(totals.sessions));
   result("redirected_hellos_per_s", totals.redirected_hellos_per_s);
   result("robots_frames", static_cast<double>(totals.captured));
-  result("robots_frames_lost", static_cast<double>(totals.lost));
   result("probes", static_cast<double>(totals.probes));
-  result("probe_failures", static_cast<double>(totals.probe_failures));
   result("probe_longest_s", totals.probe_longest_s);
+  result("robots_frames_lost", static_cast<double>(totals.lost));
+  result("probe_failures", static_cast<double>(totals.probe_failures));
   result("server_mib", mib);
   result("reconnect_worst_s", totals.reconnect_worst_s);
   const bool is_well = totals.lost == 0 && totals.probe_failures == 0 && mib <= kMostMib &&

@@ -30,7 +30,7 @@ void Overview::read(const std::string& from) {
       use(std::move(found).value());
     });
   };
-  get(kServers, 0, [this, from, get](Keys servers) {
+  get(kServers, 0, [this, from, get](const Keys& servers) {
     get(kSessions, kPage + 1, [this, from, get, servers](const Keys& owners) {
       get(kPositions, kPage + 1, [this, from, servers, owners](const Keys& positions) {
         finish(from, to_json(servers, owners, positions));

@@ -435,6 +435,8 @@ void Connection::on_deadline() {
        fmt::format("{} {} s", is_serving ? "nothing came for" : "no hello within", limit.count())});
 }
 
-std::string Connection::name() const { return robot_id_ + " " + to_text(peer_); }
+std::string Connection::name() const {
+  return (robot_id_.empty() ? "-" : robot_id_) + " " + to_text(peer_);
+}
 
 }  // namespace orbbuf

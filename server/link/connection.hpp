@@ -83,8 +83,8 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   /// Tells the robot that this server lives.
   void beat() { on_kept(); }
   bool is_introduced() const { return state_ > State::kHello; }
-  /// It serves no robot: it has not joined a session, or it is over.
-  bool is_stranger() const { return state_ != State::kJoining && state_ != State::kServing; }
+  /// It serves no robot: it has not said hello, or it is over.
+  bool is_stranger() const { return robot_id_.empty() || state_ >= State::kParting; }
   std::chrono::steady_clock::time_point since() const { return since_; }
   /// At once, without a word; harmless when repeated.
   void close();
@@ -145,7 +145,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   Stream stream_;
   const ListenSettings& settings_;
   ConnectionOwner& owner_;
-  std::string robot_id_ = "-";
+  std::string robot_id_;  // empty: no hello yet
   std::string software_;
   std::shared_ptr<Session> session_;
   State state_ = State::kHello;

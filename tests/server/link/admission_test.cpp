@@ -68,6 +68,19 @@ TEST_F(ListenerTest, ConnectionsWithoutAHelloLeaveTheirPlacesToRobots) {
   EXPECT_EQ(log_.lines("too many connections: 127.0.0.1 has all its 2 connections").size(), 1U);
 }
 
+TEST_F(ListenerTest, ARobotThatWaitsForTheDiskIsNoStranger) {
+  settings_.listen.max_connections_per_address = 2;
+  make_unreadable("r/s");
+  const auto robot = connect();
+  robot.send_hello("r", "s");
+  while (!server_->has_session("r", "s")) std::this_thread::yield();
+  const auto silent = connect();
+  const auto another = connect();
+  EXPECT_TRUE(silent.is_closed());
+  finish_reading("r/s");
+  EXPECT_EQ(robot.welcome(), (wire::Position{1, 0}));
+}
+
 /// From an address of its own.
 RobotClient connect_from(const char* address, std::uint16_t port) {
   UniqueFd socket = RobotClient::tcp_socket();
