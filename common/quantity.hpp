@@ -13,8 +13,8 @@ namespace orbbuf {
 /// "1.5 s", "-20ms". Nothing if `text` is not that, or not below 292 years.
 std::optional<std::chrono::nanoseconds> parse_duration(std::string_view text);
 
-/// A decimal number, not negative, and one of B, KiB, MiB, GiB, TiB. Nothing if `text` is not that, or
-/// not below 8 EiB. Exact up to 8 PiB.
+/// A decimal number, not negative, and one of B, KiB, MiB, GiB, TiB. Nothing if `text` is not that,
+/// or not below 8 EiB. Exact up to 8 PiB.
 std::optional<std::uint64_t> parse_bytes(std::string_view text);
 
 /// In the largest unit that needs no fraction: "1500 ms", "2 min", "0 s".

@@ -20,7 +20,10 @@ RANDOM=$seed
 work=$(mktemp -d "${TMPDIR:-/tmp}/orbbuf-samples.XXXXXX")
 server_pid='' robot_pid=''
 end() {
-  [ -z "$server_pid$robot_pid" ] || kill $server_pid $robot_pid 2>/dev/null || true
+  local pid
+  for pid in "$server_pid" "$robot_pid"; do
+    [ -z "$pid" ] || kill "$pid" 2>/dev/null || true
+  done
   wait
   rm -rf "$work"
 }

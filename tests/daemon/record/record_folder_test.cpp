@@ -40,7 +40,7 @@ class RecordFolderTest : public RecordTest {
   }
   void release(Sequence sequence) {
     ASSERT_TRUE(writer_.append(record_format::kReleased,
-                               {record_format::encode_released("robot/one", {{sequence}})}));
+                               {record_format::encode_released("robot/one", {sequence})}));
     index_["robot/one"].released.push_back(sequence);
   }
   void end_segment(bool has_index = true) {
