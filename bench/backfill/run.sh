@@ -135,7 +135,7 @@ crcs_of() {
 }
 
 # account: what became of each frame of the robot with a spool. An image is what was captured, or quality.csv names its
-# size and CRC-32.
+# size and CRC-32, if one was reduced.
 account() {
   local session=$shared/with/session wrong
   wrong=$(awk -v n=$IMAGES -F '[ ,]' '
@@ -143,7 +143,7 @@ account() {
     file == 1 { sum[FNR - 1] = $1; next }
     file == 2 { if ($4 == sum[$1 % n]) reduced[$1] = 1; next }
     $1 != sum[$3 % n] && !reduced[$3] { ++wrong } END { print wrong + 0 }
-    ' <(crcs_of "$shared/images") "$session/quality.csv" <(crcs_of "$session/images"))
+    ' <(crcs_of "$shared/images") <(echo && cat "$session/quality.csv" 2>/dev/null) <(crcs_of "$session/images"))
   awk -F '[ ,]' -v wrong="$wrong" '
     FILENAME ~ /session.txt/ { of[$1] = $2; next }
     FILENAME ~ /times.txt/ { if ($1 in there) ++repeated; there[$1] = 1; ++delivered; next }
