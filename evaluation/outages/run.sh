@@ -5,7 +5,8 @@
 # `orbbuf-odometry --slam`; without it the reference VO runs. A list that has a trajectory or a log is not run again.
 # A program that fails has no trajectory, and counts as lost.
 set -euo pipefail
-programs=$1 lists=$2 sequence=$3 runs=$4 camera=$5 command=${6-}
+programs=$(realpath "$1") lists=$(realpath "$2") sequence=$(realpath "$3") runs=$(realpath -m "$4") camera=$(realpath "$5")
+command=${6-}
 
 run_list() { # LIST, under lists
   local name=${1%.csv} folder
@@ -24,5 +25,5 @@ run_list() { # LIST, under lists
 export -f run_list
 export programs lists sequence runs camera command
 # shellcheck disable=SC2016 # for the inner shell
-(cd "$lists" && find . -path "./$(basename "$(realpath "$sequence")")/*" -name '*.csv' -printf '%P\n' | sort) |
+(cd "$lists" && find . -path "./$(basename "$sequence")/*" -name '*.csv' -printf '%P\n' | sort) |
   xargs -r -P "$(nproc)" -d '\n' -n 1 bash -c 'set -euo pipefail; run_list "$1"' run_list
