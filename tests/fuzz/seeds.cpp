@@ -4,6 +4,8 @@
 #include <iostream>
 
 #include "common/jpeg.hpp"
+#include "daemon/record/record_format.hpp"
+#include "server/session/records.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/common/wire_samples.hpp"
 #include "tests/server/frames.hpp"
@@ -64,6 +66,21 @@ void write_seeds(const fs::path& folder) {
   const auto size = static_cast<std::uint8_t>(jpeg.size() % 256);
   const auto size_high = static_cast<std::uint8_t>(jpeg.size() / 256);
   write(folder / "jpeg/two", joined({{size_high, size}, jpeg, {size_high, size}, jpeg}));
+  // The first byte: the type (journal_fuzz.cpp).
+  const std::vector<DropRecord> drops(1);
+  write(folder / "journal/drops",
+        joined({{2}, encode(RecordedItems{wire::kDrops, 0, 1, wire::encode_drops(drops)}, {})}));
+  SessionSummary summary;
+  summary.info.robot_id = "r";
+  summary.info.session_id = "s";
+  write(folder / "journal/checkpoint", joined({{0}, encode(summary, {})}));
+  write(folder / "journal/released",
+        joined({{128}, record_format::encode_released("r/s", {1, 2})}));
+  write(folder / "json/owner",
+        wire::bytes_of(R"({"server":"a","instance":"i","epoch":2,"ended":false,)"
+                       R"("segments":[{"server":"a","epoch":1,"next":[0]}]})"));
+  write(folder / "json/subscribe",
+        wire::bytes_of(R"({"op":"subscribe","subscriptions":[{"id":0,"channelId":3}]})"));
   const fs::path samples = ORBBUF_SOURCE_DIR "/config";
   for (const char* name : {"orbbuf-server.toml", "orbbufd.toml"}) {
     write(folder / "config" / name, wire::bytes_of(test::read_file(samples / name)));
