@@ -14,7 +14,7 @@ namespace orbbuf {
 /// in the form of EuRoC's imu0/data.csv. A driver that is faster than `main` waits in its send().
 class SocketSamples final : public SampleSource {
  public:
-  static constexpr std::size_t kMaxDatagramBytes = 64 * 1024;
+  static constexpr std::size_t kMaxDatagramBytes = std::size_t{64} << 10U;
 
   /// Listens at once; a socket that a dead orbbufd has left behind is replaced. Whoever may enter
   /// its folder may write to it. Throws std::runtime_error, `NAME: listen on PATH: why`,

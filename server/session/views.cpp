@@ -126,8 +126,8 @@ Result<SampleTotals> write_samples(const fs::path& folder, const wire::StreamDec
   if (failed) return system_error("create " + (folder / stream.name).string(), failed.value());
   View view(folder, name);
   view.add(kEurocImuHeader);
-  const auto totals = for_each_sample(
-      folder, stream.id, [&view](const Sample& sample) { view.add(to_euroc_line(sample)); });
+  auto totals = for_each_sample(folder, stream.id,
+                                [&view](const Sample& sample) { view.add(to_euroc_line(sample)); });
   if (!totals) return totals.error();
   if (auto error = view.finish()) return std::move(*error);
   return totals;

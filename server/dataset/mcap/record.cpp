@@ -58,12 +58,12 @@ void put_record(Bytes& out, Opcode opcode, const Fields&... fields) {
   }
 }
 
-constexpr std::string_view kNoCompression = "";
+constexpr std::string_view kNoCompression;
 
 }  // namespace
 
 void put_header(Bytes& out, std::string_view library) {
-  constexpr std::string_view kNoProfile = "";  // nothing is promised of the messages
+  constexpr std::string_view kNoProfile;  // nothing is promised of the messages
   put_record(out, Opcode::kHeader, kNoProfile, library);
 }
 
