@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "testing/process.hpp"
+#include "testing/source_folder.hpp"
 
 namespace orbbuf::test {
 namespace {
@@ -18,7 +19,8 @@ namespace {
 std::string block(const std::string& name) {
   std::string text;
   bool is_inside = false;
-  for (const std::string& line : read_lines(ORBBUF_SOURCE_DIR "/docs/security.md")) {
+  for (const std::string& line :
+       read_lines(test::kSourceFolder + std::string("/docs/security.md"))) {
     if (line.starts_with("```")) {
       is_inside = line == "```sh " + name;
     } else if (is_inside) {

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "common/wire.hpp"
+#include "testing/source_folder.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/common/wire_samples.hpp"
 
@@ -19,7 +20,8 @@ using Example = std::pair<std::string, std::string>;
 std::vector<Example> examples() {
   std::vector<Example> result;
   bool is_inside = false;
-  for (const std::string& line : test::read_lines(ORBBUF_SOURCE_DIR "/docs/protocol.md")) {
+  for (const std::string& line :
+       test::read_lines(test::kSourceFolder + std::string("/docs/protocol.md"))) {
     if (line.starts_with("```")) is_inside = line == "```hex";
     if (!is_inside || line.empty() || line.starts_with("```")) continue;
     if (line.starts_with("# ")) {

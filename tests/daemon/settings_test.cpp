@@ -7,12 +7,13 @@
 
 #include "common/config.hpp"
 #include "common/wire.hpp"
+#include "testing/source_folder.hpp"
 #include "testing/temporary_folder.hpp"
 
 namespace orbbuf {
 namespace {
 
-const std::filesystem::path kSample = ORBBUF_SOURCE_DIR "/config/orbbufd.toml";
+const std::filesystem::path kSample = test::kSourceFolder + std::string("/config/orbbufd.toml");
 
 Settings with(const std::vector<std::string>& overrides) { return load_settings({}, overrides); }
 

@@ -6,6 +6,7 @@
 #include <csignal>
 #include <thread>
 
+#include "tests/e2e/programs.hpp"
 #include "tests/e2e/rig.hpp"
 
 namespace orbbuf::test {
@@ -47,11 +48,11 @@ TEST_F(BackfillE2e, AfterAnOutageAllFramesOfTheSessionArrive) {
   EXPECT_EQ(robot.wait(), 0) << robot.output();
   const Record record = read_record(folder_ / "out", kRobot);
   const auto is_complete = [&] {
-    const Finished check = run({ORBBUF_SERVER, "check", record.folder});
+    const Finished check = run({kOrbbufServer, "check", record.folder});
     return check.output.find("0 on the robot, 0 dropped") != std::string::npos;
   };
   EXPECT_TRUE(comes_true(is_complete)) << server.process().output();
-  EXPECT_EQ(run({ORBBUF_SERVER, "check", record.folder}).status, 0);
+  EXPECT_EQ(run({kOrbbufServer, "check", record.folder}).status, 0);
 }
 
 TEST_F(BackfillE2e, ARobotKilledWhileTheServerIsAwaySendsTheRestInItsNextSession) {

@@ -3,7 +3,9 @@
 #include <gtest/gtest.h>
 
 #include "testing/process.hpp"
+#include "testing/source_folder.hpp"
 #include "testing/temporary_folder.hpp"
+#include "tests/e2e/programs.hpp"
 
 namespace orbbuf::test {
 namespace {
@@ -12,15 +14,15 @@ class ChaosTest : public ::testing::TestWithParam<int> {};
 
 TEST_P(ChaosTest, FortyEventsLoseNothingAndRepeatNothing) {
   const TemporaryFolder folder;
-  std::vector<std::string> command = {ORBBUF_CHAOS,
+  std::vector<std::string> command = {kOrbbufChaos,
                                       "--robot",
-                                      ORBBUFD,
+                                      kOrbbufd,
                                       "--server",
-                                      ORBBUF_SERVER,
+                                      kOrbbufServer,
                                       "--work",
                                       (folder / "work").string(),
                                       "--traces",
-                                      ORBBUF_SOURCE_DIR "/../shared/data/traces",
+                                      kSourceFolder + std::string("/../shared/data/traces"),
                                       "--events",
                                       "40",
                                       "--longest-outage",

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "tests/e2e/programs.hpp"
 #include "tests/e2e/rig.hpp"
 
 namespace orbbuf::test {
@@ -34,7 +35,7 @@ class DatasetTest : public testing::Test {
 };
 
 TEST_F(DatasetTest, WhatWasRecordedIsSoundUntilAByteFlips) {
-  const Finished sound = run({ORBBUF_SERVER, "check", session_});
+  const Finished sound = run({kOrbbufServer, "check", session_});
   EXPECT_EQ(sound.status, 0) << sound.output;
   EXPECT_NE(sound.output.find(session_.string() + ": OK: "), std::string::npos) << sound.output;
 
@@ -42,7 +43,7 @@ TEST_F(DatasetTest, WhatWasRecordedIsSoundUntilAByteFlips) {
   std::string bytes = read_file(image);
   bytes[bytes.size() / 2] = static_cast<char>(bytes[bytes.size() / 2] ^ 1);
   write_file(image, bytes);
-  const Finished damaged = run({ORBBUF_SERVER, "check", "/nowhere", session_});
+  const Finished damaged = run({kOrbbufServer, "check", "/nowhere", session_});
   EXPECT_EQ(damaged.status, 1);
   EXPECT_NE(damaged.output.find("/nowhere: not a session"), std::string::npos) << damaged.output;
   EXPECT_NE(damaged.output.find(session_.string() + ": images/" + image.filename().string() +
@@ -53,7 +54,7 @@ TEST_F(DatasetTest, WhatWasRecordedIsSoundUntilAByteFlips) {
 
 TEST_F(DatasetTest, IsExportedOnce) {
   const fs::path made = folder_ / "made";
-  const std::vector<std::string> command = {ORBBUF_SERVER, "export", "--layout",
+  const std::vector<std::string> command = {kOrbbufServer, "export", "--layout",
                                             "euroc",       session_, made};
   const Finished first = run(command);
   EXPECT_EQ(first.status, 0) << first.output;
@@ -81,11 +82,11 @@ TEST_F(DatasetTest, OverTheQuotaTheOlderSessionGoesWhenTheServerIsStartedAgain) 
 }
 
 TEST(DatasetCommands, RefuseWhatTheyDoNotKnow) {
-  const Finished layout = run({ORBBUF_SERVER, "export", "--layout", "tum", "a", "b"});
+  const Finished layout = run({kOrbbufServer, "export", "--layout", "tum", "a", "b"});
   EXPECT_NE(layout.status, 0);
   EXPECT_NE(layout.output.find("tum-rgbd"), std::string::npos) << layout.output;
-  EXPECT_NE(run({ORBBUF_SERVER, "check"}).status, 0);
-  EXPECT_NE(run({ORBBUF_SERVER, "import"}).status, 0);
+  EXPECT_NE(run({kOrbbufServer, "check"}).status, 0);
+  EXPECT_NE(run({kOrbbufServer, "import"}).status, 0);
 }
 
 }  // namespace

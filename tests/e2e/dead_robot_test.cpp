@@ -4,6 +4,7 @@
 
 #include <csignal>
 
+#include "tests/e2e/programs.hpp"
 #include "tests/e2e/rig.hpp"
 
 namespace orbbuf::test {
@@ -36,7 +37,7 @@ TEST(DeadRobot, FramesThatTheServerDidNotConfirmAreNamedAtTheNextStart) {
 
   const Server again(folder / "out", {}, server.address());
   ASSERT_TRUE(next.wait_for_line("the server knows what became of session " + session));
-  const Finished check = run({ORBBUF_SERVER, "check", record.folder});
+  const Finished check = run({kOrbbufServer, "check", record.folder});
   EXPECT_NE(check.output.find("not ended"), std::string::npos) << check.output;
   const std::string drops = read_file(record.folder / "drops.csv");
   const std::string last = first.substr(first.find("to ") + 3);
@@ -56,12 +57,12 @@ TEST(DeadRobot, ARobotThatEndsWithoutItsServerCompletesTheRecordAtTheNextStart) 
   robot.signal(SIGTERM);
   robot.wait();
   const auto session = read_record(folder / "out", kRobot).folder;
-  EXPECT_NE(run({ORBBUF_SERVER, "check", session}).status, 0);
+  EXPECT_NE(run({kOrbbufServer, "check", session}).status, 0);
 
   const Server again(folder / "out", {}, server.address());
   const Finished next = run(robot_command(kRobot, server.address(), {drop_log, "source.frames=3"}));
   EXPECT_EQ(next.status, 0) << next.output;
-  const Finished check = run({ORBBUF_SERVER, "check", session});
+  const Finished check = run({kOrbbufServer, "check", session});
   EXPECT_EQ(check.status, 0) << check.output << next.output;
 }
 

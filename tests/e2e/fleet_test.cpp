@@ -10,6 +10,7 @@
 #include "testing/certificates.hpp"
 #include "testing/real_etcd.hpp"
 #include "testing/robot_client.hpp"
+#include "tests/e2e/programs.hpp"
 #include "tests/e2e/rig.hpp"
 #include "tests/server/frames.hpp"
 
@@ -76,10 +77,10 @@ class FleetTest : public testing::Test {
     return read;
   }
   Finished drain(const std::string& name) const {
-    return run({ORBBUF_SERVER, "drain", socket(name)});
+    return run({kOrbbufServer, "drain", socket(name)});
   }
   Finished join(const std::string& session, std::vector<std::string> arguments) const {
-    std::vector<std::string> command{ORBBUF_SERVER, "join",   session,          "--output",
+    std::vector<std::string> command{kOrbbufServer, "join",   session,          "--output",
                                      out_.string(), "--etcd", etcd_->endpoint()};
     command.insert(command.end(), arguments.begin(), arguments.end());
     std::filesystem::remove_all(out_);
@@ -155,7 +156,7 @@ TEST_F(FleetTest, TheProgramOfTheNextOwnerGetsTheFramesOfAServerThatWasKilledAnd
 TEST_F(FleetTest, ASecondServerOfOneNameEndsAndTheFirstGoesOn) {
   const auto a = start("a", {"fleet.lease=2 s"});
   const Finished twin =
-      run({ORBBUF_SERVER, "--set", "listen.address=127.0.0.1:0", "--set",
+      run({kOrbbufServer, "--set", "listen.address=127.0.0.1:0", "--set",
            "files.path=" + (folder_ / "twin").string(), "--set",
            "fleet.etcd=[\"" + etcd_->endpoint() + "\"]", "--set", "fleet.name=a", "--set",
            "fleet.address=127.0.0.1:1", "--set", "fleet.lease=2 s", "--set", "status.socket="});
@@ -262,7 +263,7 @@ TEST_F(LateInFleet, JoinFindsLateFramesThatCameToAnotherServerInItsFolder) {
   end();
   a_.reset();
   b_.reset();
-  expect_all(run({ORBBUF_SERVER, "join", "robot/s", (folder_ / "a").string(),
+  expect_all(run({kOrbbufServer, "join", "robot/s", (folder_ / "a").string(),
                   (folder_ / "b").string(), "--output", out_.string()}));
 }
 

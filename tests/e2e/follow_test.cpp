@@ -7,6 +7,7 @@
 #include <sstream>
 
 #include "testing/namespaces.hpp"
+#include "tests/e2e/programs.hpp"
 #include "tests/e2e/rig.hpp"
 
 namespace orbbuf::test {
@@ -54,7 +55,7 @@ TEST_P(FollowTest, EveryFrameIsSeenOnceThroughAnOutageAndRestartsOfTheServer) {
   const std::string fifo = folder_ / "fifo";
   ASSERT_EQ(::mkfifo(fifo.c_str(), 0600), 0);
   start_server(Namespaces::kServerListen);
-  follower_ = std::make_unique<Process>(std::vector<std::string>{ORBBUF_FOLLOW, fifo});
+  follower_ = std::make_unique<Process>(std::vector<std::string>{kOrbbufFollow, fifo});
   Process robot(
       robot_command("r", server_->address(),
                     {"source.frames=1000000", "source.fps=50", "source.width=320",

@@ -7,12 +7,14 @@
 #include <regex>
 #include <set>
 
+#include "testing/source_folder.hpp"
+#include "tests/e2e/programs.hpp"
 #include "tests/e2e/rig.hpp"
 
 namespace orbbuf::test {
 namespace {
 
-const std::string kSource = ORBBUF_SOURCE_DIR "/";
+const std::string kSource = kSourceFolder + std::string("/");
 
 /// `table.key` and the default, as the sample has them.
 std::vector<std::pair<std::string, std::string>> keys_of(const std::string& sample) {
@@ -81,7 +83,8 @@ TEST_P(ManualTest, TellsOfEveryKeyWithItsDefaultAndOfNoOther) {
 TEST_P(ManualTest, AndTheCompletionTellOfEveryOptionAndOfNoOther) {
   const std::string name = GetParam().name;
   const std::string page = read_file(kSource + "docs/man/" + name + ".8");
-  const std::string completion = read_file(ORBBUF_BINARY_DIR "/docs/man/" + name + ".completion");
+  const std::string completion =
+      read_file(kBuildFolder + std::string("/docs/man/") + name + ".completion");
   const std::set<std::string> options = options_of(GetParam().path);
   for (const std::string& option : options) {
     EXPECT_TRUE(std::regex_search(page, std::regex("\n\\.It .*Fl -" + option + "( |\n)")))
@@ -107,8 +110,8 @@ TEST(Changelog, BeginsWithThisVersion) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Programs, ManualTest,
-                         ::testing::Values(Program{"orbbufd", ORBBUFD, 30},
-                                           Program{"orbbuf-server", ORBBUF_SERVER, 20}),
+                         ::testing::Values(Program{"orbbufd", kOrbbufd, 30},
+                                           Program{"orbbuf-server", kOrbbufServer, 20}),
                          [](const auto& program) {
                            return std::string(program.index == 0 ? "orbbufd" : "server");
                          });

@@ -11,6 +11,7 @@
 #include <random>
 
 #include "common/address.hpp"
+#include "tests/e2e/programs.hpp"
 #include "tests/e2e/rig.hpp"
 
 namespace orbbuf::test {
@@ -80,7 +81,7 @@ TEST_F(PageTest, AtTheEndPageMetricsAndStatusTellWhatTheRobotsLogTells) {
   EXPECT_THAT(metrics, HasSubstr("orbbuf_frames_total{robot=\"robot\"} " +
                                  std::to_string(stats["acknowledged"]) + "\n"));
   EXPECT_THAT(json, HasSubstr("\"state\":\"ended\""));
-  const Finished status = run({ORBBUF_SERVER, "status", (folder_ / "status").string()});
+  const Finished status = run({kOrbbufServer, "status", (folder_ / "status").string()});
   EXPECT_EQ(status.status, 0);
   EXPECT_THAT(status.output, testing::ContainsRegex("robot .* ended .* 0/5 +- +- +" +
                                                     std::to_string(stats["captured"]) + " +" +
@@ -89,7 +90,7 @@ TEST_F(PageTest, AtTheEndPageMetricsAndStatusTellWhatTheRobotsLogTells) {
 }
 
 TEST_F(PageTest, StatusWithoutAServerSaysWhereItLooked) {
-  const Finished status = run({ORBBUF_SERVER, "status", (folder_ / "none").string()});
+  const Finished status = run({kOrbbufServer, "status", (folder_ / "none").string()});
   EXPECT_EQ(status.status, 1);
   EXPECT_THAT(status.output, HasSubstr("no server answers: " + (folder_ / "none").string()));
 }

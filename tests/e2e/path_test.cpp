@@ -6,6 +6,7 @@
 
 #include "testing/certificates.hpp"
 #include "testing/namespaces.hpp"
+#include "tests/e2e/programs.hpp"
 #include "tests/e2e/rig.hpp"
 
 namespace orbbuf::test {
@@ -26,7 +27,7 @@ class PathTest : public ::testing::TestWithParam<bool> {
   /// seconds: one way.
   void make_path(const char* seconds) {
     path_ = std::make_unique<Process>(
-        words(hosts_.on_robot(), {ORBBUF_LINK_PEER, "path", "near", "far", seconds}));
+        words(hosts_.on_robot(), {kOrbbufLinkPeer, "path", "near", "far", seconds}));
     ASSERT_TRUE(path_->wait_for_line("path from")) << path_->output();
     const std::string server = hosts_.on_server().back();
     for (const char* step : {"ip link set far netns SERVER", "ip addr add 10.78.0.1/24 dev near",

@@ -5,6 +5,7 @@
 #include <csignal>
 #include <sstream>
 
+#include "tests/e2e/programs.hpp"
 #include "tests/e2e/rig.hpp"
 
 namespace orbbuf::test {
@@ -15,7 +16,7 @@ constexpr std::uint64_t kFrames = 20;
 /// What the reader of a session of 20 frames has printed, as the server's log has it.
 std::vector<std::string> read_by_c(const std::string& format, const std::filesystem::path& out,
                                    Overrides robot_overrides = {}) {
-  Server server(out, {"slam.command=" ORBBUF_FOLLOW, "slam.format=" + format});
+  Server server(out, {std::string("slam.command=") + kOrbbufFollow, "slam.format=" + format});
   robot_overrides.insert(robot_overrides.end(),
                          {"source.frames=" + std::to_string(kFrames), "source.realtime=false",
                           "source.width=160", "source.height=120", "buffer.capacity=100"});

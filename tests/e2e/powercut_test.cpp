@@ -7,6 +7,7 @@
 
 #include "testing/process.hpp"
 #include "testing/temporary_folder.hpp"
+#include "tests/e2e/programs.hpp"
 
 namespace orbbuf::test {
 namespace {
@@ -14,7 +15,7 @@ namespace {
 void expect_nothing_lost_by_five_cuts(const std::vector<std::string>& options) {
   const TemporaryFolder folder;
   std::vector<std::string> command = {
-      ORBBUF_POWERCUT, "--server", ORBBUF_SERVER, "--work", (folder / "work").string(),
+      kOrbbufPowercut, "--server", kOrbbufServer, "--work", (folder / "work").string(),
       "--cuts",        "5"};
   command.insert(command.end(), options.begin(), options.end());
   const Finished cuts = run(command, std::chrono::seconds(280));  // ctest's limit is 300

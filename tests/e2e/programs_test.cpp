@@ -1,20 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the two programs say for themselves: options, configuration errors, start-up errors.
+#include "tests/e2e/programs.hpp"
+
 #include <gtest/gtest.h>
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <csignal>
 
+#include "testing/source_folder.hpp"
 #include "tests/e2e/rig.hpp"
 
 namespace orbbuf::test {
 namespace {
 
 TEST(Programs, VersionAndHelpNeedNoConfiguration) {
-  EXPECT_EQ(run({ORBBUFD, "--version"}).output, "orbbufd " ORBBUF_VERSION "\n");
-  EXPECT_EQ(run({ORBBUF_SERVER, "--version"}).output, "orbbuf-server " ORBBUF_VERSION "\n");
-  for (const char* program : {ORBBUFD, ORBBUF_SERVER}) {
+  EXPECT_EQ(run({kOrbbufd, "--version"}).output, "orbbufd " ORBBUF_VERSION "\n");
+  EXPECT_EQ(run({kOrbbufServer, "--version"}).output, "orbbuf-server " ORBBUF_VERSION "\n");
+  for (const char* program : {kOrbbufd, kOrbbufServer}) {
     const Finished help = run({program, "--help"});
     EXPECT_EQ(help.status, 0);
     for (const char* option : {"--config", "--set", "--check-config", "--version"}) {
@@ -24,22 +27,22 @@ TEST(Programs, VersionAndHelpNeedNoConfiguration) {
 }
 
 TEST(Programs, CheckConfigAcceptsTheSamples) {
-  const std::string config = ORBBUF_SOURCE_DIR "/config/";
-  EXPECT_EQ(run({ORBBUFD, "--check-config", "--config", config + "orbbufd.toml"}).status, 0);
+  const std::string config = kSourceFolder + std::string("/config/");
+  EXPECT_EQ(run({kOrbbufd, "--check-config", "--config", config + "orbbufd.toml"}).status, 0);
   EXPECT_EQ(
-      run({ORBBUF_SERVER, "--check-config", "--config", config + "orbbuf-server.toml"}).status, 0);
+      run({kOrbbufServer, "--check-config", "--config", config + "orbbuf-server.toml"}).status, 0);
 }
 
 TEST(Programs, TypoInTheConfigurationNamesFileLineAndKey) {
   const TemporaryFolder folder;
   const std::string file = (folder / "c.toml").string();
   write_file(file, "[log]\nlevel = \"info\"\n\n[link]\nstal_timeout = \"1 s\"\n");
-  const Finished robot = run({ORBBUFD, "--config", file});
+  const Finished robot = run({kOrbbufd, "--config", file});
   EXPECT_EQ(robot.status, 1);
   EXPECT_NE(robot.output.find(file + ":5: link.stal_timeout: "), std::string::npos) << robot.output;
   EXPECT_NE(robot.output.find("link.stall_timeout"), std::string::npos) << robot.output;
   write_file(file, "[listen]\naddress = 7722\n");
-  const Finished server = run({ORBBUF_SERVER, "--config", file});
+  const Finished server = run({kOrbbufServer, "--config", file});
   EXPECT_EQ(server.status, 1);
   EXPECT_NE(server.output.find(file + ":2: listen.address: "), std::string::npos) << server.output;
 }
@@ -60,7 +63,7 @@ TEST(Programs, CameraThatIsNotThereIsNamedWithTheReason) {
   const std::vector<std::string> camera = {"--set", "source.kind=v4l2", "--set",
                                            "source.device=/dev/video-none"};
   for (const char* verb : {"--probe", "--set=log.level=info"}) {
-    std::vector<std::string> command = {ORBBUFD, verb};
+    std::vector<std::string> command = {kOrbbufd, verb};
     command.insert(command.end(), camera.begin(), camera.end());
     const Finished robot = run(command);
     EXPECT_EQ(robot.status, 1);
@@ -71,7 +74,7 @@ TEST(Programs, CameraThatIsNotThereIsNamedWithTheReason) {
 TEST(Programs, PortThatIsTakenIsNamedWithTheReason) {
   const TemporaryFolder out;
   Server server(out.path());
-  const Finished second = run({ORBBUF_SERVER, "--set", "listen.address=" + server.address()});
+  const Finished second = run({kOrbbufServer, "--set", "listen.address=" + server.address()});
   EXPECT_EQ(second.status, 1);
   EXPECT_NE(second.output.find(server.address()), std::string::npos) << second.output;
   EXPECT_NE(second.output.find("in use"), std::string::npos) << second.output;
@@ -96,7 +99,7 @@ TEST(Programs, WrongPortIsSaidOnceAndTriedOn) {
 TEST(Programs, ASecondServerOnTheSameFolderRefusesToStart) {
   const TemporaryFolder folder;
   const Server first(folder / "data");
-  const Finished second = run({ORBBUF_SERVER, "--set", "listen.address=127.0.0.1:0", "--set",
+  const Finished second = run({kOrbbufServer, "--set", "listen.address=127.0.0.1:0", "--set",
                                "files.path=" + (folder / "data").string()});
   EXPECT_EQ(second.status, 1);
   EXPECT_NE(second.output.find((folder / "data").string() + ": another orbbuf-server uses it"),
@@ -108,7 +111,7 @@ TEST(Programs, TheServerReadsTheListOfRobotsAgainOnSighup) {
   const TemporaryFolder folder;
   const auto config = folder / "server.toml";
   write_file(config, "[listen]\nrobots = [\"a\"]\n");
-  Process server({ORBBUF_SERVER, "--config", config, "--set", "listen.address=127.0.0.1:0", "--set",
+  Process server({kOrbbufServer, "--config", config, "--set", "listen.address=127.0.0.1:0", "--set",
                   "files.path=" + (folder / "data").string()});
   const auto line = server.wait_for_line("listening on ");
   ASSERT_TRUE(line) << server.output();

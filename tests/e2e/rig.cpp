@@ -10,6 +10,9 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "testing/source_folder.hpp"
+#include "tests/e2e/programs.hpp"
+
 namespace orbbuf::test {
 namespace fs = std::filesystem;
 
@@ -35,7 +38,7 @@ std::size_t count_files(const fs::path& folder) {
 Server::Server(const fs::path& out, const Overrides& overrides, const std::string& listen,
                const std::vector<std::string>& where) {
   std::vector<std::string> command = where;
-  command.insert(command.end(), {ORBBUF_SERVER, "--set", "listen.address=" + listen, "--set",
+  command.insert(command.end(), {kOrbbufServer, "--set", "listen.address=" + listen, "--set",
                                  "files.path=" + out.string()});
   process_ = std::make_unique<Process>(with_overrides(std::move(command), overrides));
   const auto line = process_->wait_for_line("listening on ");
@@ -47,7 +50,7 @@ std::vector<std::string> robot_command(const std::string& id, const std::string&
                                        const Overrides& overrides,
                                        const std::vector<std::string>& where) {
   std::vector<std::string> command = where;
-  command.insert(command.end(), {ORBBUFD, "--set", "robot.id=" + id, "--set",
+  command.insert(command.end(), {kOrbbufd, "--set", "robot.id=" + id, "--set",
                                  "link.server=" + server, "--set", "link.drain_timeout=60 s"});
   return with_overrides(std::move(command), overrides);
 }
@@ -57,7 +60,7 @@ Overrides replay(const fs::path& folder) {
 }
 
 fs::path shared_sequence(const std::string& name) {
-  const fs::path folder = fs::path(ORBBUF_SOURCE_DIR) / ".." / "shared/data/sequences" / name;
+  const fs::path folder = fs::path(kSourceFolder) / ".." / "shared/data/sequences" / name;
   return exists(folder) ? folder : fs::path();
 }
 
@@ -82,7 +85,7 @@ Record read_record(const fs::path& out, const std::string& robot) {
   record.folder = sessions.front();
   // Until it is closed a session has no drops.csv.
   if (read_file(record.folder / "session.txt").find("state ended") == std::string::npos) {
-    const Finished views = run({ORBBUF_SERVER, "views", record.folder});
+    const Finished views = run({kOrbbufServer, "views", record.folder});
     if (views.status != 0) throw std::runtime_error(views.output);
   }
   for (const std::string& line : read_lines(record.folder / "times.txt")) {

@@ -9,6 +9,7 @@
 
 #include "common/decimal.hpp"
 #include "common/sample.hpp"
+#include "tests/e2e/programs.hpp"
 #include "tests/e2e/rig.hpp"
 
 namespace orbbuf::test {
@@ -54,7 +55,7 @@ void expect_each_once(const Record& record, std::vector<Sample> sent) {
   const std::int64_t last_ns = *parse_seconds(record.times.back());
   std::erase_if(sent, [&](const Sample& sample) { return sample.time_ns > last_ns; });
   EXPECT_EQ(read_samples(record.folder / "imu0/data.csv"), sent);
-  const Finished check = run({ORBBUF_SERVER, "check", record.folder});
+  const Finished check = run({kOrbbufServer, "check", record.folder});
   EXPECT_EQ(check.status, 0) << check.output;
   EXPECT_NE(check.output.find("samples, 0 lost on the robot"), std::string::npos) << check.output;
   EXPECT_EQ(check.output.find("behind a newer frame"), std::string::npos) << check.output;
@@ -84,7 +85,7 @@ TEST_F(Samples, ArriveOnceAndInOrderBesideTheFrames) {
   expect_each_once(record, sent_);
   EXPECT_NE(read_file(record.folder / "session.txt").find("imu0 delivered "), std::string::npos);
   const fs::path out = folder_ / "euroc";
-  const Finished exported = run({ORBBUF_SERVER, "export", "--layout", "euroc", record.folder, out});
+  const Finished exported = run({kOrbbufServer, "export", "--layout", "euroc", record.folder, out});
   ASSERT_EQ(exported.status, 0) << exported.output;
   EXPECT_EQ(read_file(out / "mav0/imu0/data.csv"), read_file(record.folder / "imu0/data.csv"));
 }

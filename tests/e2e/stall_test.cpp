@@ -6,6 +6,7 @@
 
 #include "testing/certificates.hpp"
 #include "testing/namespaces.hpp"
+#include "tests/e2e/programs.hpp"
 #include "tests/e2e/rig.hpp"
 
 namespace orbbuf::test {
@@ -124,7 +125,7 @@ TEST_P(StallTest, AWindowThatOpensDuringAnOutageIsNotSleptOn) {
   server_->process().signal(SIGCONT);
   ASSERT_TRUE(robot_->wait_for_lines(stalled, stalls + 1)) << robot_->output();
   const fs::path images = read_record(folder_ / "out", kRobot).folder / "images";
-  Process watch({ORBBUF_LINK_PEER, "watch", images.string()});  // a line for each frame
+  Process watch({kOrbbufLinkPeer, "watch", images.string()});  // a line for each frame
   ASSERT_TRUE(watch.wait_for_line("watching"));
   nft("delete table inet some");
   EXPECT_TRUE(watch.wait_for_lines("", 50)) << robot_->output();  // the window held fewer

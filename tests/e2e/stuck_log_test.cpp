@@ -16,6 +16,7 @@
 
 #include "common/address.hpp"
 #include "common/unique_fd.hpp"
+#include "tests/e2e/programs.hpp"
 #include "tests/e2e/rig.hpp"
 
 namespace orbbuf::test {
@@ -84,7 +85,7 @@ TEST(StuckLog, RobotServerAndHealthzGoOn) {
   LogPipe robot_log(folder / "robot.log");
   auto command = server_log.where();
   command.insert(command.end(),
-                 {ORBBUF_SERVER, "--set", "listen.address=127.0.0.1:0", "--set",
+                 {kOrbbufServer, "--set", "listen.address=127.0.0.1:0", "--set",
                   "files.path=" + (folder / "out").string(), "--set", "http.address=127.0.0.1:0"});
   Process server(command);
   const auto page = server_log.wait_for("live page on http://");

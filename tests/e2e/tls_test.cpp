@@ -4,6 +4,7 @@
 #include <csignal>
 
 #include "testing/certificates.hpp"
+#include "tests/e2e/programs.hpp"
 #include "tests/e2e/rig.hpp"
 
 namespace orbbuf::test {
@@ -130,7 +131,7 @@ TEST_F(Tls, APlainServerIsNotTrusted) {
 }
 
 TEST_F(Tls, AServerOnTheNetworkWantsTlsOrToBeToldOtherwise) {
-  const Finished refused = run({ORBBUF_SERVER, "--set", "listen.address=0.0.0.0:0"});
+  const Finished refused = run({kOrbbufServer, "--set", "listen.address=0.0.0.0:0"});
   EXPECT_EQ(refused.status, 1);
   EXPECT_NE(refused.output.find("listen.insecure = true"), std::string::npos) << refused.output;
   Server warned(folder_ / "out", {"listen.insecure=true"}, "0.0.0.0:0");

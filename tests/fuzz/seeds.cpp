@@ -6,6 +6,7 @@
 #include "common/jpeg.hpp"
 #include "daemon/record/record_format.hpp"
 #include "server/session/records.hpp"
+#include "testing/source_folder.hpp"
 #include "testing/temporary_folder.hpp"
 #include "tests/common/wire_samples.hpp"
 #include "tests/server/frames.hpp"
@@ -81,7 +82,7 @@ void write_seeds(const fs::path& folder) {
                        R"("segments":[{"server":"a","epoch":1,"next":[0]}]})"));
   write(folder / "json/subscribe",
         wire::bytes_of(R"({"op":"subscribe","subscriptions":[{"id":0,"channelId":3}]})"));
-  const fs::path samples = ORBBUF_SOURCE_DIR "/config";
+  const fs::path samples = test::kSourceFolder + std::string("/config");
   for (const char* name : {"orbbuf-server.toml", "orbbufd.toml"}) {
     write(folder / "config" / name, wire::bytes_of(test::read_file(samples / name)));
   }

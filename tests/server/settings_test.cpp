@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "testing/source_folder.hpp"
+
 namespace orbbuf {
 namespace {
 
@@ -18,7 +20,7 @@ Settings load(const std::vector<std::string>& overrides, const std::string& file
 }
 
 TEST(Settings, TheSampleSaysTheDefaults) {
-  const std::filesystem::path folder = std::filesystem::path(ORBBUF_SOURCE_DIR) / "config";
+  const std::filesystem::path folder = std::filesystem::path(test::kSourceFolder) / "config";
   Settings expected;
   expected.sinks.files_path = folder / "orbbuf-data";
   EXPECT_EQ(load({}, folder / "orbbuf-server.toml"), expected);

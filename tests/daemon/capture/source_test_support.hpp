@@ -6,6 +6,8 @@
 #include <string>
 #include <string_view>
 
+#include "testing/source_folder.hpp"
+
 namespace orbbuf::test {
 
 /// What `action` throws as std::runtime_error; empty if nothing.
@@ -21,7 +23,7 @@ std::string error_of(const Action& action) {
 
 /// A recorded sequence outside of the repository, which may be absent.
 inline std::filesystem::path real_sequence(std::string_view name) {
-  return std::filesystem::path(ORBBUF_SOURCE_DIR) / ".." / "shared" / "data" / "sequences" / name;
+  return std::filesystem::path(test::kSourceFolder) / ".." / "shared" / "data" / "sequences" / name;
 }
 
 }  // namespace orbbuf::test

@@ -11,6 +11,7 @@
 #include "daemon/buffer/similarity.hpp"
 #include "daemon/capture/make_source.hpp"
 #include "daemon/image/jpeg_encoder.hpp"
+#include "testing/source_folder.hpp"
 
 namespace orbbuf {
 namespace {
@@ -174,7 +175,7 @@ std::vector<std::vector<FeatureSet>> real_features() {
     SourceSettings sequence;
     sequence.kind = "folder";
     sequence.path =
-        std::filesystem::path(ORBBUF_SOURCE_DIR) / ".." / "shared" / "data" / "sequences" / name;
+        std::filesystem::path(test::kSourceFolder) / ".." / "shared" / "data" / "sequences" / name;
     if (!exists(sequence.path)) return {};
     all.push_back(features_of(sequence, 60));
   }
@@ -212,7 +213,7 @@ TEST(OrbExtractor, NeighboursOfRealSequencesAreAlikeAndFramesFarApartAreNot) {
     SourceSettings sequence;
     sequence.kind = "folder";
     sequence.path =
-        std::filesystem::path(ORBBUF_SOURCE_DIR) / ".." / "shared" / "data" / "sequences" / name;
+        std::filesystem::path(test::kSourceFolder) / ".." / "shared" / "data" / "sequences" / name;
     if (!exists(sequence.path)) GTEST_SKIP() << sequence.path << " is absent";
     const auto features = features_of(sequence, 150);
     EXPECT_GT(mean(similarities(features, 1)), 100) << name;
