@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <bit>
 #include <boost/endian/conversion.hpp>
 #include <concepts>
 #include <cstddef>
@@ -36,13 +37,15 @@ class Writer {
  public:
   explicit Writer(std::size_t skip_bytes) : bytes_(skip_bytes) {}
 
-  /// An integer or an enumerator as it is, a bool as a u8, a text as put_text() does.
+  /// An integer, an enumerator or a double as it is, a bool as a u8, a text as put_text() does.
   template <class T>
   void put(const T& value) {
     if constexpr (std::is_enum_v<T>) {
       put(static_cast<std::underlying_type_t<T>>(value));
     } else if constexpr (std::is_same_v<T, bool>) {
       put(std::uint8_t{value});
+    } else if constexpr (std::is_same_v<T, double>) {
+      put(std::bit_cast<std::uint64_t>(value));
     } else if constexpr (std::integral<T>) {
       bytes_.resize(bytes_.size() + sizeof(T));
       store(bytes_.data() + bytes_.size() - sizeof(T), value);
@@ -102,6 +105,8 @@ class Reader {
       return static_cast<T>(take<std::underlying_type_t<T>>());
     } else if constexpr (std::is_same_v<T, bool>) {
       return take<std::uint8_t>() != 0;
+    } else if constexpr (std::is_same_v<T, double>) {
+      return std::bit_cast<double>(take<std::uint64_t>());
     } else if constexpr (std::integral<T>) {
       const auto bytes = take_bytes(sizeof(T));
       return bytes.empty() ? T{0} : load<T>(bytes.data());

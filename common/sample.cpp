@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <bit>
 #include <cassert>
 #include <charconv>
 #include <cmath>
@@ -15,6 +14,13 @@ namespace orbbuf {
 namespace {
 
 constexpr std::size_t kSampleBytes = 56;
+
+template <class Archive>
+void fields(Archive& archive, wire::FieldsOf<Archive, Sample>& sample) {
+  auto& [x, y, z] = sample.angular_velocity;
+  auto& [ax, ay, az] = sample.linear_acceleration;
+  archive.fields(sample.time_ns, x, y, z, ax, ay, az);
+}
 
 template <class Number>
 bool take_field(std::string_view& line, Number& number, bool is_last) {
@@ -67,12 +73,7 @@ std::vector<std::uint8_t> encode_samples(std::span<const Sample> samples) {
   assert(!samples.empty() && samples.size() <= kMaxSamplesPerMessage);
   Writer out(0);
   out.put(static_cast<std::uint16_t>(samples.size()));
-  for (const Sample& sample : samples) {
-    out.put(sample.time_ns);
-    for (const auto* const vector : {&sample.angular_velocity, &sample.linear_acceleration}) {
-      for (const double value : *vector) out.put(std::bit_cast<std::uint64_t>(value));
-    }
-  }
+  for (const Sample& sample : samples) fields(out, sample);
   return std::move(out.bytes());
 }
 
@@ -85,10 +86,7 @@ Parsed<std::vector<Sample>> parse_samples(std::span<const std::uint8_t> payload)
   }
   std::vector<Sample> samples(count);
   for (Sample& sample : samples) {
-    sample.time_ns = in.take<std::int64_t>();
-    for (auto* const vector : {&sample.angular_velocity, &sample.linear_acceleration}) {
-      for (double& value : *vector) value = std::bit_cast<double>(in.take<std::uint64_t>());
-    }
+    fields(in, sample);
     if (!is_finite(sample)) return Fault{ErrorCode::kMalformed, "samples: a number is not finite"};
   }
   return samples;
