@@ -31,6 +31,9 @@ inline constexpr std::string_view kEurocImuHeader =
 std::string to_euroc_line(const Sample& sample);
 /// Reads such a line, without its line end. Nothing: it is not seven finite numbers.
 std::optional<Sample> parse_euroc_line(std::string_view line);
+/// For messages: what a line is to be that could not be read.
+inline constexpr std::string_view kExpectedEurocLine =
+    "expected the time in ns and six numbers, with commas between them";
 
 namespace wire {
 

@@ -17,9 +17,7 @@ EurocSamples::EurocSamples(const std::filesystem::path& path, Take take) : take_
     if (line.empty() || line.front() == '#' || line == "\r") continue;
     const auto sample = parse_euroc_line(line);
     if (!sample) {
-      throw std::runtime_error(
-          fmt::format("{}:{}: expected the time in ns and six numbers, with commas between them",
-                      path.string(), number));
+      throw std::runtime_error(fmt::format("{}:{}: {}", path.string(), number, kExpectedEurocLine));
     }
     if (!samples_.empty() && sample->time_ns <= samples_.back().time_ns) {
       throw std::runtime_error(

@@ -5,12 +5,12 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <boost/asio/buffer.hpp>
 #include <stdexcept>
 #include <utility>
 
 #include "common/log.hpp"
+#include "common/take_line.hpp"
 
 namespace orbbuf {
 namespace {
@@ -65,16 +65,11 @@ void SocketSamples::receive() {
 
 void SocketSamples::read(std::string_view text) {
   while (!text.empty()) {
-    const auto end = std::min(text.find('\n'), text.size());
-    const std::string_view line = text.substr(0, end);
-    text.remove_prefix(std::min(end + 1, text.size()));
-    if (const auto sample = parse_euroc_line(line)) {
+    if (const auto sample = parse_euroc_line(take_line(text))) {
       take_(*sample);
     } else if (!std::exchange(is_fault_logged_, true)) {
-      log_warn(
-          "{}: a line at {} is ignored, and so are others like it: expected the time in ns and six "
-          "numbers, with commas between them",
-          name_, path_.string());
+      log_warn("{}: a line at {} is ignored, and so are others like it: {}", name_, path_.string(),
+               kExpectedEurocLine);
     }
   }
 }

@@ -9,6 +9,8 @@
 #include <optional>
 #include <span>
 
+#include "common/take_line.hpp"
+
 namespace orbbuf {
 namespace {
 
@@ -45,11 +47,7 @@ Words words_of(std::string_view line) {
 
 std::vector<Words> lines_of(std::string_view text) {
   std::vector<Words> lines;
-  while (!text.empty()) {
-    const auto end = std::min(text.find('\n'), text.size());
-    lines.push_back(words_of(text.substr(0, end)));
-    text.remove_prefix(std::min(end + 1, text.size()));
-  }
+  while (!text.empty()) lines.push_back(words_of(take_line(text)));
   return lines;
 }
 
