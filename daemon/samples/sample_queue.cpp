@@ -18,10 +18,12 @@ bool SampleQueue::push(const Sample& sample) {
 
 /// Those that were sent are few, and the server may have them.
 void SampleQueue::make_room() {
-  const std::size_t victim = known_ < waiting_.size() ? known_ : 0;
-  waiting_.erase(waiting_.begin() + static_cast<std::ptrdiff_t>(victim));
-  if (victim < known_) --known_;
-  if (victim < sent_) --sent_;
+  auto victim = std::ranges::lower_bound(waiting_, sent_end_, {}, &Entry::number);
+  if (victim == waiting_.end()) {
+    victim = waiting_.begin();
+    if (sent_ > 0) --sent_;
+  }
+  waiting_.erase(victim);
   ++lost_;
 }
 
@@ -34,7 +36,6 @@ void SampleQueue::acknowledge(std::uint64_t next) {
   while (!waiting_.empty() && waiting_.front().number < next) {
     waiting_.pop_front();
     if (sent_ > 0) --sent_;
-    if (known_ > 0) --known_;
   }
 }
 
@@ -48,7 +49,6 @@ std::optional<SampleQueue::Batch> SampleQueue::take(std::int64_t upto_ns) {
     batch.samples.push_back(sample);
     sent_end_ = std::max(sent_end_, number + 1);
   }
-  known_ = std::max(known_, sent_);
   if (batch.samples.empty()) return std::nullopt;
   return batch;
 }

@@ -60,7 +60,6 @@ class SampleQueue {
   const std::size_t most_;
   std::deque<Entry> waiting_;   // not acknowledged, the oldest first
   std::size_t sent_ = 0;        // how many of them this connection has sent
-  std::size_t known_ = 0;       // how many of them any connection has sent
   std::uint64_t end_ = 0;       // the next sample's number
   std::uint64_t sent_end_ = 0;  // behind the last that was ever sent
   std::uint64_t lost_ = 0;
