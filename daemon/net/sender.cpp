@@ -52,9 +52,7 @@ void Sender::on_connected(const wire::Position& position) {
   }
   confirmed_ = position[wire::kFrames];
   drops_.rewind(position[wire::kDrops]);
-  std::vector<bool> takes;
-  for (const auto& stream : samples_.declarations()) takes.push_back(link_.takes(stream.id));
-  samples_.on_connected(position, takes);
+  samples_.on_connected(position, [this](wire::StreamId id) { return link_.takes(id); });
   backfill_.on_connected(link_.takes(wire::kLate), link_.takes(wire::kAccounts),
                          link_.max_frame_bytes());
 }

@@ -60,11 +60,11 @@ void SampleStreams::stop() {
   for (Stream& stream : streams_) stream.source.reset();
 }
 
-void SampleStreams::on_connected(const wire::Position& position, const std::vector<bool>& takes) {
-  for (std::size_t i = 0; i < streams_.size(); ++i) {
-    Stream& stream = streams_[i];
+void SampleStreams::on_connected(const wire::Position& position,
+                                 const std::function<bool(wire::StreamId)>& takes) {
+  for (Stream& stream : streams_) {
     stream.queue.rewind(position[stream.declaration.id]);
-    stream.is_taken = takes.at(i);
+    stream.is_taken = takes(stream.declaration.id);
     if (!stream.is_taken) {
       log_warn("link: the server does not take the stream {}", stream.declaration.name);
     }

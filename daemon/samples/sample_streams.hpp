@@ -38,7 +38,8 @@ class SampleStreams {
   void stop();
 
   /// As the welcome of a new connection says. A stream that the server does not take is not sent.
-  void on_connected(const wire::Position& position, const std::vector<bool>& takes);
+  void on_connected(const wire::Position& position,
+                    const std::function<bool(wire::StreamId)>& takes);
   void on_ack(const wire::Position& position);
   bool can_be_at(const wire::Position& position) const;
 

@@ -66,7 +66,7 @@ TEST_F(SampleStreamsTest, ABatchIsDueOnceItIsTwentyMillisecondsLong) {
 }
 
 TEST_F(SampleStreamsTest, AStreamThatTheServerDoesNotTakeHoldsNothingUp) {
-  streams_->on_connected({}, {true, false});
+  streams_->on_connected({}, [](wire::StreamId id) { return id == wire::kFirstOther; });
   streams_->on_frame(3);
   EXPECT_FALSE(streams_->take_message(3).empty());
   EXPECT_TRUE(streams_->take_message(3).empty());
