@@ -8,7 +8,7 @@
 #include <boost/asio/signal_set.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <csignal>
-#include <cstdint>
+#include <functional>
 #include <limits>
 #include <optional>
 #include <string>
@@ -35,6 +35,10 @@ class Robot {
   bool run();
 
  private:
+  /// From any thread.
+  std::function<void()> wake_sender() {
+    return [this] { asio::post(io_, [this] { sender_.wake(); }); };
+  }
   void await_signal();
   void await_reload();
   void on_source_ended(bool failed);
@@ -103,10 +107,9 @@ Robot::Robot(const Settings& settings)
                           [this](const EncodedFrame& frame, FeatureSet& features) {
                             extractor_.extract(frame, features);
                           })),
-      samples_(io_, settings.streams, [this] { asio::post(io_, [this] { sender_.wake(); }); }),
+      samples_(io_, settings.streams, wake_sender()),
       hello_(make_hello(settings, samples_)),
-      record_(settings.record, hello_.robot_id, hello_.session_id,
-              [this] { asio::post(io_, [this] { sender_.wake(); }); }),
+      record_(settings.record, hello_.robot_id, hello_.session_id, wake_sender()),
       sender_(io_, settings.link, hello_, buffer_, record_, samples_),
       pipeline_(
           std::move(source_), settings.jpeg, buffer_,
@@ -122,9 +125,7 @@ bool Robot::run() {
   await_signal();
   await_reload();
   sender_.start();
-  if (may_reduce_) {
-    reducer_.emplace(buffer_, [this] { asio::post(io_, [this] { sender_.wake(); }); });
-  }
+  if (may_reduce_) reducer_.emplace(buffer_, wake_sender());
   pipeline_.start();
   report();
   io_.run();
