@@ -259,9 +259,7 @@ bool Record::write_notes(Lock& lock, Clock::time_point now) {
 
 /// They could not be written. If the disk is full, the oldest frames pay.
 void Record::make_room_for_notes() {
-  std::error_code unknown;
-  const auto space = std::filesystem::space(settings_.path, unknown);
-  if (unknown || space.available >= segment_bytes_) return;
+  if (has_free(segment_bytes_)) return;
   Lock lock(mutex_);
   const auto oldest = state_.oldest_segment();
   if (!oldest || *oldest >= synced_segment_) return;
@@ -269,10 +267,11 @@ void Record::make_room_for_notes() {
   remove_segment(*oldest, "the disk is full");
 }
 
-bool Record::is_disk_full(std::uint64_t bytes) const {
+/// True, too, if the system does not say.
+bool Record::has_free(std::uint64_t bytes) const {
   std::error_code unknown;
   const auto space = std::filesystem::space(settings_.path, unknown);
-  return !unknown && space.available < bytes + settings_.least_free_bytes;
+  return unknown || space.available >= bytes;
 }
 
 /// Other programs may have removed files.
@@ -298,7 +297,7 @@ bool Record::write_frame(Lock& lock, Clock::time_point now) {
   const auto head = record_format::frame_head(name_, *frame);
   const std::uint64_t bytes = journal::kHeadBytes + head.size() + frame->jpeg.size();
   make_room(bytes);
-  if (is_disk_full(bytes)) {
+  if (!has_free(bytes + settings_.least_free_bytes)) {
     // So that it can be removed when its frames are sent.
     segment_end_ = std::min(segment_end_, kSegmentBytes);
     lock.lock();

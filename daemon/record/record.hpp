@@ -153,7 +153,7 @@ class Record {
   void make_room(std::uint64_t bytes);
   void remove_segment(std::uint32_t segment, const std::string& why);
   void make_room_for_notes();
-  bool is_disk_full(std::uint64_t bytes) const;
+  bool has_free(std::uint64_t bytes) const;
   bool sync_files();
   void finish(Lock& lock);
   void fail(const Error& error);
