@@ -9,11 +9,9 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cstdlib>
 #include <memory>
 #include <stdexcept>
-#include <string>
 
 #include "common/format.hpp"
 #include "common/non_blocking_sink.hpp"

@@ -4,6 +4,7 @@
 #include <fmt/core.h>
 
 #include <array>
+#include <chrono>
 #include <string>
 #include <string_view>
 
@@ -59,5 +60,24 @@ std::string printable(std::string text);
 /// Names the calling thread, at most 15 characters, for the log and for tools such as top -H. Not
 /// for the first thread: its name is the process's name, and the log calls it `main`.
 void name_this_thread(const char* name);
+
+/// Limits a message that could be logged with every frame: lets the first one through, and then
+/// one per `interval`. Thread-bound.
+class LogLimit {
+ public:
+  using Moment = std::chrono::steady_clock::time_point;
+
+  explicit LogLimit(std::chrono::nanoseconds interval) : interval_(interval) {}
+
+  bool lets_through(Moment now = std::chrono::steady_clock::now()) {
+    if (now < next_) return false;
+    next_ = now + interval_;
+    return true;
+  }
+
+ private:
+  std::chrono::nanoseconds interval_;
+  Moment next_ = Moment::min();
+};
 
 }  // namespace orbbuf

@@ -7,7 +7,6 @@
 #include <optional>
 #include <utility>
 
-#include "common/log.hpp"
 #include "common/watched_thread.hpp"
 
 namespace orbbuf {

@@ -7,7 +7,7 @@
 #include <thread>
 
 #include "common/frame.hpp"
-#include "common/log_limit.hpp"
+#include "common/log.hpp"
 #include "daemon/buffer/frame_buffer.hpp"
 #include "daemon/capture/frame_source.hpp"
 #include "daemon/image/jpeg_encoder.hpp"

@@ -11,7 +11,6 @@
 #include <map>
 #include <mutex>
 #include <stdexcept>
-#include <string>
 #include <thread>
 #include <vector>
 

@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "common/log.hpp"
-#include "common/log_limit.hpp"
 #include "common/watched_thread.hpp"
 
 namespace orbbuf {

@@ -7,8 +7,6 @@
 
 #include "common/log.hpp"
 #include "server/fleet/fleet.hpp"
-#include "server/fleet/fleet_claims.hpp"
-#include "server/fleet/fleet_metrics.hpp"
 
 namespace orbbuf {
 namespace {
@@ -17,18 +15,17 @@ class EtcdFleetMember final : public FleetMember {
  public:
   EtcdFleetMember(boost::asio::io_context& main, boost::asio::thread_pool& files,
                   const Settings& settings)
-      : fleet_(main, settings.fleet, settings.sinks.files_path,
-               [this] { return listener_ == nullptr ? 0 : listener_->robots(); }),
-        claims_(main, files, fleet_, settings.fleet.name, settings.sinks.files_path) {}
+      : fleet_(main, files, settings.fleet, settings.sinks.files_path,
+               [this] { return listener_ == nullptr ? 0 : listener_->robots(); }) {}
 
   FleetPage page() override {
     return {[this](const auto& from, auto answer) { fleet_.overview().async_page(from, answer); },
-            [this] { return fleet::to_prometheus(fleet_); }};
+            [this] { return fleet_.metrics(); }};
   }
 
   void share(Listener& listener) override {
     listener_ = &listener;
-    listener.share_by(claims_);
+    listener.share_by(fleet_);
   }
 
   void drain(ControlSocket::Answer answer) override {
@@ -73,7 +70,6 @@ class EtcdFleetMember final : public FleetMember {
 
   Listener* listener_ = nullptr;
   fleet::Fleet fleet_;
-  fleet::FleetClaims claims_;
   std::vector<ControlSocket::Answer> draining_;  // those who wait
   std::vector<fleet::SessionName> leaving_;      // told to, and not yet elsewhere
   bool is_drained_ = false;

@@ -13,7 +13,6 @@
 #include <memory>
 #include <optional>
 #include <stdexcept>
-#include <string>
 
 #include "common/log.hpp"
 #include "common/service_status.hpp"
@@ -23,7 +22,7 @@
 #include "server/http/http_server.hpp"
 #include "server/link/listener.hpp"
 #include "server/live/control_socket.hpp"
-#include "server/live/status_table.hpp"
+#include "server/live/metrics.hpp"
 #include "server/retention/retention.hpp"
 #include "server/runtime/descriptors.hpp"
 #include "server/runtime/lock_folder.hpp"

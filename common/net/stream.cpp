@@ -11,7 +11,6 @@
 #include <boost/asio/ip/address.hpp>
 #include <boost/asio/ssl/error.hpp>
 #include <boost/asio/ssl/stream.hpp>
-#include <memory>
 
 #include "common/log.hpp"
 

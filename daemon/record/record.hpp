@@ -21,7 +21,7 @@
 #include "common/drop_record.hpp"
 #include "common/frame.hpp"
 #include "common/journal/journal.hpp"
-#include "common/log_limit.hpp"
+#include "common/log.hpp"
 #include "common/wire.hpp"
 #include "daemon/record/record_folder.hpp"
 #include "daemon/record/record_state.hpp"

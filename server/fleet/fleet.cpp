@@ -1,18 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/fleet/fleet.hpp"
 
+#include <fmt/core.h>
+
 #include <algorithm>
 #include <boost/asio/ip/host_name.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <iterator>
-#include <memory>
+#include <nlohmann/json.hpp>
 #include <random>
 #include <set>
+#include <string_view>
 #include <utility>
 
 #include "common/file_io.hpp"
 #include "common/log.hpp"
+#include "common/seconds.hpp"
+#include "server/fleet/earlier_segments.hpp"
+#include "server/fleet/fleet_keys.hpp"
 
 namespace orbbuf::fleet {
 namespace {
@@ -42,13 +48,114 @@ ServerEntry entry_of(const FleetSettings& settings, const std::filesystem::path&
           false,         place_of(folder)};
 }
 
+void add(std::string& text, std::string_view name, std::string_view help, double value) {
+  const bool is_counter = name.ends_with("_total");
+  text += fmt::format(
+      "# HELP orbbuf_fleet_{0} {1}\n# TYPE orbbuf_fleet_{0} {2}\norbbuf_fleet_{0} {3}\n", name,
+      help, is_counter ? "counter" : "gauge", value);
+}
+
 }  // namespace
 
-Fleet::Fleet(boost::asio::io_context& main, const FleetSettings& settings,
-             const std::filesystem::path& folder, std::function<std::uint64_t()> robots)
+using nlohmann::json;
+
+void Overview::async_page(const std::string& from, const Done& done) {
+  const auto now = Clock::now();
+  std::erase_if(pages_, [now](const auto& entry) {
+    return entry.second.read_at && now - *entry.second.read_at >= kFresh;
+  });
+  const auto first = session_of(std::string(kSessions) + from) ? from : std::string();
+  Page& page = pages_[first];
+  if (page.read_at) return done(page.json);
+  page.waiting.push_back(done);
+  if (page.waiting.size() == 1) read(first);
+}
+
+void Overview::read(const std::string& from) {
+  const auto get = [this, from](std::string_view prefix, std::size_t most, auto use) {
+    const KeyRange range(prefix, most == 0 ? "" : from, most);
+    store_.async_range(range, [this, from, use = std::move(use)](Result<Keys> found) {
+      if (!found) return finish(from, found.error());
+      use(std::move(found).value());
+    });
+  };
+  get(kServers, 0, [this, from, get](const Keys& servers) {
+    get(kSessions, kPage + 1, [this, from, get, servers](const Keys& owners) {
+      get(kPositions, kPage + 1, [this, from, servers, owners](const Keys& positions) {
+        finish(from, to_json(servers, owners, positions));
+      });
+    });
+  });
+}
+
+void Overview::finish(const std::string& from, const Result<std::string>& text) {
+  auto page = std::move(pages_.extract(from).mapped());
+  const auto waiting = std::exchange(page.waiting, {});
+  if (text) {
+    page.json = text.value();
+    page.read_at = Clock::now();
+    pages_.emplace(from, std::move(page));
+  }
+  for (const Done& done : waiting) done(text);
+}
+
+std::string Overview::to_json(const Keys& servers, Keys owners, const Keys& positions) const {
+  json page{{"etcd", json::array()}, {"servers", json::array()}, {"sessions", json::array()}};
+  for (const Address& endpoint : etcd_) page["etcd"].push_back(to_string(endpoint));
+  for (const KeyValue& key : servers) {
+    const auto server = server_from(key.key, key.value);
+    if (!server) continue;
+    json& entry = page["servers"].emplace_back(json::parse(to_text(*server)));
+    entry["name"] = server->name;
+    entry.erase("place");
+  }
+  if (owners.size() > kPage) {
+    if (const auto next = session_of(owners.back().key)) page["next"] = next->text();
+    owners.pop_back();
+  }
+  std::map<std::string, const std::string*> position_of;
+  for (const KeyValue& key : positions) position_of[key.key] = &key.value;
+  for (const KeyValue& key : owners) {
+    const auto name = session_of(key.key);
+    const auto owner = owner_from(key.value);
+    if (!name || !owner) continue;
+    json& entry = page["sessions"].emplace_back(json::parse(to_text(*owner)));
+    entry["robot"] = name->robot_id;
+    entry["session"] = name->session_id;
+    const auto found = position_of.find(name->position_key());
+    const auto position = found == position_of.end() ? std::nullopt : position_from(*found->second);
+    if (position) entry.update(json::parse(to_text(*position)));
+  }
+  return page.dump();
+}
+
+class Fleet::OwnClaim final : public SessionClaim {
+ public:
+  OwnClaim(Fleet& fleet, Owned owned) : fleet_(fleet), owned_(std::move(owned)) {}
+
+  void async_may_acknowledge(const wire::Position& position, Answer answer) override {
+    fleet_.recorder_.async_record(owned_.claim, position, std::move(answer));
+  }
+  void hurry() override { fleet_.recorder_.hurry(); }
+  void leave(bool has_ended) override {
+    if (has_ended) fleet_.ownership_.end(owned_);
+  }
+  wire::Position acknowledged_before() const override { return owned_.recorded; }
+  std::int64_t revision() const { return owned_.claim.revision; }
+
+ private:
+  Fleet& fleet_;
+  const Owned owned_;
+};
+
+Fleet::Fleet(boost::asio::io_context& main, boost::asio::thread_pool& files,
+             const FleetSettings& settings, std::filesystem::path folder,
+             std::function<std::uint64_t()> robots)
     : main_(main),
+      files_(files),
+      folder_(std::move(folder)),
       etcd_(main, {settings.etcd, settings.tls}),
-      membership_(main, etcd_, entry_of(settings, folder), settings.lease, std::move(robots)),
+      membership_(main, etcd_, entry_of(settings, folder_), settings.lease, std::move(robots)),
       ownership_(etcd_, settings.name, membership_.self().instance),
       recorder_(main, etcd_),
       viewers_etcd_(main, {settings.etcd, settings.tls}),
@@ -69,12 +176,21 @@ void Fleet::async_stop(std::function<void()> stopped) {
   });
 }
 
-void Fleet::async_enter(const SessionName& session, Entered entered) {
+std::string Fleet::session_in(const std::string& folder) const {
+  return parse_folder(folder).session_id;
+}
+
+void Fleet::async_enter(const SessionKey& key, Entered entered) {
+  if (parse_folder(key.second).epoch > 1) {
+    return entered(Error{key.second + " is the name of a later part of a session"});
+  }
   if (!membership_.has_joined()) {
     return entered(unanswered({"this server has not joined the fleet yet"}));
   }
-  if (is_draining()) return send_away(session, refuge_name(), entered);
-  acquire(session, false, std::move(entered));
+  const SessionName session{key.first, key.second};
+  if (!membership_.self().is_draining) return acquire(session, false, std::move(entered));
+  const auto other = membership_.least_loaded_other();
+  send_away(session, other ? other->name : "", entered);
 }
 
 /// is_fresh: the servers were read just now.
@@ -86,7 +202,7 @@ void Fleet::acquire(const SessionName& session, bool is_fresh, Entered entered) 
         if (!answer) return entered(unanswered(answer.error()));
         if (const auto* const owned = std::get_if<Owned>(&answer.value())) {
           sent_away_.erase(session.text());
-          return entered(*owned);
+          return entered(grant(session, *owned));
         }
         const std::string& server = std::get<Foreign>(answer.value()).server;
         if (is_fresh) return send_away(session, server, entered);
@@ -95,6 +211,23 @@ void Fleet::acquire(const SessionName& session, bool is_fresh, Entered entered) 
           acquire(session, true, entered);
         });
       });
+}
+
+Fleet::Granted Fleet::grant(const SessionName& session, const Owned& owned) {
+  std::erase_if(claims_, [](const auto& entry) { return entry.second.expired(); });
+  auto claim = claims_[session.text()].lock();
+  if (!claim || claim->revision() != owned.claim.revision) {
+    claim = std::make_shared<OwnClaim>(*this, owned);
+    claims_[session.text()] = claim;
+  }
+  const auto& [server, epoch, from] = owned.segment;
+  Granted granted{std::move(claim), {epoch, from}, nullptr};
+  if (!granted.segment.is_first()) {
+    granted.earlier = std::make_shared<EarlierSegments>(
+        main_, files_, etcd_,
+        EarlierSegments::Options{session, epoch, membership_.self().name, folder_});
+  }
+  return granted;
 }
 
 /// Robots that begin are spread; those that are here stay.
@@ -170,9 +303,28 @@ std::string Fleet::refuge() const {
   return other ? other->address : std::string();
 }
 
-std::string Fleet::refuge_name() const {
-  const auto other = membership_.least_loaded_other();
-  return other ? other->name : std::string();
+std::string Fleet::metrics() const {
+  const auto count = [](std::uint64_t number) { return static_cast<double>(number); };
+  const EtcdChannel& etcd = etcd_.channel();
+  std::string text;
+  add(text, "servers", "Servers whose lease lives, this one included",
+      count(membership_.servers().size()));
+  add(text, "draining", "1: this server sends its robots away",
+      membership_.self().is_draining ? 1 : 0);
+  add(text, "take_overs_total", "Sessions taken over from another server or process",
+      count(ownership_.take_overs()));
+  add(text, "epoch_conflicts_total", "Positions not recorded: the session was another server's",
+      count(recorder_.conflicts()));
+  add(text, "positions_total", "Positions recorded", count(recorder_.records()));
+  add(text, "record_requests_total", "Requests that recorded positions",
+      count(recorder_.requests()));
+  add(text, "record_seconds_total", "Time that these took", to_seconds(recorder_.time_spent()));
+  add(text, "etcd_requests_total", "Requests to etcd", count(etcd.requests()));
+  add(text, "etcd_failures_total", "Requests that an endpoint did not answer",
+      count(etcd.failures()));
+  add(text, "etcd_seconds_total", "Time that answered requests took",
+      to_seconds(etcd.time_spent()));
+  return text;
 }
 
 }  // namespace orbbuf::fleet

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <charconv>
 #include <nlohmann/json.hpp>
-#include <vector>
 
 namespace orbbuf::fleet {
 namespace {

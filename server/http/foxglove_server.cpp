@@ -9,7 +9,6 @@
 
 #include "common/as_bytes.hpp"
 #include "server/foxglove/messages.hpp"
-#include "server/http/own_host.hpp"
 #include "server/http/views.hpp"
 
 namespace orbbuf {

@@ -2,10 +2,30 @@
 #include "server/http/request_reader.hpp"
 
 #include <boost/asio/buffer.hpp>
+#include <boost/asio/ip/address.hpp>
 #include <boost/beast/websocket/rfc6455.hpp>
 
 namespace orbbuf {
 namespace {
+
+namespace ip = boost::asio::ip;
+
+std::string without_port(const std::string& host) {
+  const std::size_t colon = host.rfind(':');
+  const bool has_port = colon != std::string::npos && host.find(']', colon) == std::string::npos;
+  std::string name = has_port ? host.substr(0, colon) : host;
+  if (name.starts_with('[') && name.ends_with(']')) name = name.substr(1, name.size() - 2);
+  return name;
+}
+
+/// Nothing for a name, except for localhost.
+std::optional<ip::address> address_of(const std::string& host) {
+  const std::string name = without_port(host);
+  if (name == "localhost") return ip::address_v4::loopback();
+  boost::system::error_code is_name;
+  const ip::address address = ip::make_address(name, is_name);
+  return is_name ? std::nullopt : std::optional(address);
+}
 
 namespace http = boost::beast::http;
 using boost::system::error_code;
@@ -20,6 +40,13 @@ unsigned status_for(const error_code& failed) {
 }
 
 }  // namespace
+
+bool is_own_host(const std::string& host) { return address_of(host).has_value(); }
+
+bool is_own_page(const std::string& page_host, const std::string& host) {
+  const auto page = address_of(page_host);
+  return page && (page->is_loopback() || page == address_of(host));
+}
 
 RequestReader::RequestReader() { begin(); }
 

@@ -12,7 +12,6 @@
 #include "common/decimal.hpp"
 #include "common/journal/journal.hpp"
 #include "common/wire.hpp"
-#include "server/http/own_host.hpp"
 #include "server/http/views.hpp"
 #include "server/runtime/run_in_pool.hpp"
 #include "server/session/session_names.hpp"

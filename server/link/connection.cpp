@@ -7,11 +7,9 @@
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/ssl/error.hpp>
 #include <boost/asio/write.hpp>
-#include <optional>
 #include <utility>
 
 #include "common/keep_alive.hpp"
-#include "common/log.hpp"
 #include "common/sample.hpp"
 #include "server/runtime/listen_on.hpp"
 

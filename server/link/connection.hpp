@@ -18,7 +18,6 @@
 #include "common/log.hpp"
 #include "common/net/stream.hpp"
 #include "common/wire.hpp"
-#include "server/link/late_assembly.hpp"
 #include "server/link/message_reader.hpp"
 #include "server/link/session.hpp"
 #include "server/session/session_stores.hpp"

@@ -5,13 +5,9 @@
 
 #include <algorithm>
 #include <boost/asio/post.hpp>
-#include <chrono>
 #include <iterator>
 #include <stdexcept>
-#include <utility>
-#include <vector>
 
-#include "common/log.hpp"
 #include "common/sample.hpp"
 #include "server/runtime/listen_on.hpp"
 #include "server/runtime/longest_waiting.hpp"

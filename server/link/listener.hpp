@@ -16,7 +16,7 @@
 #include <utility>
 #include <vector>
 
-#include "common/log_limit.hpp"
+#include "common/log.hpp"
 #include "server/link/connection.hpp"
 #include "server/link/session.hpp"
 #include "server/link/session_claim.hpp"

@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/link/message_reader.hpp"
 
-#include <fmt/core.h>
-
 #include <algorithm>
-#include <utility>
 
 namespace orbbuf {
 namespace {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/session/records.hpp"
 
-#include <algorithm>
 #include <boost/mp11/algorithm.hpp>
 #include <type_traits>
 

@@ -19,7 +19,6 @@
 #include "common/as_bytes.hpp"
 #include "common/file_io.hpp"
 #include "common/log.hpp"
-#include "server/session/sequence_set.hpp"
 #include "server/session/session_lines.hpp"
 #include "server/session/session_names.hpp"
 #include "server/session/session_reader.hpp"

@@ -14,7 +14,6 @@
 #include "common/as_bytes.hpp"
 #include "common/crc32.hpp"
 #include "common/file_io.hpp"
-#include "common/log.hpp"
 #include "common/sample.hpp"
 #include "server/session/session_lines.hpp"
 #include "server/session/session_names.hpp"

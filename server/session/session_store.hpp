@@ -13,7 +13,7 @@
 #include "common/error.hpp"
 #include "common/frame.hpp"
 #include "common/journal/journal.hpp"
-#include "common/log_limit.hpp"
+#include "common/log.hpp"
 #include "common/unique_fd.hpp"
 #include "server/session/durability.hpp"
 #include "server/session/records.hpp"

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <boost/asio/steady_timer.hpp>
-#include <chrono>
 #include <utility>
 
 #include "common/log.hpp"

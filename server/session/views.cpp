@@ -19,7 +19,6 @@
 #include "server/session/recovery.hpp"
 #include "server/session/session_lines.hpp"
 #include "server/session/session_names.hpp"
-#include "server/session/session_reader.hpp"
 
 namespace orbbuf {
 namespace {

@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "common/log.hpp"
-#include "common/log_limit.hpp"
 
 namespace orbbuf {
 

@@ -3,8 +3,6 @@
 
 #include <unistd.h>
 
-#include <chrono>
-#include <optional>
 #include <system_error>
 #include <utility>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "common/log_limit.hpp"
-
 #include <gtest/gtest.h>
+
+#include "common/log.hpp"
 
 namespace orbbuf {
 namespace {

@@ -4,17 +4,122 @@
 #include <fmt/core.h>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
+#include <cstddef>
+#include <cstdlib>
 #include <numbers>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
 #include "daemon/capture/replay/replay_frame.hpp"
-#include "daemon/capture/replay/scene_canvas.hpp"
 
 namespace orbbuf {
 namespace {
+
+/// SplitMix64 (Steele, Lea, Flood, OOPSLA 2014). The standard library's distributions differ from
+/// one implementation to the next.
+class Random {
+ public:
+  explicit Random(std::uint64_t seed) : state_(seed) {}
+
+  /// 0 .. limit-1
+  int below(int limit) {
+    state_ += 0x9E3779B97F4A7C15U;
+    auto z = state_;
+    z = (z ^ (z >> 30U)) * 0xBF58476D1CE4E5B9U;
+    z = (z ^ (z >> 27U)) * 0x94D049BB133111EBU;
+    z ^= z >> 31U;
+    return static_cast<int>((z >> 32U) * static_cast<std::uint64_t>(limit) >> 32U);
+  }
+
+ private:
+  std::uint64_t state_;
+};
+
+/// Sets the pixels within `reach` of (x0, y0) that `covers(dx, dy)`, with x and y wrapped.
+template <class Covers>
+void fill(SceneCanvas& canvas, int x0, int y0, int reach, const std::array<std::uint8_t, 3>& color,
+          const Covers& covers) {
+  const int mask = canvas.side_px - 1;
+  for (int dy = -reach; dy <= reach; ++dy) {
+    const auto row =
+        static_cast<std::size_t>((y0 + dy) & mask) * static_cast<std::size_t>(canvas.side_px);
+    for (int dx = -reach; dx <= reach; ++dx) {
+      if (!covers(dx, dy)) continue;
+      const auto at = row + static_cast<std::size_t>((x0 + dx) & mask);
+      std::copy_n(color.begin(), canvas.channels,
+                  canvas.pixels.begin() + static_cast<std::ptrdiff_t>(at) * canvas.channels);
+    }
+  }
+}
+
+/// One bar (at any angle), box or disc of about `radius` somewhere.
+void draw_shape(SceneCanvas& canvas, Random& random, int radius) {
+  const int x = random.below(canvas.side_px);
+  const int y = random.below(canvas.side_px);
+  const int kind = random.below(3);
+  const int a = radius / 3 + random.below(radius);
+  const int b = radius / 3 + random.below(radius);
+  const bool is_mirrored = random.below(2) == 1;
+  std::array<std::uint8_t, 3> color{};
+  for (auto& c : color) c = static_cast<std::uint8_t>(32 + random.below(192));
+
+  if (kind == 0) {
+    fill(canvas, x, y, std::max(a, b), color,
+         [=](int dx, int dy) { return std::abs(dx) <= a && std::abs(dy) <= b; });
+  } else if (kind == 1) {
+    fill(canvas, x, y, a, color, [=](int dx, int dy) { return dx * dx + dy * dy <= a * a; });
+  } else {
+    // Along (a, b), three times as long as it is wide; squared lengths, so nothing is divided.
+    const int along = is_mirrored ? -a : a;
+    const int length2 = a * a + b * b;
+    fill(canvas, x, y, 2 * std::max(a, b), color, [=](int dx, int dy) {
+      const int forward = dx * along + dy * b;
+      const int sideways = dx * b - dy * along;
+      return std::abs(forward) <= length2 && 3 * std::abs(sideways) <= length2;
+    });
+  }
+}
+
+/// Largest first, so that the small ones lie on top; every size covers about as much area.
+void draw_shapes(SceneCanvas& canvas, Random& random) {
+  for (int radius = 96; radius >= 6; radius /= 2) {
+    const int count = canvas.side_px / radius * (canvas.side_px / radius) / 16;
+    for (int i = 0; i < count; ++i) draw_shape(canvas, random, radius);
+  }
+}
+
+/// Adds value noise with a grid of 2^shift pixels: random at the grid's points, linear between.
+void add_noise(SceneCanvas& canvas, Random& random, int shift, int amplitude) {
+  const int cell = 1 << shift;
+  const int points = canvas.side_px >> shift;
+  std::vector<int> grid(static_cast<std::size_t>(points) * static_cast<std::size_t>(points));
+  for (auto& value : grid) value = random.below(2 * amplitude + 1) - amplitude;
+  const auto point = [&](int column, int row) {
+    column &= points - 1;
+    row &= points - 1;
+    return grid[static_cast<std::size_t>(row) * static_cast<std::size_t>(points) +
+                static_cast<std::size_t>(column)];
+  };
+  auto* pixel = canvas.pixels.data();
+  for (int y = 0; y < canvas.side_px; ++y) {
+    const int fy = y & (cell - 1);
+    for (int column = 0; column < points; ++column) {
+      const int left =
+          point(column, y >> shift) * (cell - fy) + point(column, (y >> shift) + 1) * fy;
+      const int right =
+          point(column + 1, y >> shift) * (cell - fy) + point(column + 1, (y >> shift) + 1) * fy;
+      for (int fx = 0; fx < cell; ++fx) {
+        const int noise = (left * (cell - fx) + right * fx) / (cell * cell);
+        for (int c = 0; c < canvas.channels; ++c, ++pixel) {
+          *pixel = static_cast<std::uint8_t>(std::clamp(*pixel + noise, 0, 255));
+        }
+      }
+    }
+  }
+}
 
 constexpr int kMinSidePx = 64;
 constexpr int kMaxSidePx = 4096;
@@ -45,6 +150,16 @@ double path_at(double time_s) {
 double wrapped(double value, double period) { return value - std::floor(value / period) * period; }
 
 }  // namespace
+
+SceneCanvas make_scene_canvas(std::uint64_t seed, int side_px, int channels) {
+  SceneCanvas canvas{side_px, channels, {}};
+  const auto side = static_cast<std::size_t>(side_px);
+  canvas.pixels.assign(side * side * static_cast<std::size_t>(channels), 128);
+  Random random(seed);
+  draw_shapes(canvas, random);
+  for (int shift = 3; shift <= 7; ++shift) add_noise(canvas, random, shift, 4 * (shift - 1));
+  return canvas;
+}
 
 SceneSource::SceneSource(const SourceSettings& settings) : settings_(settings) {
   const int longer = std::max(settings.width_px, settings.height_px);

@@ -3,13 +3,27 @@
 
 #include <cstdint>
 #include <opencv2/core.hpp>
+#include <vector>
 
 #include "daemon/capture/frame_source.hpp"
 #include "daemon/capture/source_settings.hpp"
 
 namespace orbbuf {
 
-/// A camera over a generated world (scene_canvas.hpp), for the demo and for tests: frames as a
+/// A square picture that continues over its edges, full of corners at every scale: bars, boxes and
+/// discs from 4 to 360 pixels on a ground of noise. Content, not photography: what matters is that
+/// features are found everywhere and that no two places look alike.
+struct SceneCanvas {
+  int side_px = 0;   ///< a power of 2
+  int channels = 1;  ///< 1 or 3, interleaved
+  std::vector<std::uint8_t> pixels;
+};
+
+/// side_px: a power of 2, at least 512. Made with integers alone, so that one seed gives the same
+/// bytes on every machine. About 0.1 s for 2048 x 2048 gray.
+SceneCanvas make_scene_canvas(std::uint64_t seed, int side_px, int channels);
+
+/// A camera over a generated world (SceneCanvas), for the demo and for tests: frames as a
 /// robot's camera gives them, from a seed instead of a data set.
 ///
 /// It pans, turns and zooms smoothly, in cycles of 12 s from time 0: 9 s slowly, where frames a

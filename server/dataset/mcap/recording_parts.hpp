@@ -15,7 +15,7 @@
 #include <utility>
 
 #include "common/error.hpp"
-#include "common/log_limit.hpp"
+#include "common/log.hpp"
 #include "server/dataset/mcap/part.hpp"
 #include "server/session/session_stores.hpp"
 

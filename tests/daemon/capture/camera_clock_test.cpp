@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/capture/camera_clock.hpp"
-
 #include <gtest/gtest.h>
+
+#include "daemon/capture/camera_source.hpp"
 
 namespace orbbuf {
 namespace {

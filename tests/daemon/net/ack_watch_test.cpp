@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/net/ack_watch.hpp"
-
 #include <gtest/gtest.h>
+
+#include "daemon/net/stall_watch.hpp"
 
 namespace orbbuf {
 namespace {

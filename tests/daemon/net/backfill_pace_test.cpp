@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/net/backfill_pace.hpp"
-
 #include <gtest/gtest.h>
+
+#include "daemon/net/backfill.hpp"
 
 namespace orbbuf {
 namespace {

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/net/name_lookup.hpp"
-
 #include <gtest/gtest.h>
 
 #include <boost/asio/executor_work_guard.hpp>
 #include <optional>
+
+#include "daemon/net/server_addresses.hpp"
 
 namespace orbbuf {
 namespace {

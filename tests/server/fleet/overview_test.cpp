@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/fleet/overview.hpp"
-
 #include <fmt/core.h>
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "server/fleet/fleet.hpp"
 #include "server/fleet/fleet_keys.hpp"
 #include "tests/server/fleet/fake_key_store.hpp"
 

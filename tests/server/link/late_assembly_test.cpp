@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/link/late_assembly.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <span>
+
+#include "server/link/message_reader.hpp"
 
 namespace orbbuf {
 namespace {

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/live/status_table.hpp"
-
 #include <gmock/gmock.h>
 
 #include <memory>
 
+#include "server/live/metrics.hpp"
 #include "tests/server/frames.hpp"
 
 namespace orbbuf::test {

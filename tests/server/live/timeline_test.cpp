@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/live/timeline.hpp"
-
 #include <gtest/gtest.h>
 
 #include <limits>
+
+#include "server/live/metrics.hpp"
 
 namespace orbbuf {
 namespace {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/retention/clock_trust.hpp"
-
 #include <gtest/gtest.h>
+
+#include "server/retention/retention.hpp"
 
 namespace orbbuf {
 namespace {

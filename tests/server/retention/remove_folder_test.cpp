@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/retention/remove_folder.hpp"
-
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include "server/retention/retention.hpp"
 #include "tests/server/retention/sessions_on_disk.hpp"
 
 namespace orbbuf {

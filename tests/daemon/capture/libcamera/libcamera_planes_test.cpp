@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Buffers as the pipeline of a Raspberry Pi 2 to 4 gives them: one descriptor for all planes, rows
 // padded.
-#include "daemon/capture/libcamera/libcamera_planes.hpp"
-
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <libcamera/framebuffer.h>
@@ -17,6 +15,7 @@
 #include <numeric>
 
 #include "daemon/capture/camera_unpack.hpp"
+#include "daemon/capture/libcamera/libcamera_stream.hpp"
 
 namespace orbbuf {
 namespace {

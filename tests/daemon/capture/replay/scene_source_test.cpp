@@ -7,7 +7,6 @@
 #include <cmath>
 
 #include "common/wire.hpp"
-#include "daemon/capture/replay/scene_canvas.hpp"
 #include "tests/daemon/capture/source_test_support.hpp"
 
 namespace orbbuf {

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/capture/stereo/stereo_pairer.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cstdlib>
 #include <random>
 #include <utility>
 #include <vector>
+
+#include "daemon/capture/stereo/stereo_source.hpp"
 
 namespace orbbuf {
 namespace {
