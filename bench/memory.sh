@@ -5,43 +5,18 @@
 # to the 100,000th frame, small ones, delivered as fast as they are taken.
 # Usage: bench/memory.sh BUILD_FOLDER
 set -euo pipefail
-orbbufd=$1/daemon/orbbufd server=$1/server/orbbuf-server
-work=$(mktemp -d "${TMPDIR:-/tmp}/orbbuf-memory.XXXXXX")
-programs=()
-end() {
-  [ ${#programs[@]} -eq 0 ] || kill "${programs[@]}" 2>/dev/null || true
-  wait
-  rm -rf "$work"
-}
-trap end EXIT
+name=memory
+# shellcheck source=bench/programs.sh
+. "$(dirname "${BASH_SOURCE[0]}")/programs.sh"
 
-await() { # LOG TEXT
-  for _ in {1..1200}; do
-    ! grep -q "$2" "$1" || return 0
-    sleep 0.1
-  done
-  echo "memory: no \"$2\" in $1" >&2 && tail -n 5 "$1" >&2
-  return 1
-}
 kib() { awk -v key="$2:" '$1 == key { print $2 }' "/proc/$1/status"; } # PID KEY
-serve() { # SETTING...: into $work/server.log; its address is in $address
-  local settings=() setting
-  for setting in "$@"; do settings+=(--set "$setting"); done
-  : >"$work/server.log" # before the new server does: the last one's address is in it
-  "$server" --set listen.address=127.0.0.1:0 "${settings[@]}" >>"$work/server.log" 2>&1 &
-  programs+=($!)
-  await "$work/server.log" 'listening on '
-  address=$(sed -n 's/.*listening on //p' "$work/server.log")
-}
 
 # Frames as a camera with MJPG gives them: the generated scene, compressed before.
 jpegs() { # WIDTH HEIGHT
-  serve "files.path=$work/$1x$2"
+  serve listen.address=127.0.0.1:0 "files.path=$work/$1x$2"
   "$orbbufd" --set "link.server=$address" --set robot.id=r --set source.width="$1" \
     --set source.height="$2" --set source.frames=100 --set source.realtime=false >"$work/jpegs.log" 2>&1
-  kill "${programs[-1]}"
-  wait "${programs[-1]}"
-  unset 'programs[-1]'
+  stop "$server_pid"
   images=$(echo "$work/$1x$2"/r/*/images)
 }
 
@@ -62,7 +37,7 @@ peak() { # WIDTH HEIGHT
 
 growth() {
   jpegs 320 240
-  serve files.enabled=false 'slam.command=cat >/dev/null' slam.format=mjpeg
+  serve listen.address=127.0.0.1:0 files.enabled=false 'slam.command=cat >/dev/null' slam.format=mjpeg
   "$orbbufd" --set "link.server=$address" --set robot.id=r --set source.kind=folder \
     --set "source.path=$images" --set source.loop=true --set source.realtime=false >"$work/growth.log" 2>&1 &
   local robot=$! from to

@@ -4,7 +4,9 @@
 # compares what arrived with what the robot captured.
 # Usage: bench/samples/run.sh BUILD_FOLDER [--seed N] [--seconds N] [--outage SECONDS]
 set -euo pipefail
-orbbufd=$1/daemon/orbbufd server=$1/server/orbbuf-server
+name=samples
+# shellcheck source=bench/programs.sh
+. "$(dirname "${BASH_SOURCE[0]}")/../programs.sh"
 shift
 seed=1 seconds=180 outage=60
 while [ $# -gt 0 ]; do
@@ -17,57 +19,28 @@ while [ $# -gt 0 ]; do
   shift 2
 done
 RANDOM=$seed
-work=$(mktemp -d "${TMPDIR:-/tmp}/orbbuf-samples.XXXXXX")
-server_pid='' robot_pid=''
-end() {
-  local pid
-  for pid in "$server_pid" "$robot_pid"; do
-    [ -z "$pid" ] || kill "$pid" 2>/dev/null || true
-  done
-  wait
-  rm -rf "$work"
-}
-trap end EXIT
-
-await() { # LOG TEXT
-  for _ in {1..1200}; do
-    ! grep -q "$2" "$1" || return 0
-    sleep 0.1
-  done
-  echo "samples: no \"$2\" in $1" >&2 && tail -n 5 "$1" >&2
-  return 1
-}
-serve() { # ADDRESS: sets address
-  : >"$work/server.log"
-  "$server" --set "listen.address=$1" --set "files.path=$work/out" >>"$work/server.log" 2>&1 &
-  server_pid=$!
-  await "$work/server.log" 'listening on '
-  address=$(sed -n 's/.*listening on //p' "$work/server.log")
-}
 
 awk -v count=$((seconds * 1000)) 'BEGIN {
   for (i = 0; i < count; ++i) printf "%.0f,%.6f,%.6f,0.25,0.125,-%.6f,9.81\n", i * 1e6 + 137, i / 7, i / 3, i / 11 }' \
   >"$work/data.csv"
-serve 127.0.0.1:0
+serve listen.address=127.0.0.1:0 "files.path=$work/out"
 "$orbbufd" --set "link.server=$address" --set robot.id=r --set source.width=320 --set source.height=240 \
   --set "source.frames=$((seconds * 25))" --set link.drain_timeout="1 min" \
   --set "stream.imu0.path=$work/data.csv" >"$work/robot.log" 2>&1 &
 robot_pid=$!
+programs+=("$robot_pid")
 kills=0
 sleep 5
 while kill -0 "$robot_pid" 2>/dev/null && [ $((SECONDS + 10)) -lt "$seconds" ]; do
-  kill -KILL "$server_pid"
-  wait "$server_pid" 2>/dev/null || true
+  stop "$server_pid" KILL
   kills=$((kills + 1))
   if [ $kills -eq 1 ]; then sleep "$outage"; else sleep $((1 + RANDOM % 5)); fi
-  serve "$address"
+  serve "listen.address=$address" "files.path=$work/out"
   sleep $((3 + RANDOM % 5))
 done
 wait "$robot_pid"
-robot_pid=''
-kill "$server_pid"
-wait "$server_pid"
-server_pid=''
+programs=("$server_pid")
+stop "$server_pid"
 
 session=$(echo "$work"/out/r/*/)
 "$server" check "$session" >"$work/check" 2>&1 || true
@@ -83,8 +56,9 @@ grep -v '^#' "$session/imu0/data.csv" | cut -d, -f1 >"$work/got"
 differing=0
 cmp -s "$work/sent" "$work/got" || differing=1
 echo "samples: $kills times the server was killed; seed $seed"
-for result in "captured $captured" "delivered $delivered" "lost ${lost:-0}" "repeated $repeated" \
+for result in "captured $captured" "delivered $delivered" "lost $lost" "repeated $repeated" \
   "behind_newer_frame ${behind:-0}"; do
   echo "RESULT samples.$result"
 done
-[ "$differing" -eq 0 ] && [ "$captured" -gt 0 ] && [ "$captured" -eq "$delivered" ] && [ "${behind:-0}" -eq 0 ]
+[ "$differing" -eq 0 ] && [ "$captured" -gt 0 ] && [ "$captured" -eq "$delivered" ] && [ "$lost" = 0 ] &&
+  [ "${behind:-0}" -eq 0 ]
