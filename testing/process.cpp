@@ -81,6 +81,11 @@ std::optional<std::string> Process::wait_for_line(const std::string& text,
   return found;
 }
 
+std::string Process::require_line(const std::string& text, std::chrono::seconds limit) {
+  if (const auto line = wait_for_line(text, limit)) return *line;
+  throw std::runtime_error("no \"" + text + "\" in: " + output());
+}
+
 int Process::wait(std::chrono::seconds limit) {
   if (status_) return *status_;
   {
@@ -115,6 +120,17 @@ bool Process::wait_for_lines(const std::string& text, int wanted, std::chrono::s
 int Process::count(const std::string& text) const {
   return static_cast<int>(std::ranges::count_if(
       lines_, [&](const std::string& line) { return line.find(text) != std::string::npos; }));
+}
+
+std::vector<std::string> with_settings(std::vector<std::string> command,
+                                       const std::vector<std::string>& settings) {
+  for (const std::string& setting : settings) command.insert(command.end(), {"--set", setting});
+  return command;
+}
+
+std::string word_after(const std::string& line, const std::string& before) {
+  const std::size_t begin = line.find(before) + before.size();
+  return line.substr(begin, line.find_first_of(" ,/", begin) - begin);
 }
 
 Finished run(const std::vector<std::string>& command, std::chrono::seconds limit) {

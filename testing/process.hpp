@@ -31,6 +31,10 @@ class Process {
   std::optional<std::string> wait_for_line(const std::string& text,
                                            std::chrono::seconds limit = std::chrono::seconds(60));
 
+  /// The same; throws std::runtime_error, with all that was written, if there is none.
+  std::string require_line(const std::string& text,
+                           std::chrono::seconds limit = std::chrono::seconds(60));
+
   /// Waits until `wanted` lines contain `text`. False if the process ends or `limit` passes first.
   bool wait_for_lines(const std::string& text, int wanted,
                       std::chrono::seconds limit = std::chrono::seconds(60));
@@ -55,6 +59,13 @@ class Process {
   bool is_at_end_ = false;          // guarded by mutex_
   std::jthread reader_;
 };
+
+/// `command`, and `--set` before each of `settings`.
+std::vector<std::string> with_settings(std::vector<std::string> command,
+                                       const std::vector<std::string>& settings);
+
+/// What stands in `line` behind `before`, up to a blank, a comma or a slash.
+std::string word_after(const std::string& line, const std::string& before);
 
 /// Runs a command to its end, or for `limit`: exit status, as Process::wait() has it, and output.
 struct Finished {

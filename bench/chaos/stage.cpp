@@ -18,6 +18,8 @@ namespace {
 
 namespace fs = std::filesystem;
 using test::Process;
+using test::with_settings;
+using test::word_after;
 using Words = std::vector<std::string>;
 
 constexpr const char* kNetwork = "10.77.0.";
@@ -37,17 +39,7 @@ void must(const Words& command) {
   throw std::runtime_error(fmt::format("{}: {}", fmt::join(command, " "), done.output));
 }
 
-Words with_settings(const fs::path& program, const Words& settings) {
-  Words command{program.string()};
-  for (const std::string& setting : settings) command.insert(command.end(), {"--set", setting});
-  return command;
-}
-
 void save(const fs::path& file, const std::string& text) { std::ofstream(file) << text; }
-
-std::string after(const std::string& line, const std::string& words) {
-  return line.substr(line.find(words) + words.size());
-}
 
 Words shape(const std::string& rate, const char* link = test::Namespaces::kLink) {
   return {"tc",   "qdisc", "replace", "dev",  link,      "root", "tbf",
@@ -118,13 +110,14 @@ void Stage::make_keys() {
 
 /// Captures once what all robots will replay: JPEGs, so that they arrive byte for byte.
 void Stage::make_source() {
-  Process server({programs_.server.string(), "--set", "listen.address=127.0.0.1:0", "--set",
-                  "files.path=" + (work_ / "captured").string()});
-  const auto line = server.wait_for_line("listening on ");
-  if (!line) throw std::runtime_error("no server: " + server.output());
-  must({programs_.robot.string(), "--set", "robot.id=r", "--set",
-        "link.server=" + after(*line, "listening on "), "--set", "source.frames=241", "--set",
-        "source.realtime=false", "--set", "source.width=320", "--set", "source.height=240"});
+  Process server(
+      with_settings({programs_.server.string()},
+                    {"listen.address=127.0.0.1:0", "files.path=" + (work_ / "captured").string()}));
+  const auto line = server.require_line("listening on ");
+  must(with_settings(
+      {programs_.robot.string()},
+      {"robot.id=r", "link.server=" + word_after(line, "listening on "), "source.frames=241",
+       "source.realtime=false", "source.width=320", "source.height=240"}));
   const fs::path session = *fs::directory_iterator(work_ / "captured" / "r");
   fs::rename(session / "images", source());
   fs::remove_all(work_ / "captured");
@@ -139,15 +132,13 @@ void Stage::begin() {
 }
 
 void Stage::start_server() {
-  server_ = std::make_unique<Process>(
-      hosts_.on_server() +
-      with_settings(programs_.server, Words{"listen.address=0.0.0.0:" + port_,
-                                            "files.path=" + (work_ / "out").string()} +
-                                          (keys_ ? test::Certificates::overrides(keys_->server())
-                                                 : Words{"listen.insecure=true"})));
-  const auto line = server_->wait_for_line("listening on ");
-  if (!line) throw std::runtime_error("no server: " + server_->output());
-  port_ = line->substr(line->rfind(':') + 1);
+  server_ = std::make_unique<Process>(with_settings(
+      hosts_.on_server() + Words{programs_.server.string()},
+      Words{"listen.address=0.0.0.0:" + port_, "files.path=" + (work_ / "out").string()} +
+          (keys_ ? test::Certificates::overrides(keys_->server())
+                 : Words{"listen.insecure=true"})));
+  const auto line = server_->require_line("listening on ");
+  port_ = line.substr(line.rfind(':') + 1);
 }
 
 void Stage::start_robot(Robot& robot, double fps) {
@@ -171,13 +162,11 @@ void Stage::start_robot(Robot& robot, double fps) {
     settings = settings + Words{R"(link.interfaces=["wire", "wire2"])", "link.return_after=1 s"};
   }
   if (keys_) settings = settings + test::Certificates::overrides(keys_->of(robot.id));
-  robot.process =
-      std::make_unique<Process>(hosts_.on_robot() + with_settings(programs_.robot, settings));
-  const auto line = robot.process->wait_for_line(", session ");
-  if (!line) throw std::runtime_error("no robot: " + robot.process->output());
-  const std::string id = after(*line, ", session ");
-  session.name = robot.id + " " + id.substr(0, id.find(','));
-  session.files = work_ / "out" / robot.id / id.substr(0, id.find(','));
+  robot.process = std::make_unique<Process>(
+      with_settings(hosts_.on_robot() + Words{programs_.robot.string()}, settings));
+  const auto id = word_after(robot.process->require_line(", session "), ", session ");
+  session.name = robot.id + " " + id;
+  session.files = work_ / "out" / robot.id / id;
   session.has_spool = has_spool_;
   robot.session = n;
   sessions_.push_back(session);

@@ -7,7 +7,6 @@
 #include <chrono>
 #include <csignal>
 #include <fstream>
-#include <stdexcept>
 
 #include "testing/real_etcd.hpp"
 
@@ -37,11 +36,7 @@ Stage::Stage(fs::path server, fs::path work, std::size_t servers, bool is_alone)
     etcd_.push_back({ports[2 * i], ports[2 * i + 1], nullptr});
   }
   for (std::size_t i = 0; i < members; ++i) begin_etcd(i);
-  for (auto& member : etcd_) {
-    if (!member.process->wait_for_line("ready to serve client requests")) {
-      throw std::runtime_error("etcd does not begin: " + member.process->output());
-    }
-  }
+  for (auto& member : etcd_) member.process->require_line("ready to serve client requests");
   if (is_alone) {
     nft("add table ip fleet");
     nft("add chain ip fleet out { type filter hook output priority 0; }");
@@ -59,9 +54,7 @@ Stage::Stage(fs::path server, fs::path work, std::size_t servers, bool is_alone)
 }
 
 void Stage::await_start(std::size_t server) const {
-  auto& process = *servers_[server].process;
-  if (process.wait_for_line(is_fleet() ? "has joined" : "listening on")) return;
-  throw std::runtime_error("a server does not start: " + process.output());
+  servers_[server].process->require_line(is_fleet() ? "has joined" : "listening on");
 }
 
 Stage::~Stage() {
@@ -121,12 +114,11 @@ void Stage::start_server(std::size_t server) {
     settings.push_back(fmt::format("fleet.etcd=[{}]", endpoints));
     settings.push_back(fmt::format("fleet.name=server{}", server));
   }
-  for (const std::string& setting : settings) command.insert(command.end(), {"--set", setting});
   auto& process = servers_[server].process;
   if (process) {
     std::ofstream(work_ / fmt::format("server{}.{}.log", server, ++starts_)) << process->output();
   }
-  process = std::make_unique<test::Process>(command);
+  process = std::make_unique<test::Process>(test::with_settings(command, settings));
 }
 
 void Stage::kill_server(std::size_t server) {

@@ -70,9 +70,8 @@ class Server {
          const Settings& more = {})
       : files_(options.work / folder), process_(command(options, files_, robots, more)) {
     const std::string words = "listening on ";
-    const auto line = process_.wait_for_line(words);
-    if (!line) throw std::runtime_error("no server: " + process_.output());
-    const auto address = orbbuf::parse_address(line->substr(line->find(words) + words.size()));
+    const auto address =
+        orbbuf::parse_address(orbbuf::test::word_after(process_.require_line(words), words));
     endpoint_ = {asio::ip::make_address(address.value().host), address.value().port};
   }
 
@@ -84,9 +83,7 @@ class Server {
   /// Requires http.address.
   std::uint16_t http_port() const {
     const std::string words = "live page on http://";
-    const std::string line = process_.output();
-    const auto begin = line.find(words) + words.size();
-    return orbbuf::parse_address(line.substr(begin, line.find('/', begin) - begin)).value().port;
+    return orbbuf::parse_address(orbbuf::test::word_after(process_.output(), words)).value().port;
   }
   WatchedProcess watched() const { return WatchedProcess(process_.pid()); }
   const fs::path& files() const { return files_; }
@@ -102,9 +99,7 @@ class Server {
                          "files.path=" + files.string(),
                          "files.sync=" + options.sync};
     settings.insert(settings.end(), more.begin(), more.end());
-    std::vector<std::string> words = {options.server};
-    for (const auto& setting : settings) words.insert(words.end(), {"--set", setting});
-    return words;
+    return orbbuf::test::with_settings({options.server}, settings);
   }
 
   const fs::path files_;

@@ -25,6 +25,8 @@ using orbbuf::bench::WatchedProcess;
 using orbbuf::chaos::CheckResult;
 using orbbuf::test::Namespaces;
 using orbbuf::test::Process;
+using orbbuf::test::with_settings;
+using orbbuf::test::word_after;
 using Clock = std::chrono::steady_clock;
 using Words = std::vector<std::string>;
 
@@ -40,23 +42,6 @@ struct Options {
   double fps = 100;
   std::uint64_t seed = 1;
 };
-
-Words set(Words command, const Words& settings) {
-  for (const std::string& setting : settings) command.insert(command.end(), {"--set", setting});
-  return command;
-}
-
-std::string word_after(const std::string& line, const std::string& before) {
-  const std::size_t begin = line.find(before) + before.size();
-  return line.substr(begin, line.find_first_of(", ", begin) - begin);
-}
-
-/// A line that the process must say.
-std::string line_of(Process& process, const std::string& text) {
-  const auto line = process.wait_for_line(text);
-  if (!line) throw std::runtime_error("no \"" + text + "\": " + process.output());
-  return *line;
-}
 
 /// Now and then the link loses everything for up to two seconds, which is twice the buffer's
 /// time at 25 frames a second and eight times that at 100.
@@ -149,23 +134,24 @@ void end(Process& process) {
 Outcome soak(const Options& options, const Namespaces& hosts) {
   Words server_command = hosts.on_server();
   server_command.push_back(options.server);
-  Process server(set(server_command, {"listen.insecure=true",
-                                      "listen.address=" + std::string(Namespaces::kServerListen),
-                                      "files.path=" + (options.work / "out").string()}));
-  const std::string address = word_after(line_of(server, "listening on "), "listening on ");
+  Process server(with_settings(
+      server_command,
+      {"listen.insecure=true", "listen.address=" + std::string(Namespaces::kServerListen),
+       "files.path=" + (options.work / "out").string()}));
+  const std::string address = word_after(server.require_line("listening on "), "listening on ");
   orbbuf::chaos::Session session;
   session.log = options.work / "robot.log";
   const std::filesystem::path drops = options.work / "drops";
   Words robot_command = hosts.on_robot();
   robot_command.push_back(options.robot);
-  Process robot(
-      set(robot_command,
-          {"robot.id=r", "link.server=" + address, "link.drain_timeout=1 min",
-           "source.fps=" + std::to_string(options.fps), "source.width=320", "source.height=240",
-           "source.frames=1000000000", "buffer.drop_log=" + drops.string()}));
-  session.name = word_after(line_of(robot, ", session "), ", session ");
+  Process robot(with_settings(
+      robot_command,
+      {"robot.id=r", "link.server=" + address, "link.drain_timeout=1 min",
+       "source.fps=" + std::to_string(options.fps), "source.width=320", "source.height=240",
+       "source.frames=1000000000", "buffer.drop_log=" + drops.string()}));
+  session.name = word_after(robot.require_line(", session "), ", session ");
   session.files = options.work / "out" / "r" / session.name;
-  line_of(robot, "connected to ");
+  robot.require_line("connected to ");
 
   Outages outages(hosts, options.seed);
   Memory robot_memory("orbbufd", robot);

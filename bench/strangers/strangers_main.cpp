@@ -44,6 +44,7 @@ using orbbuf::bench::Probe;
 using orbbuf::bench::Relay;
 using orbbuf::test::Certificates;
 using orbbuf::test::Process;
+using orbbuf::test::with_settings;
 using Bytes = std::vector<std::uint8_t>;
 using Clock = std::chrono::steady_clock;
 using Seconds = std::chrono::duration<double>;
@@ -76,28 +77,13 @@ struct Totals {
   double redirected_hellos_per_s = 0;
 };
 
-Words set(Words command, const Words& settings) {
-  for (const std::string& one : settings) {
-    command.emplace_back("--set");
-    command.push_back(one);
-  }
-  return command;
-}
-
 Words operator+(Words words, const Words& more) {
   words.insert(words.end(), more.begin(), more.end());
   return words;
 }
 
-std::string line_of(Process& process, const std::string& text) {
-  if (const auto line = process.wait_for_line(text)) return *line;
-  throw std::runtime_error("no \"" + text + "\" in: " + process.output());
-}
-
 tcp::endpoint endpoint_in(const std::string& line, const std::string& before) {
-  auto text = line.substr(line.find(before) + before.size());
-  text = text.substr(0, text.find_first_of("/ "));
-  const orbbuf::Address address = orbbuf::parse_address(text).value();
+  const auto address = orbbuf::parse_address(orbbuf::test::word_after(line, before)).value();
   return {asio::ip::make_address(address.host), address.port};
 }
 
@@ -167,25 +153,25 @@ class Stage {
       : options_(options),
         totals_(totals),
         files_(options.work / name),
-        server_(set({options.server.string()},
-                    Words{"listen.address=127.0.0.1:0", "http.address=127.0.0.1:0",
-                          "files.path=" + files_.string(), "status.socket="} +
-                        (keys ? Certificates::overrides(keys->server()) : Words{}))) {
-    link_ = endpoint_in(line_of(server_, "listening on "), "listening on ");
+        server_(with_settings({options.server.string()},
+                              Words{"listen.address=127.0.0.1:0", "http.address=127.0.0.1:0",
+                                    "files.path=" + files_.string(), "status.socket="} +
+                                  (keys ? Certificates::overrides(keys->server()) : Words{}))) {
+    link_ = endpoint_in(server_.require_line("listening on "), "listening on ");
     const std::string scheme = keys ? "https://" : "http://";
-    page_ = endpoint_in(line_of(server_, "live page on "), scheme);
+    page_ = endpoint_in(server_.require_line("live page on "), scheme);
     for (std::size_t i = 0; i < kRobots; ++i) {
       auto& relay = relays_.emplace_back();
       loop_.on([&] { relay = std::make_unique<Relay>(loop_.io(), link_); });
       const std::string id = fmt::format("r{}", i);
-      robots_.push_back(std::make_unique<Process>(
-          set({options.robot.string()},
-              Words{"robot.id=" + id, "link.server=127.0.0.1:" + std::to_string(relay->port()),
-                    "link.drain_timeout=1 min", "buffer.policy=uniform", "buffer.capacity=1000",
-                    "source.fps=25", "source.width=160", "source.height=120",
-                    "source.frames=1000000000"} +
-                  (keys ? Certificates::overrides(keys->of(id)) : Words{}))));
-      line_of(*robots_.back(), "connected to ");
+      robots_.push_back(std::make_unique<Process>(with_settings(
+          {options.robot.string()},
+          Words{"robot.id=" + id, "link.server=127.0.0.1:" + std::to_string(relay->port()),
+                "link.drain_timeout=1 min", "buffer.policy=uniform", "buffer.capacity=1000",
+                "source.fps=25", "source.width=160", "source.height=120",
+                "source.frames=1000000000"} +
+              (keys ? Certificates::overrides(keys->of(id)) : Words{}))));
+      robots_.back()->require_line("connected to ");
     }
     probe_ = std::make_unique<Probe>(page_, keys ? keys->of("r0") : orbbuf::TlsSettings{});
   }
@@ -234,7 +220,7 @@ class Stage {
     for (const auto& robot : robots_) {
       robot->signal(SIGTERM);
       robot->wait();
-      const std::string line = line_of(*robot, "session ended: ");
+      const std::string line = robot->require_line("session ended: ");
       const auto captured = count_of(line, "captured");
       totals_.captured += captured;
       totals_.lost += captured - count_of(line, "acknowledged") - count_of(line, "skipped");
@@ -315,10 +301,10 @@ void without_tls(const Options& options, Totals& totals) {
     }
   });
   {
-    Process lost(
-        set({options.robot.string()},
-            {"robot.id=lost", "source.frames=1000000000", "source.width=160", "source.height=120",
-             "link.server=127.0.0.1:" + std::to_string(nowhere.local_endpoint().port())}));
+    Process lost(with_settings(
+        {options.robot.string()},
+        {"robot.id=lost", "source.frames=1000000000", "source.width=160", "source.height=120",
+         "link.server=127.0.0.1:" + std::to_string(nowhere.local_endpoint().port())}));
     const auto begun = Clock::now();
     stage.bear("redirects");
     totals.redirected_hellos_per_s =

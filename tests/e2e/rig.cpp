@@ -18,15 +18,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-std::vector<std::string> with_overrides(std::vector<std::string> command,
-                                        const Overrides& overrides) {
-  for (const std::string& override : overrides) {
-    command.emplace_back("--set");
-    command.push_back(override);
-  }
-  return command;
-}
-
 std::size_t count_files(const fs::path& folder) {
   if (!exists(folder)) return 0;
   const auto files = fs::directory_iterator(folder);
@@ -40,10 +31,8 @@ Server::Server(const fs::path& out, const Overrides& overrides, const std::strin
   std::vector<std::string> command = where;
   command.insert(command.end(), {kOrbbufServer, "--set", "listen.address=" + listen, "--set",
                                  "files.path=" + out.string()});
-  process_ = std::make_unique<Process>(with_overrides(std::move(command), overrides));
-  const auto line = process_->wait_for_line("listening on ");
-  if (!line) throw std::runtime_error("no server: " + process_->output());
-  address_ = line->substr(line->find("listening on ") + 13);
+  process_ = std::make_unique<Process>(with_settings(std::move(command), overrides));
+  address_ = word_after(process_->require_line("listening on "), "listening on ");
 }
 
 std::vector<std::string> robot_command(const std::string& id, const std::string& server,
@@ -52,7 +41,7 @@ std::vector<std::string> robot_command(const std::string& id, const std::string&
   std::vector<std::string> command = where;
   command.insert(command.end(), {kOrbbufd, "--set", "robot.id=" + id, "--set",
                                  "link.server=" + server, "--set", "link.drain_timeout=60 s"});
-  return with_overrides(std::move(command), overrides);
+  return with_settings(std::move(command), overrides);
 }
 
 Overrides replay(const fs::path& folder) {
