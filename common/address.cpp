@@ -3,7 +3,7 @@
 
 #include <arpa/inet.h>
 
-#include <charconv>
+#include "common/decimal.hpp"
 
 namespace orbbuf {
 
@@ -22,13 +22,9 @@ Result<Address> parse_address(std::string_view text) {
     return wrong("an IPv6 address needs brackets");
   }
   if (host.empty()) return wrong("no host");
-  Address address{std::string(host), 0};
-  const char* const end = digits.data() + digits.size();
-  const auto [stop, failure] = std::from_chars(digits.data(), end, address.port);
-  if (digits.empty() || failure != std::errc() || stop != end) {
-    return wrong("the port is not a number from 0 to 65535");
-  }
-  return address;
+  const auto port = parse_number<std::uint16_t>(digits);
+  if (!port) return wrong("the port is not a number from 0 to 65535");
+  return Address{std::string(host), *port};
 }
 
 std::string to_string(const Address& address) {

@@ -3,10 +3,8 @@
 
 #include <fmt/core.h>
 
-#include <charconv>
 #include <cstddef>
 #include <limits>
-#include <system_error>
 
 namespace orbbuf {
 namespace {
@@ -15,14 +13,6 @@ constexpr std::uint64_t kNsPerSecond = 1'000'000'000;
 constexpr std::size_t kFractionDigits = 9;
 
 }  // namespace
-
-std::optional<std::uint64_t> parse_digits(std::string_view text) {
-  std::uint64_t number = 0;
-  const char* const end = text.data() + text.size();
-  const auto [stop, failed] = std::from_chars(text.data(), end, number);
-  if (failed != std::errc{} || stop != end) return std::nullopt;
-  return number;
-}
 
 SplitTime split_seconds(std::int64_t time_ns) {
   constexpr auto kStep = static_cast<std::int64_t>(kNsPerSecond);

@@ -6,13 +6,13 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <charconv>
 #include <string_view>
 #include <system_error>
 #include <utility>
 
 #include "common/byte_order.hpp"
 #include "common/crc32.hpp"
+#include "common/decimal.hpp"
 #include "common/file_io.hpp"
 #include "common/journal/format.hpp"
 #include "common/journal/journal.hpp"
@@ -26,11 +26,7 @@ constexpr std::string_view kName = "journal.";
 
 std::optional<std::uint32_t> number_of(const std::string& name) {
   if (!name.starts_with(kName) || name.size() < kName.size() + 6) return std::nullopt;
-  std::uint32_t number = 0;
-  const char* const end = name.data() + name.size();
-  const auto [stop, failed] = std::from_chars(name.data() + kName.size(), end, number);
-  if (failed != std::errc{} || stop != end) return std::nullopt;
-  return number;
+  return parse_number<std::uint32_t>(std::string_view(name).substr(kName.size()));
 }
 
 }  // namespace

@@ -4,11 +4,11 @@
 #include <fmt/core.h>
 
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <optional>
 #include <span>
 
+#include "common/decimal.hpp"
 #include "common/take_line.hpp"
 
 namespace orbbuf {
@@ -56,9 +56,9 @@ template <class Number>
 std::optional<std::vector<Number>> numbers_of(std::span<const std::string_view> words) {
   std::vector<Number> numbers(words.size());
   for (std::size_t i = 0; i < words.size(); ++i) {
-    const char* const end = words[i].data() + words[i].size();
-    const auto [stop, failed] = std::from_chars(words[i].data(), end, numbers[i]);
-    if (failed != std::errc{} || stop != end || !std::isfinite(numbers[i])) return std::nullopt;
+    const auto number = parse_number<Number>(words[i]);
+    if (!number || !std::isfinite(*number)) return std::nullopt;
+    numbers[i] = *number;
   }
   return numbers;
 }

@@ -9,11 +9,12 @@
 #include <boost/asio/post.hpp>
 #include <boost/beast/http/read.hpp>
 #include <boost/beast/http/write.hpp>
-#include <charconv>
 #include <iterator>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <string_view>
+
+#include "common/decimal.hpp"
 
 namespace orbbuf {
 namespace {
@@ -53,10 +54,7 @@ std::int64_t number(const json& object, const char* name) {
   const auto found = object.find(name);
   if (found == object.end()) return 0;
   if (found->is_number()) return found->get<std::int64_t>();
-  const auto& text = found->get_ref<const std::string&>();
-  std::int64_t value = 0;
-  std::from_chars(text.data(), text.data() + text.size(), value);
-  return value;
+  return parse_number<std::int64_t>(found->get_ref<const std::string&>()).value_or(0);
 }
 
 json request_of(const KeyTxn& txn) {

@@ -4,8 +4,9 @@
 #include <fmt/core.h>
 
 #include <algorithm>
-#include <charconv>
 #include <nlohmann/json.hpp>
+
+#include "common/decimal.hpp"
 
 namespace orbbuf::fleet {
 namespace {
@@ -66,11 +67,9 @@ std::string folder_of(const std::string& session_id, const Segment& segment) {
 SegmentFolder parse_folder(const std::string& folder) {
   const auto mark = folder.rfind(kEpochMark);
   if (mark == std::string::npos || mark == 0) return {folder};
-  std::uint64_t epoch = 0;
-  const char* const end = folder.data() + folder.size();
-  const auto [stop, failed] = std::from_chars(folder.data() + mark + kEpochMark.size(), end, epoch);
-  if (failed != std::errc{} || stop != end || epoch < 2) return {folder};
-  return {folder.substr(0, mark), epoch};
+  const auto epoch = parse_digits(std::string_view(folder).substr(mark + kEpochMark.size()));
+  if (!epoch || *epoch < 2) return {folder};
+  return {folder.substr(0, mark), *epoch};
 }
 
 std::string to_text(const SessionOwner& owner) {

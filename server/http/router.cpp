@@ -2,9 +2,7 @@
 #include "server/http/router.hpp"
 
 #include <algorithm>
-#include <charconv>
 #include <cstdint>
-#include <limits>
 #include <string_view>
 #include <utility>
 
@@ -46,10 +44,7 @@ std::string_view value_of(std::string_view query, std::string_view key) {
 
 /// The number behind `since=`; 0 if there is none.
 std::uint64_t since(std::string_view query) {
-  const std::string_view value = value_of(query, "since=");
-  std::uint64_t number = 0;
-  std::from_chars(value.data(), value.data() + value.size(), number);
-  return number;
+  return parse_digits(value_of(query, "since=")).value_or(0);
 }
 
 bool is_image_name(std::string_view name) {
@@ -58,9 +53,8 @@ bool is_image_name(std::string_view name) {
 }
 
 bool is_journal_name(std::string_view name) {
-  const auto number = parse_digits(name.substr(name.find('.') + 1));
-  return number && *number <= std::numeric_limits<std::uint32_t>::max() &&
-         name == journal::segment_path("", static_cast<std::uint32_t>(*number)).string();
+  const auto number = parse_number<std::uint32_t>(name.substr(name.find('.') + 1));
+  return number && name == journal::segment_path("", *number).string();
 }
 
 /// What is behind the ids in a path, as a path in the session's folder; empty if it is nothing that

@@ -3,13 +3,13 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <charconv>
 #include <fstream>
 #include <limits>
 #include <map>
 #include <stdexcept>
 #include <system_error>
 
+#include "common/decimal.hpp"
 #include "common/log.hpp"
 
 namespace orbbuf {
@@ -183,9 +183,9 @@ std::optional<std::int64_t> parse_decimal(std::string_view text, int digits) {
   if (mantissa.size() < text.size()) {
     auto rest = text.substr(mantissa.size() + 1);
     if (rest.size() > 1 && rest[0] == '+' && is_digit(rest[1])) rest.remove_prefix(1);
-    const auto [end, error] = std::from_chars(rest.data(), rest.data() + rest.size(), exponent);
-    if (error != std::errc() || end != rest.data() + rest.size()) return std::nullopt;
-    if (exponent < -99 || exponent > 99) return std::nullopt;
+    const auto number = parse_number<int>(rest);
+    if (!number || *number < -99 || *number > 99) return std::nullopt;
+    exponent = *number;
   }
   const auto whole = mantissa.substr(0, mantissa.find('.'));
   const auto fraction = mantissa.substr(std::min(whole.size() + 1, mantissa.size()));
@@ -195,10 +195,7 @@ std::optional<std::int64_t> parse_decimal(std::string_view text, int digits) {
   // The integer part of the result: so many digits of the mantissa, zeros where it is shorter.
   const auto wanted = static_cast<std::ptrdiff_t>(whole.size()) + exponent + digits;
   all.resize(static_cast<std::size_t>(std::max<std::ptrdiff_t>(wanted, 0)), '0');
-  if (all.empty()) return 0;
-  std::int64_t value = 0;
-  const auto [end, error] = std::from_chars(all.data(), all.data() + all.size(), value);
-  return error == std::errc() ? std::optional(value) : std::nullopt;
+  return all.empty() ? 0 : parse_number<std::int64_t>(all);
 }
 
 }  // namespace orbbuf
