@@ -11,6 +11,24 @@
 #include <utility>
 
 namespace orbbuf {
+namespace {
+
+/// `write`: some of the bytes, as write(2) does.
+template <class Write>
+std::optional<Error> write_by(Write write, std::span<const std::uint8_t> bytes,
+                              const std::filesystem::path& path) {
+  while (!bytes.empty()) {
+    const ssize_t written = write(bytes);
+    if (written > 0) {
+      bytes = bytes.subspan(static_cast<std::size_t>(written));
+    } else if (written == 0 || errno != EINTR) {
+      return system_error("write " + path.string(), written < 0 ? errno : ENOSPC);
+    }
+  }
+  return std::nullopt;
+}
+
+}  // namespace
 
 Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path) {
   const UniqueFd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
@@ -55,29 +73,15 @@ Result<std::size_t> read_at(int fd, std::uint64_t offset, std::span<std::uint8_t
 
 std::optional<Error> write_all(int fd, std::span<const std::uint8_t> bytes,
                                const std::filesystem::path& path) {
-  while (!bytes.empty()) {
-    const ssize_t written = ::write(fd, bytes.data(), bytes.size());
-    if (written > 0) {
-      bytes = bytes.subspan(static_cast<std::size_t>(written));
-    } else if (errno != EINTR) {
-      return system_error("write " + path.string(), errno);
-    }
-  }
-  return std::nullopt;
+  return write_by([fd](auto rest) { return ::write(fd, rest.data(), rest.size()); }, bytes, path);
 }
 
 std::optional<Error> write_all_at(int fd, std::uint64_t offset, std::span<const std::uint8_t> bytes,
                                   const std::filesystem::path& path) {
-  while (!bytes.empty()) {
-    const ssize_t written = ::pwrite(fd, bytes.data(), bytes.size(), static_cast<off_t>(offset));
-    if (written > 0) {
-      bytes = bytes.subspan(static_cast<std::size_t>(written));
-      offset += static_cast<std::uint64_t>(written);
-    } else if (errno != EINTR) {
-      return system_error("write " + path.string(), written < 0 ? errno : ENOSPC);
-    }
-  }
-  return std::nullopt;
+  const auto write = [fd, end = offset + bytes.size()](auto rest) {
+    return ::pwrite(fd, rest.data(), rest.size(), static_cast<off_t>(end - rest.size()));
+  };
+  return write_by(write, bytes, path);
 }
 
 std::optional<Error> close_written(UniqueFd fd, const std::filesystem::path& path) {
