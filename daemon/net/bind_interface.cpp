@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/net/bind_interface.hpp"
 
-#include <arpa/inet.h>
 #include <ifaddrs.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
 
+#include <boost/asio/ip/tcp.hpp>
 #include <cerrno>
 #include <cstring>
 #include <memory>
@@ -13,25 +13,13 @@
 namespace orbbuf {
 namespace {
 
-struct Source {
-  sockaddr_storage address{};
-  socklen_t size = 0;
-};
+namespace ip = boost::asio::ip;
+using Source = ip::tcp::endpoint;
 
 std::optional<Source> parse_source(const std::string& text) {
-  Source source;
-  auto* const v4 = reinterpret_cast<sockaddr_in*>(&source.address);
-  auto* const v6 = reinterpret_cast<sockaddr_in6*>(&source.address);
-  if (::inet_pton(AF_INET, text.c_str(), &v4->sin_addr) == 1) {
-    source.address.ss_family = AF_INET;
-    source.size = sizeof *v4;
-  } else if (::inet_pton(AF_INET6, text.c_str(), &v6->sin6_addr) == 1) {
-    source.address.ss_family = AF_INET6;
-    source.size = sizeof *v6;
-  } else {
-    return std::nullopt;
-  }
-  return source;
+  boost::system::error_code is_name;
+  const auto address = ip::make_address(text, is_name);
+  return is_name ? std::nullopt : std::optional(Source(address, 0));
 }
 
 std::optional<Source> source_of(const std::string& interface, int family) {
@@ -41,9 +29,8 @@ std::optional<Source> source_of(const std::string& interface, int family) {
   for (const ifaddrs* one = found; one != nullptr; one = one->ifa_next) {
     if (one->ifa_addr == nullptr || one->ifa_addr->sa_family != family) continue;
     if (interface != one->ifa_name) continue;
-    Source source;
-    source.size = family == AF_INET ? sizeof(sockaddr_in) : sizeof(sockaddr_in6);
-    std::memcpy(&source.address, one->ifa_addr, source.size);
+    Source source(family == AF_INET ? ip::tcp::v4() : ip::tcp::v6(), 0);
+    std::memcpy(source.data(), one->ifa_addr, source.size());
     return source;
   }
   return std::nullopt;
@@ -53,9 +40,8 @@ std::optional<Source> source_of(const std::string& interface, int family) {
 std::optional<Error> bind_source(int socket, const Source& source, const std::string& attempt) {
   const int yes = 1;
   ::setsockopt(socket, IPPROTO_IP, IP_BIND_ADDRESS_NO_PORT, &yes, sizeof yes);
-  if (::bind(socket, reinterpret_cast<const sockaddr*>(&source.address), source.size) == 0) {
-    return std::nullopt;
-  }
+  const auto size = static_cast<socklen_t>(source.size());
+  if (::bind(socket, source.data(), size) == 0) return std::nullopt;
   return system_error(attempt, errno);
 }
 
@@ -63,7 +49,7 @@ std::optional<Error> bind_source(int socket, const Source& source, const std::st
 
 std::optional<Error> bind_interface(int socket, int family, const std::string& interface) {
   if (const auto source = parse_source(interface)) {
-    if (source->address.ss_family != family) {
+    if (source->protocol().family() != family) {
       return Error{"cannot use source address " + interface +
                    ": the server's address is of the other IP version"};
     }

@@ -35,72 +35,54 @@ bool is_array(const Id& id) {
   }
 }
 
-bool can_be_set(const ControlId& id) {
-  switch (id.type()) {
+/// Calls `use` with a value of the C++ type that stands for `type`; false: it is not one number.
+template <class Use>
+bool with_number(libcamera::ControlType type, Use use) {
+  switch (type) {
     case libcamera::ControlTypeBool:
+      return use(bool{}), true;
     case libcamera::ControlTypeByte:
+      return use(std::uint8_t{}), true;
     case libcamera::ControlTypeInteger32:
+      return use(std::int32_t{}), true;
     case libcamera::ControlTypeInteger64:
+      return use(std::int64_t{}), true;
     case libcamera::ControlTypeFloat:
-      return !is_array(id);
+      return use(float{}), true;
     default:
       return false;
   }
 }
 
+bool can_be_set(const ControlId& id) {
+  return with_number(id.type(), [](auto /*zero*/) {}) && !is_array(id);
+}
+
 std::optional<double> number_of(const ControlValue& value) {
-  if (value.isArray()) return std::nullopt;
-  switch (value.type()) {
-    case libcamera::ControlTypeBool:
-      return value.get<bool>() ? 1 : 0;
-    case libcamera::ControlTypeByte:
-      return value.get<std::uint8_t>();
-    case libcamera::ControlTypeInteger32:
-      return value.get<std::int32_t>();
-    case libcamera::ControlTypeInteger64:
-      return static_cast<double>(value.get<std::int64_t>());
-    case libcamera::ControlTypeFloat:
-      return value.get<float>();
-    default:
-      return std::nullopt;
-  }
+  std::optional<double> number;
+  if (value.isArray()) return number;
+  with_number(value.type(),
+              [&](auto zero) { number = static_cast<double>(value.get<decltype(zero)>()); });
+  return number;
 }
 
 ControlValue value_of(libcamera::ControlType type, double number) {
   ControlValue value;
-  switch (type) {
-    case libcamera::ControlTypeBool:
-      value.set(number != 0);
-      break;
-    case libcamera::ControlTypeByte:
-      value.set(static_cast<std::uint8_t>(number));
-      break;
-    case libcamera::ControlTypeInteger32:
-      value.set(static_cast<std::int32_t>(number));
-      break;
-    case libcamera::ControlTypeInteger64:
-      value.set(static_cast<std::int64_t>(number));
-      break;
-    default:
-      value.set(static_cast<float>(number));
-  }
+  with_number(type, [&](auto zero) { value.set(static_cast<decltype(zero)>(number)); });
   return value;
 }
 
 /// Whether the type can hold the number at all; of some controls no range is known.
 bool fits(libcamera::ControlType type, double number) {
-  if (type == libcamera::ControlTypeFloat) return true;
-  if (number != std::trunc(number)) return false;
-  switch (type) {
-    case libcamera::ControlTypeBool:
-      return number == 0 || number == 1;
-    case libcamera::ControlTypeByte:
-      return number >= 0 && number <= 255;
-    case libcamera::ControlTypeInteger32:
-      return std::abs(number) <= std::numeric_limits<std::int32_t>::max();
-    default:
-      return std::abs(number) <= 1e18;
-  }
+  constexpr double kMost = 1e18;  // of 64 bits
+  bool is_held = false;
+  with_number(type, [&](auto zero) {
+    using Limits = std::numeric_limits<decltype(zero)>;
+    is_held = !Limits::is_integer || (number == std::trunc(number) && std::abs(number) <= kMost &&
+                                      number >= static_cast<double>(Limits::min()) &&
+                                      number <= static_cast<double>(Limits::max()));
+  });
+  return is_held;
 }
 
 /// `0 to 66666, default 20000`, or the values there are, as far as the camera says.
