@@ -2,6 +2,7 @@
 #pragma once
 
 #include <chrono>
+#include <concepts>
 #include <cstdint>
 #include <filesystem>
 #include <map>
@@ -61,6 +62,29 @@ class ConfigReader {
   /// A path; a relative one is taken from the folder of the configuration file (from the working
   /// directory for `--set` and without a file). Empty stays empty.
   std::filesystem::path path(std::string_view key, const std::filesystem::path& fallback);
+
+  /// The same for a variable: its value is the default before, and what was read afterwards.
+  void read(std::string_view key, std::string& value) { value = text(key, value); }
+  void read(std::string_view key, std::filesystem::path& value) { value = path(key, value); }
+  void read(std::string_view key, bool& value) { value = flag(key, value); }
+  void read(std::string_view key, double& value, double min, double max) {
+    value = number(key, value, min, max);
+  }
+  void read(std::string_view key, std::chrono::nanoseconds& value, std::chrono::nanoseconds min,
+            std::chrono::nanoseconds max) {
+    value = duration(key, value, min, max);
+  }
+  void read(std::string_view key, std::string& value, std::span<const std::string_view> allowed) {
+    value = choice(key, value, allowed);
+  }
+  template <std::integral Integer>
+  void read(std::string_view key, Integer& value, std::int64_t min, std::int64_t max) {
+    value = static_cast<Integer>(integer(key, static_cast<std::int64_t>(value), min, max));
+  }
+  template <std::integral Integer>
+  void read_bytes(std::string_view key, Integer& value, std::uint64_t min, std::uint64_t max) {
+    value = static_cast<Integer>(bytes(key, value, min, max));
+  }
 
   /// A table with keys of the user's choice and a number for each; true and false are 1 and 0.
   /// `--set KEY.NAME=VALUE` adds to the file's.

@@ -64,15 +64,15 @@ void read_robot(ConfigReader& config, Settings& settings) {
 }
 
 void read_source(ConfigReader& config, SourceSettings& source) {
-  source.kind = config.choice("source.kind", source.kind, kSourceKinds);
-  source.path = config.path("source.path", source.path);
+  config.read("source.kind", source.kind, kSourceKinds);
+  config.read("source.path", source.path);
   const bool is_file = source.kind == "folder" || source.kind == "video";
   if (is_file && source.path.empty()) {
     config.fail("source.path", "required for source.kind = \"" + source.kind + "\"");
   }
-  source.device = config.text("source.device", source.device);
-  source.camera = config.text("source.camera", source.camera);
-  source.format = config.choice("source.format", source.format, kSourceFormats);
+  config.read("source.device", source.device);
+  config.read("source.camera", source.camera);
+  config.read("source.format", source.format, kSourceFormats);
   source.controls = config.numbers("source.controls");
   if (const auto crop = config.text("source.crop", ""); !crop.empty()) {
     source.crop = parse_crop(crop);
@@ -83,18 +83,18 @@ void read_source(ConfigReader& config, SourceSettings& source) {
       config.fail("source.crop", "valid only for cameras (source.kind v4l2, libcamera)");
     }
   }
-  source.fps = config.number("source.fps", source.fps, 0.01, 1000);
-  source.realtime = config.flag("source.realtime", source.realtime);
-  source.loop = config.flag("source.loop", source.loop);
-  source.width_px = static_cast<int>(config.integer("source.width", source.width_px, 64, 4096));
-  source.height_px = static_cast<int>(config.integer("source.height", source.height_px, 64, 4096));
-  source.frames = config.integer("source.frames", source.frames, 1, kMaxInteger);
-  source.seed = static_cast<std::uint64_t>(config.integer("source.seed", 1, 0, kMaxInteger));
+  config.read("source.fps", source.fps, 0.01, 1000);
+  config.read("source.realtime", source.realtime);
+  config.read("source.loop", source.loop);
+  config.read("source.width", source.width_px, 64, 4096);
+  config.read("source.height", source.height_px, 64, 4096);
+  config.read("source.frames", source.frames, 1, kMaxInteger);
+  config.read("source.seed", source.seed, 0, kMaxInteger);
 }
 
 void read_stereo(ConfigReader& config, SourceSettings& source) {
-  source.path_right = config.path("source.path_right", source.path_right);
-  source.device_right = config.text("source.device_right", source.device_right);
+  config.read("source.path_right", source.path_right);
+  config.read("source.device_right", source.device_right);
   source.is_side_by_side = config.choice("source.stereo", "none", kStereo) == "side-by-side";
   const auto require = [&](const char* key, bool is_set, std::string_view kind) {
     if (!is_set) return;
@@ -116,14 +116,13 @@ void read_stereo(ConfigReader& config, SourceSettings& source) {
 
 void read_images(ConfigReader& config, Settings& settings) {
   JpegSettings& jpeg = settings.jpeg;
-  jpeg.quality = static_cast<int>(config.integer("jpeg.quality", jpeg.quality, 1, 100));
-  jpeg.color = config.flag("jpeg.color", jpeg.color);
+  config.read("jpeg.quality", jpeg.quality, 1, 100);
+  config.read("jpeg.color", jpeg.color);
   settings.source.color = jpeg.color;
   FeatureSettings& features = settings.features;
-  features.count = static_cast<int>(config.integer("features.count", features.count, 10, 10000));
-  features.levels = static_cast<int>(config.integer("features.levels", features.levels, 1, 16));
-  features.pixels =
-      static_cast<int>(config.integer("features.pixels", features.pixels, 10'000, 100'000'000));
+  config.read("features.count", features.count, 10, 10000);
+  config.read("features.levels", features.levels, 1, 16);
+  config.read("features.pixels", features.pixels, 10'000, 100'000'000);
 }
 
 /// In the folder that systemd gives the service; a run by hand keeps none.
@@ -133,16 +132,15 @@ std::filesystem::path default_drop_log() {
 }
 
 void read_buffer(ConfigReader& config, BufferSettings& buffer) {
-  buffer.policy = config.choice("buffer.policy", buffer.policy, kPolicies);
+  config.read("buffer.policy", buffer.policy, kPolicies);
   if (buffer.policy == "orbbuf" && !OrbExtractor::is_built()) {
     config.fail("buffer.policy",
                 "orbbufd was built without OpenCV's features2d, which the policy "
                 "orbbuf needs; build it with ORBBUF_ORB");
   }
-  buffer.memory_bytes = config.bytes("buffer.memory", buffer.memory_bytes, 1 << 20, 1LL << 40);
-  buffer.capacity = static_cast<std::size_t>(
-      config.integer("buffer.capacity", static_cast<std::int64_t>(buffer.capacity), 3, 100000));
-  buffer.seed = static_cast<std::uint64_t>(config.integer("buffer.seed", 1, 0, kMaxInteger));
+  config.read_bytes("buffer.memory", buffer.memory_bytes, 1 << 20, 1LL << 40);
+  config.read("buffer.capacity", buffer.capacity, 3, 100000);
+  config.read("buffer.seed", buffer.seed, 0, kMaxInteger);
 }
 
 void read_plan(ConfigReader& config, int quality, PlanSettings& plan) {
@@ -153,9 +151,8 @@ void read_plan(ConfigReader& config, int quality, PlanSettings& plan) {
     config.fail("jpeg.least_quality",
                 fmt::format("must not be more than jpeg.quality, {}", quality));
   }
-  plan.live_again = config.duration("link.live_again", plan.live_again, milliseconds(50), hours(1));
-  plan.largest_step =
-      config.duration("link.largest_step", plan.largest_step, milliseconds(1), hours(1));
+  config.read("link.live_again", plan.live_again, milliseconds(50), hours(1));
+  config.read("link.largest_step", plan.largest_step, milliseconds(1), hours(1));
 }
 
 void read_interfaces(ConfigReader& config, LinkSettings& link) {
@@ -169,8 +166,7 @@ void read_interfaces(ConfigReader& config, LinkSettings& link) {
   if (different.size() > kMost) {
     config.fail("link.interfaces", "more than " + std::to_string(kMost) + " interfaces");
   }
-  link.return_after =
-      config.duration("link.return_after", link.return_after, milliseconds(0), hours(24));
+  config.read("link.return_after", link.return_after, milliseconds(0), hours(24));
 }
 
 void read_servers(ConfigReader& config, std::vector<Address>& servers) {
@@ -195,25 +191,20 @@ void read_servers(ConfigReader& config, std::vector<Address>& servers) {
 void read_link(ConfigReader& config, LinkSettings& link) {
   read_servers(config, link.servers);
   read_interfaces(config, link);
-  link.attempt_interval =
-      config.duration("link.attempt_interval", link.attempt_interval, milliseconds(20), hours(1));
-  link.connect_timeout =
-      config.duration("link.connect_timeout", link.connect_timeout, milliseconds(10), hours(1));
-  link.stall_timeout =
-      config.duration("link.stall_timeout", link.stall_timeout, milliseconds(100), hours(1));
-  link.ack_timeout = config.duration("link.ack_timeout", link.ack_timeout, seconds(1), hours(24));
-  link.drain_timeout =
-      config.duration("link.drain_timeout", link.drain_timeout, milliseconds(0), hours(24));
-  link.unsent_bytes = config.bytes("link.unsent", link.unsent_bytes, 1024, 1 << 30);
+  config.read("link.attempt_interval", link.attempt_interval, milliseconds(20), hours(1));
+  config.read("link.connect_timeout", link.connect_timeout, milliseconds(10), hours(1));
+  config.read("link.stall_timeout", link.stall_timeout, milliseconds(100), hours(1));
+  config.read("link.ack_timeout", link.ack_timeout, seconds(1), hours(24));
+  config.read("link.drain_timeout", link.drain_timeout, milliseconds(0), hours(24));
+  config.read_bytes("link.unsent", link.unsent_bytes, 1024, 1 << 30);
   load_tls(config, link.tls);
 }
 
 /// Frames and drop records are in one folder.
 void read_record(ConfigReader& config, RecordSettings& record) {
   const auto frames = config.path("spool.path", {});
-  record.size_bytes =
-      config.bytes("spool.size", record.size_bytes, RecordSettings::kMinBytes, 1LL << 50);
-  record.rate_bytes_per_s = config.bytes("spool.rate", record.rate_bytes_per_s, 0, 1LL << 40);
+  config.read_bytes("spool.size", record.size_bytes, RecordSettings::kMinBytes, 1LL << 50);
+  config.read_bytes("spool.rate", record.rate_bytes_per_s, 0, 1LL << 40);
   const bool is_default = config.text("buffer.drop_log", "auto") == "auto";
   const auto drops = is_default ? default_drop_log() : config.path("buffer.drop_log", {});
   record.keeps_frames = !frames.empty();
@@ -238,7 +229,7 @@ void read_streams(ConfigReader& config, std::vector<SampleStreamSettings>& strea
     stream.kind = config.choice(key + ".kind", kKinds.front(), kKinds);
     stream.path = config.path(key + ".path", {});
     if (stream.path.empty()) config.fail(key + ".path", "required: where the samples come from");
-    stream.memory_bytes = config.bytes(key + ".memory", stream.memory_bytes, 1 << 16, 1LL << 40);
+    config.read_bytes(key + ".memory", stream.memory_bytes, 1 << 16, 1LL << 40);
     streams.push_back(std::move(stream));
   }
   if (streams.size() > kMost) config.fail("stream", fmt::format("more than {} streams", kMost));
@@ -249,7 +240,7 @@ void read_streams(ConfigReader& config, std::vector<SampleStreamSettings>& strea
 Settings load_settings(const std::filesystem::path& file, std::span<const std::string> overrides) {
   ConfigReader config(file, overrides);
   Settings settings;
-  settings.log_level = config.choice("log.level", settings.log_level, kLogLevels);
+  config.read("log.level", settings.log_level, kLogLevels);
   read_robot(config, settings);
   read_source(config, settings.source);
   read_stereo(config, settings.source);

@@ -23,6 +23,7 @@ using std::chrono::milliseconds;
 constexpr std::uint64_t kKiB = 1024;
 constexpr std::uint64_t kGiB = kKiB * kKiB * kKiB;
 constexpr auto kShortest = milliseconds(10);
+constexpr std::int64_t kMostOfAKind = 100'000;
 
 /// The host is resolved only when it is listened on.
 Address to_address(const ConfigReader& reader, std::string_view key, const std::string& text) {
@@ -41,15 +42,9 @@ void require_admission(const ConfigReader& reader, std::string_view key, const A
                           to_string(address)));
 }
 
-std::size_t load_count(ConfigReader& reader, std::string_view key, std::size_t fallback) {
-  constexpr std::int64_t kMost = 100'000;
-  return static_cast<std::size_t>(
-      reader.integer(key, static_cast<std::int64_t>(fallback), 1, kMost));
-}
-
 void load_admission(ConfigReader& reader, ListenSettings& listen) {
   load_tls(reader, listen.tls);
-  listen.insecure = reader.flag("listen.insecure", listen.insecure);
+  reader.read("listen.insecure", listen.insecure);
   require_admission(reader, "listen.address", listen.address, listen);
   listen.robots = reader.texts("listen.robots");
   for (const std::string& id : listen.robots) {
@@ -62,18 +57,14 @@ void load_listen(ConfigReader& reader, ListenSettings& listen) {
   constexpr std::string_view kAddress = "listen.address";
   listen.address = to_address(reader, kAddress, reader.text(kAddress, to_string(listen.address)));
   load_admission(reader, listen);
-  listen.max_robots = load_count(reader, "listen.max_robots", listen.max_robots);
-  listen.max_connections = load_count(reader, "listen.max_connections", listen.max_connections);
-  listen.max_connections_per_address =
-      load_count(reader, "listen.max_connections_per_address", listen.max_connections_per_address);
-  listen.hello_timeout =
-      reader.duration("listen.hello_timeout", listen.hello_timeout, kShortest, hours(1));
-  listen.idle_timeout =
-      reader.duration("listen.idle_timeout", listen.idle_timeout, kShortest, hours(24));
-  listen.max_frame_bytes = static_cast<std::uint32_t>(
-      reader.bytes("listen.max_frame", listen.max_frame_bytes, kKiB, kGiB));
-  listen.receive_buffer_bytes = static_cast<std::uint32_t>(
-      reader.bytes("listen.receive_buffer", listen.receive_buffer_bytes, 0, kGiB));
+  reader.read("listen.max_robots", listen.max_robots, 1, kMostOfAKind);
+  reader.read("listen.max_connections", listen.max_connections, 1, kMostOfAKind);
+  reader.read("listen.max_connections_per_address", listen.max_connections_per_address, 1,
+              kMostOfAKind);
+  reader.read("listen.hello_timeout", listen.hello_timeout, kShortest, hours(1));
+  reader.read("listen.idle_timeout", listen.idle_timeout, kShortest, hours(24));
+  reader.read_bytes("listen.max_frame", listen.max_frame_bytes, kKiB, kGiB);
+  reader.read_bytes("listen.receive_buffer", listen.receive_buffer_bytes, 0, kGiB);
 }
 
 /// `names` are those of Value's enumerators, in their order.
@@ -97,8 +88,8 @@ SlamSettings load_slam(ConfigReader& reader, const std::string& table,
   const std::string fifo = table + ".fifo";
   SlamSettings slam = fallback;
   if (reader.has(command) || reader.has(fifo)) slam.command = slam.fifo = "";
-  slam.command = reader.text(command, slam.command);
-  slam.fifo = reader.path(fifo, slam.fifo);
+  reader.read(command, slam.command);
+  reader.read(fifo, slam.fifo);
   slam.format = load_choice(reader, table + ".format", slam.format, kFormats);
   slam.restart = load_choice(reader, table + ".restart", slam.restart, kRestarts);
   slam.resume = load_choice(reader, table + ".resume", slam.resume, kResumes);
@@ -151,11 +142,10 @@ void load_ros(ConfigReader& reader, RosSettings& ros) {
   constexpr double kSlowest = 1.1;  // with less, frames that are late stay so
   constexpr double kFastest = 1000;
   ros.frame_id = load_frame_id(reader, "ros.frame_id", ros.frame_id);
-  ros.queue = static_cast<std::uint32_t>(reader.integer("ros.queue", ros.queue, 1, kMostQueued));
-  ros.pace = reader.number("ros.pace", ros.pace, kSlowest, kFastest);
-  ros.wait_for_subscriber = reader.duration("ros.wait_for_subscriber", ros.wait_for_subscriber, {},
-                                            std::chrono::hours{1});
-  ros.enabled = reader.flag("ros.enabled", ros.enabled);
+  reader.read("ros.queue", ros.queue, 1, kMostQueued);
+  reader.read("ros.pace", ros.pace, kSlowest, kFastest);
+  reader.read("ros.wait_for_subscriber", ros.wait_for_subscriber, {}, std::chrono::hours{1});
+  reader.read("ros.enabled", ros.enabled);
 #ifndef ORBBUF_ROS
   if (ros.enabled) {
     reader.fail("ros.enabled", "this server was built without ROS (cmake -DORBBUF_WITH_ROS=ON)");
@@ -164,16 +154,15 @@ void load_ros(ConfigReader& reader, RosSettings& ros) {
 }
 
 void load_sinks(ConfigReader& reader, SinkSettings& sinks) {
-  sinks.files_enabled = reader.flag("files.enabled", sinks.files_enabled);
-  sinks.files_path = reader.path("files.path", sinks.files_path);
+  reader.read("files.enabled", sinks.files_enabled);
+  reader.read("files.path", sinks.files_path);
   if (sinks.files_path.empty()) reader.fail("files.path", "must not be empty");
   sinks.files_sync = load_choice(reader, "files.sync", sinks.files_sync, kSyncs);
-  sinks.mcap_enabled = reader.flag("mcap.enabled", sinks.mcap_enabled);
-  sinks.mcap_split =
-      reader.duration("mcap.split", sinks.mcap_split, milliseconds(0), hours(24 * 365));
+  reader.read("mcap.enabled", sinks.mcap_enabled);
+  reader.read("mcap.split", sinks.mcap_split, milliseconds(0), hours(24 * 365));
   load_ros(reader, sinks.ros);
   sinks.dds_frame_id = load_frame_id(reader, "dds.frame_id", sinks.dds_frame_id);
-  sinks.dds_enabled = reader.flag("dds.enabled", sinks.dds_enabled);
+  reader.read("dds.enabled", sinks.dds_enabled);
 #ifndef ORBBUF_DDS
   if (sinks.dds_enabled) {
     reader.fail("dds.enabled", "this server was built without DDS (cmake -DORBBUF_WITH_DDS=ON)");
@@ -191,9 +180,8 @@ void load_sinks(ConfigReader& reader, SinkSettings& sinks) {
 
 void load_quota(ConfigReader& reader, Quota& quota) {
   constexpr auto kMost = std::numeric_limits<std::int64_t>::max();
-  quota.bytes = reader.bytes("files.keep_size", quota.bytes, 0, kMost);
-  quota.age = reader.duration("files.keep_time", quota.age, milliseconds(0),
-                              std::chrono::nanoseconds(kMost));
+  reader.read_bytes("files.keep_size", quota.bytes, 0, kMost);
+  reader.read("files.keep_time", quota.age, milliseconds(0), std::chrono::nanoseconds(kMost));
 }
 
 std::string host_name() {
@@ -220,7 +208,7 @@ void load_fleet(ConfigReader& reader, Settings& settings) {
   for (const std::string& text : reader.texts("fleet.etcd")) {
     fleet.etcd.push_back(to_address(reader, "fleet.etcd", text));
   }
-  fleet.name = reader.text("fleet.name", fleet.name);
+  reader.read("fleet.name", fleet.name);
   const std::string address = reader.text("fleet.address", "");
   const std::string http = reader.text("fleet.http", "");
   fleet.lease = std::chrono::duration_cast<std::chrono::seconds>(reader.duration(
@@ -251,14 +239,12 @@ void load_fleet(ConfigReader& reader, Settings& settings) {
 
 Settings load_settings(ConfigReader& reader) {
   Settings settings;
-  settings.log_level = reader.choice("log.level", settings.log_level, kLogLevels);
+  reader.read("log.level", settings.log_level, kLogLevels);
   load_listen(reader, settings.listen);
   load_http(reader, settings);
   load_status(reader, settings.status_socket);
-  settings.session_timeout =
-      reader.duration("session.timeout", settings.session_timeout, kShortest, hours(24 * 365));
-  settings.drain_timeout =
-      reader.duration("session.drain_timeout", settings.drain_timeout, milliseconds(0), hours(1));
+  reader.read("session.timeout", settings.session_timeout, kShortest, hours(24 * 365));
+  reader.read("session.drain_timeout", settings.drain_timeout, milliseconds(0), hours(1));
   load_sinks(reader, settings.sinks);
   load_quota(reader, settings.quota);
   load_fleet(reader, settings);
