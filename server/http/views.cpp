@@ -7,7 +7,10 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <initializer_list>
 #include <iterator>
+#include <nlohmann/json.hpp>
 #include <set>
 #include <system_error>
 #include <utility>
@@ -22,37 +25,34 @@ namespace orbbuf {
 namespace {
 
 namespace fs = std::filesystem;
+
 std::uint64_t to_ms(RobotMetrics::Time time) {
   using std::chrono::milliseconds;
   return static_cast<std::uint64_t>(
       std::chrono::duration_cast<milliseconds>(time.time_since_epoch()).count());
 }
 
-/// A text in the making. All that goes in is ids, numbers and truth values: nothing needs escaping.
-class Json {
- public:
-  template <class... Values>
-  void add(fmt::format_string<Values...> format, Values&&... values) {
-    fmt::format_to(std::back_inserter(text_), format, std::forward<Values>(values)...);
-  }
-  /// Before each element of a list but the first.
-  void separate() {
-    if (text_.back() != '[') text_ += ',';
-  }
-  std::string take() && { return std::move(text_); }
+/// Keeps the order of its fields.
+using Json = nlohmann::ordered_json;
 
- private:
-  std::string text_;
-};
+/// In seconds, to the millisecond.
+double rounded(std::chrono::nanoseconds time) { return std::round(to_seconds(time) * 1e3) / 1e3; }
 
-void add_report(Json& json, const wire::Report& report, double age_s) {
+Json report_of(const wire::Report& report, std::chrono::nanoseconds age) {
   const wire::Stats& stats = report.stats;
-  json.add(R"("report":{{"age_s":{:.3f},"captured":{},"skipped":{},"failed":{},"dropped":{},)"
-           R"("acknowledged":{},"waiting":{},"in_flight":{},"capacity":{},"waiting_bytes":{},)"
-           R"("link_rate":{},"round_trip_us":{},"irreducible":{}}},)",
-           age_s, stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged,
-           stats.waiting, stats.in_flight, report.capacity, report.waiting_bytes, report.link_rate,
-           report.round_trip_us, report.irreducible);
+  return {{"age_s", rounded(age)},
+          {"captured", stats.captured},
+          {"skipped", stats.skipped},
+          {"failed", stats.failed},
+          {"dropped", stats.dropped},
+          {"acknowledged", stats.acknowledged},
+          {"waiting", stats.waiting},
+          {"in_flight", stats.in_flight},
+          {"capacity", report.capacity},
+          {"waiting_bytes", report.waiting_bytes},
+          {"link_rate", report.link_rate},
+          {"round_trip_us", report.round_trip_us},
+          {"irreducible", report.irreducible}};
 }
 
 /// Nothing has come for longer than the robot is ever silent.
@@ -65,51 +65,52 @@ bool is_silent(const RobotMetrics& robot, RobotMetrics::Time now) {
 void add_timeline(Json& json, const RobotMetrics& robot, std::uint64_t since_ms,
                   RobotMetrics::Time now) {
   const Timeline& timeline = robot.timeline();
-  json.add(R"("now":{:.3f},"outages":[)",
-           to_seconds(timeline.robot_time(robot.ended_at().value_or(now))));
+  auto outages = Json::array();
   for (const Outage& outage : timeline.outages()) {
-    json.separate();
-    json.add("[{:.3f},{:.3f}]", to_seconds(outage.begin), to_seconds(outage.end));
+    outages.push_back(Json::array({rounded(outage.begin), rounded(outage.end)}));
   }
   if (is_silent(robot, now)) {
-    json.separate();
-    json.add("[{:.3f},null]", to_seconds(timeline.robot_time(timeline.last_heard())));
+    const auto begin = timeline.robot_time(timeline.last_heard());
+    outages.push_back(Json::array({rounded(begin), nullptr}));
   }
-  json.add(R"(],"seconds":[)");
+  auto seconds = Json::array();
   for (const TimelineSecond& second : timeline.seconds()) {
     if (to_ms(second.changed) < since_ms) continue;
-    json.separate();
-    json.add("[{},{},{},{},{}]", second.second, second.delivered, second.dropped,
-             second.similarity == kUnknownSimilarity ? -1 : second.similarity, second.delay_ms);
+    const int similarity = second.similarity == kUnknownSimilarity ? -1 : second.similarity;
+    seconds.push_back(Json::array(
+        {second.second, second.delivered, second.dropped, similarity, second.delay_ms}));
   }
-  json.add("]");
+  json["now"] = rounded(timeline.robot_time(robot.ended_at().value_or(now)));
+  json["outages"] = std::move(outages);
+  json["seconds"] = std::move(seconds);
 }
 
-/// The last field is for the caller to add.
-void begin_robot(Json& json, const RobotMetrics& robot, RobotMetrics::Time now) {
-  json.add(R"({{"robot":"{}","session":"{}","state":"{}","connections":{},)"
-           R"("frames":{},"bytes":{},"drops":{},"frame_rate":{:.2f},)",
-           robot.info().robot_id, robot.info().session_id, robot.state(), robot.connections(),
-           robot.frames(), robot.bytes(), robot.drops(), robot.frame_rate(now));
-  json.add(R"("late":{},"late_total":{},"reduced":{},)", robot.late(), robot.late_total(),
-           robot.reduced());
-  if (robot.quality() > 0) json.add(R"("quality":{},)", robot.quality());
+Json robot_of(const RobotMetrics& robot, RobotMetrics::Time now) {
+  Json json{{"robot", robot.info().robot_id},
+            {"session", robot.info().session_id},
+            {"state", robot.state()},
+            {"connections", robot.connections()},
+            {"frames", robot.frames()},
+            {"bytes", robot.bytes()},
+            {"drops", robot.drops()},
+            {"frame_rate", std::round(robot.frame_rate(now) * 100) / 100},
+            {"late", robot.late()},
+            {"late_total", robot.late_total()},
+            {"reduced", robot.reduced()}};
+  if (robot.quality() > 0) json["quality"] = robot.quality();
   if (const auto& held = robot.on_robot()) {
-    json.add(R"("on_robot":{},"on_robot_total":{},)", held->present, held->all);
+    json["on_robot"] = held->present;
+    json["on_robot_total"] = held->all;
   }
-  if (const auto age = robot.timeline().age(now)) json.add(R"("age_s":{:.3f},)", to_seconds(*age));
+  if (const auto age = robot.timeline().age(now)) json["age_s"] = rounded(*age);
   if (const FramePtr& frame = robot.newest()) {
-    json.add(R"("image":{{"sequence":{},"width":{},"height":{},"is_stereo":{}}},)", frame->sequence,
-             frame->width_px, frame->height_px, frame->is_stereo());
+    json["image"] = {{"sequence", frame->sequence},
+                     {"width", frame->width_px},
+                     {"height", frame->height_px},
+                     {"is_stereo", frame->is_stereo()}};
   }
-  if (robot.report()) add_report(json, *robot.report(), to_seconds(now - robot.report_time()));
-}
-
-void add_robot(Json& json, const RobotMetrics& robot, std::uint64_t since_ms,
-               RobotMetrics::Time now) {
-  begin_robot(json, robot, now);
-  add_timeline(json, robot, since_ms, now);
-  json.add("}}");
+  if (robot.report()) json["report"] = report_of(*robot.report(), now - robot.report_time());
+  return json;
 }
 
 constexpr std::size_t kMostNames = 1000;
@@ -289,44 +290,40 @@ HttpResponse make_page(bool has_fleet) {
 }  // namespace
 
 std::string to_json(const Metrics& metrics, std::uint64_t since_ms, RobotMetrics::Time now) {
-  Json json;
-  json.add(R"({{"version":"{}","clock_ms":{},"robots":[)", ORBBUF_VERSION, to_ms(now));
+  auto robots = Json::array();
   for (const auto& [id, robot] : metrics.robots()) {
-    json.separate();
-    add_robot(json, *robot, since_ms, now);
+    add_timeline(robots.emplace_back(robot_of(*robot, now)), *robot, since_ms, now);
   }
-  json.add("]}}\n");
-  return std::move(json).take();
+  const Json all{
+      {"version", ORBBUF_VERSION}, {"clock_ms", to_ms(now)}, {"robots", std::move(robots)}};
+  return all.dump() + '\n';
 }
 
 std::string to_json(const RobotMetrics& robot, RobotMetrics::Time now) {
-  Json json;
-  begin_robot(json, robot, now);
-  json.add(R"("lost":{}}})", robot.lost());
-  return std::move(json).take();
+  Json json = robot_of(robot, now);
+  json["lost"] = robot.lost();
+  return json.dump();
 }
 
 std::string robot_schema() {
-  const auto numbers = [](std::initializer_list<std::string_view> names) {
-    std::string fields;
-    for (const std::string_view name : names) {
-      fields += fmt::format(R"("{}":{{"type":"number"}},)", name);
-    }
-    fields.pop_back();
+  const auto numbers = [](std::initializer_list<const char*> names) {
+    Json fields;
+    for (const char* const name : names) fields[name]["type"] = "number";
     return fields;
   };
-  return fmt::format(
-      R"({{"title":"{}","type":"object","properties":{{"robot":{{"type":"string"}},)"
-      R"("session":{{"type":"string"}},"state":{{"type":"string"}},{},)"
-      R"("image":{{"type":"object","properties":{{{},"is_stereo":{{"type":"boolean"}}}}}},)"
-      R"("report":{{"type":"object","properties":{{{}}}}}}}}})",
-      kRobotSchemaName,
+  Json image = numbers({"sequence", "width", "height"});
+  image["is_stereo"]["type"] = "boolean";
+  const Json report = numbers({"age_s", "captured", "skipped", "failed", "dropped", "acknowledged",
+                               "waiting", "in_flight", "capacity", "waiting_bytes", "link_rate",
+                               "round_trip_us", "irreducible"});
+  Json robot =
       numbers({"connections", "frames", "bytes", "drops", "frame_rate", "late", "late_total",
-               "reduced", "quality", "on_robot", "on_robot_total", "age_s", "lost"}),
-      numbers({"sequence", "width", "height"}),
-      numbers({"age_s", "captured", "skipped", "failed", "dropped", "acknowledged", "waiting",
-               "in_flight", "capacity", "waiting_bytes", "link_rate", "round_trip_us",
-               "irreducible"}));
+               "reduced", "quality", "on_robot", "on_robot_total", "age_s", "lost"});
+  for (const char* const name : {"robot", "session", "state"}) robot[name]["type"] = "string";
+  robot["image"] = {{"type", "object"}, {"properties", image}};
+  robot["report"] = {{"type", "object"}, {"properties", report}};
+  const Json schema{{"title", kRobotSchemaName}, {"type", "object"}, {"properties", robot}};
+  return schema.dump();
 }
 
 std::optional<std::string> folders_json(const fs::path& folder) {
@@ -341,25 +338,22 @@ std::optional<std::string> folders_json(const fs::path& folder) {
     if (names.size() > kMostNames) names.erase(std::prev(names.end()));
   }
   if (failed) return std::nullopt;
-  std::string json = R"({"names":[)";
-  for (const std::string& name : names) {
-    json += fmt::format("{}\"{}\"", json.back() == '[' ? "" : ",", name);
-  }
-  return json + "]}\n";
+  return Json{{"names", names}}.dump() + '\n';
 }
 
 std::optional<std::string> session_json(const fs::path& folder) {
   const auto summary = read_summary(folder);
   if (!summary) return std::nullopt;
-  const auto size_of = [&](std::string_view name) {
+  const auto size_of = [&](std::string_view name) -> Json {
     std::error_code absent;
     const auto bytes = fs::file_size(folder / name, absent);
-    return absent ? std::string("null") : std::to_string(bytes);
+    return absent ? Json() : Json(bytes);
   };
-  return fmt::format(R"({{"times":{},"drops":{},"calibration":{},"dropped":{}}})"
-                     "\n",
-                     size_of(session_names::kTimes), size_of(session_names::kDrops),
-                     size_of(session_names::kCamera), summary->totals.named);
+  const Json json{{"times", size_of(session_names::kTimes)},
+                  {"drops", size_of(session_names::kDrops)},
+                  {"calibration", size_of(session_names::kCamera)},
+                  {"dropped", summary->totals.named}};
+  return json.dump() + '\n';
 }
 
 std::string to_prometheus(const Metrics& metrics, RobotMetrics::Time now) {
