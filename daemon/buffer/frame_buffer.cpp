@@ -15,6 +15,7 @@ namespace orbbuf {
 namespace {
 
 constexpr std::size_t kMostReserved = 1000;  // frames; more make the lists grow
+constexpr double kWorthWaitingS = 0.02;  // of the link's time: a frame may be made smaller first
 
 DropRecord record_of(const EncodedFrame& frame, DropReason reason,
                      std::uint16_t similarity = kUnknownSimilarity) {
@@ -375,8 +376,12 @@ FramePtr FrameBuffer::version_of(const SendPlanner::Choice& choice,
   if (choice.quality == 0) return whole;
   FramePtr reduced = reductions_.reduced(whole);
   if (reduced && planner_->is_close(reduced->quality, choice.quality)) return reduced;
-  if (moment.is_busy && has_reducer_ && !reductions_.has_failed(whole)) return nullptr;
-  return reduced ? reduced : whole;
+  if (!has_reducer_ || reductions_.has_failed(whole)) return whole;
+  const FramePtr& best = reduced ? reduced : whole;
+  const PlannedFrame planned{0, best->jpeg.size(), best->quality};
+  const bool is_worth_it =
+      moment.is_busy || planner_->saved_s(planned, choice.quality, moment) > kWorthWaitingS;
+  return is_worth_it ? nullptr : best;
 }
 
 void FrameBuffer::want_reductions(const SendPlanner::Choices& choices) {

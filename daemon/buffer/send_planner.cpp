@@ -21,6 +21,8 @@ constexpr double kTolerance = 0.5;      // the same: the deadline is met to the 
 constexpr int kHalvings = 20;           // a millionth of the range
 constexpr double kNearDeadline = 0.15;  // of live_again
 constexpr double kAllowance = 0.2;      // the same: later than that, rather than a longer step
+constexpr double kLatest = 0.5;         // the same: later than that, and the largest step grows
+constexpr double kStretch = 1.25;       // to that
 constexpr double kClose = 7.0 / 6;      // ratio of bytes that is not worth the work
 constexpr double kFill = 0.9;           // of the link, by frames that are encoded for it
 constexpr double kLittleFill = 0.7;     // then it carries a higher quality
@@ -92,6 +94,13 @@ bool SendPlanner::is_close(int quality, int other) const {
   return ratio < kClose && ratio > 1 / kClose;
 }
 
+double SendPlanner::saved_s(const PlannedFrame& frame, int quality,
+                            const SendMoment& moment) const {
+  if (moment.bytes_per_s <= 0) return 0;
+  const double kept = sizes_.share(quality) / sizes_.share(own_quality(frame));
+  return (1 - kept) * static_cast<double>(frame.bytes) / moment.bytes_per_s;
+}
+
 int SendPlanner::own_quality(const PlannedFrame& frame) const {
   return frame.quality > 0 ? frame.quality : settings_.quality;
 }
@@ -116,18 +125,19 @@ int SendPlanner::fitting_quality(const PlannedFrame& frame, const SendMoment& mo
   return highest_quality(room * sizes_.share(own_quality(frame)));
 }
 
-/// Frames that take no longer to send than they wait for are sent before the deadline: lateness
+/// A backlog that can be worked off in as long as it has lasted, with no longer steps, is: lateness
 /// costs more than a little quality. A step that was not needed before costs more than a little
 /// lateness. Near the deadline, where a few sends too few would need a leap, so does a quality.
 SendPlanner::Plan SendPlanner::next_plan(double last, std::span<const PlannedFrame> waiting,
                                          const SendMoment& moment) {
   const double live_again_s = to_seconds(settings_.live_again);
   const double left_s = to_seconds(*deadline_ - moment.now);
+  Plan plan = plan_within(left_s, last, waiting, moment);
   const double behind_s = waiting.back().position_s - last;
-  const Plan every_frame{0, settings_.least_quality};
+  const Plan cheapest{whole_frames(plan.step_s), settings_.least_quality};
   const bool is_short =
-      behind_s < left_s && chain(every_frame, behind_s, last, waiting, moment).live_s <= behind_s;
-  Plan plan = plan_within(is_short ? behind_s : left_s, last, waiting, moment);
+      behind_s < left_s && chain(cheapest, behind_s, last, waiting, moment).live_s <= behind_s;
+  if (is_short) plan = plan_within(behind_s, last, waiting, moment);
   const bool is_near = left_s < kNearDeadline * live_again_s;
   if (plan.step_s > largest_so_far_s_ || (is_near && plan.quality < least_so_far_)) {
     const double later_s = std::max(0.0, left_s) + kAllowance * live_again_s;
@@ -148,7 +158,7 @@ double SendPlanner::whole_frames(double step_s) const {
 
 /// The smallest step with which the chain is live within the horizon, or, after the last capture,
 /// ends within it, and then the highest quality. The largest step and the least quality if there is
-/// none.
+/// none; a longer step if the stream would be very late.
 SendPlanner::Plan SendPlanner::plan_within(double horizon_s, double last,
                                            std::span<const PlannedFrame> waiting,
                                            const SendMoment& moment) const {
@@ -162,7 +172,11 @@ SendPlanner::Plan SendPlanner::plan_within(double horizon_s, double last,
     plan.step_s = moment.end
                       ? waiting.back().position_s - last
                       : std::max(to_seconds(settings_.largest_step), 2 * kRoom * interval_s_);
-    if (!is_enough(plan)) return plan;
+    if (!is_enough(plan)) {
+      end_s += kLatest * to_seconds(settings_.live_again);
+      if (!moment.end && !is_enough(plan)) plan.step_s *= kStretch;
+      return plan;
+    }
     for (int i = 0; i < kHalvings; ++i) {
       const double middle = (too_small + plan.step_s) / 2;
       (is_enough({middle, plan.quality}) ? plan.step_s : too_small) = middle;

@@ -17,7 +17,8 @@ struct PlanSettings {
   /// The time after an outage until the newest frame is sent as soon as it is captured.
   std::chrono::nanoseconds live_again = std::chrono::seconds(1);
   /// The longest step, from one frame sent to the next, to reach that. If it is too short for
-  /// that, the stream becomes later instead. Less than two frames' time counts as two.
+  /// that, the stream becomes later instead, and if that were half of live_again, the step becomes
+  /// up to a quarter longer. Less than two frames' time counts as two.
   std::chrono::nanoseconds largest_step = std::chrono::milliseconds(170);
   /// JPEG's, 1..100: what frames are encoded at, and the lowest at which they may be sent. If both
   /// are equal the planner chooses frames only.
@@ -97,6 +98,8 @@ class SendPlanner {
   /// Whether JPEGs of these qualities differ by so few bytes that there is no use in making one
   /// from the other.
   bool is_close(int quality, int other) const;
+  /// How much earlier the link is free if `frame` is sent at that quality, in seconds.
+  double saved_s(const PlannedFrame& frame, int quality, const SendMoment& moment) const;
 
   /// What new frames are to be encoded at, for the link as it is for good.
   int encode_quality() const { return encode_quality_; }

@@ -212,6 +212,17 @@ TEST_F(FrameBufferReduceTest, TheLinkDoesNotWaitForTheReducer) {
   EXPECT_EQ(frame->quality, 80);
 }
 
+TEST_F(FrameBufferReduceTest, ASlowLinkWaitsForTheReducerSinceAWholeFrameTakesLonger) {
+  outage();
+  const SendMoment slow{milliseconds(200), kNeed / 4};
+  EXPECT_FALSE(buffer_.take(slow));
+  const auto first = job();
+  ASSERT_TRUE(first);
+  const FramePtr reduced = make(first->whole->sequence, first->quality, 30);
+  buffer_.on_reduced(*first, reduced);
+  EXPECT_EQ(buffer_.take(slow), reduced);
+}
+
 TEST_F(FrameBufferReduceTest, ABusyLinkWaitsForTheReducerAndNothingIsLostByIt) {
   outage();
   EXPECT_FALSE(take(200, true));

@@ -80,12 +80,13 @@ class SendPlannerQualityTest : public testing::Test {
 
   std::optional<SendPlanner> planner_{SendPlanner({seconds(1), seconds(10), 80, 20})};
   double now_ = 0;
+  bool is_encoder_ours_ = true;  // else the camera's, which does not change its quality
 
  private:
   static nanoseconds time(double t) { return nanoseconds(std::llround(t * 1e9)); }
   void capture_until(double now) {
     while (static_cast<double>(captured_) * kInterval <= now + 1e-9) {
-      const int quality = planner_->encode_quality();
+      const int quality = is_encoder_ours_ ? planner_->encode_quality() : 80;
       const PlannedFrame frame{static_cast<double>(captured_) * kInterval,
                                static_cast<std::size_t>(bytes_at(quality)), quality};
       planner_->on_captured(captured_++ == 0 ? 0 : kInterval, frame);
@@ -208,6 +209,17 @@ TEST_F(SendPlannerQualityTest, ALinkThatIsTooSlowForGoodGetsFramesThatAreEncoded
   EXPECT_GT(planner_->encode_quality(), 25);
   const auto [least, most] = std::ranges::minmax_element(sent, {}, &Sent::quality);
   EXPECT_LE(most->quality - least->quality, 5);
+}
+
+TEST_F(SendPlannerQualityTest,
+       ALinkThatCannotCarryEachFrameAtTheLeastQualityIsThinnedWithoutBeingLate) {
+  is_encoder_ours_ = false;
+  run(2, 1.5);
+  const double slow = now_;
+  run(20, 0.22);  // a frame at the least quality takes 1.4 intervals
+  const auto sent = sent_from(slow + 1);
+  EXPECT_EQ(largest_step(sent), 2);
+  EXPECT_LE(std::ranges::max(sent, {}, &Sent::late_s).late_s, 0.16);
 }
 
 TEST_F(SendPlannerQualityTest, TheEncodedQualityComesBackWithTheLink) {

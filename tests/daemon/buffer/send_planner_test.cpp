@@ -102,12 +102,22 @@ TEST_F(SendPlannerTest, AnOutageIsSpreadOverTheSendsUntilTheDeadline) {
 TEST_F(SendPlannerTest, AStepIsNeverLongerThanAllowedAndTheStreamIsLateInstead) {
   planner_.emplace(PlanSettings{seconds(1), milliseconds(160)});
   run(1, 1.5);
-  outage(10);
+  outage(7);
   const double back = now_;
   run(8, 1.5);
   EXPECT_EQ(largest_step(), 4);
   EXPECT_GT(live_after(back), 1.0);
   EXPECT_LT(live_after(back), 3.0);
+}
+
+TEST_F(SendPlannerTest, AStreamThatWouldBeVeryLateMakesAStepAQuarterLonger) {
+  planner_.emplace(PlanSettings{seconds(1), milliseconds(160)});
+  run(1, 1.5);
+  outage(20);
+  const double back = now_;
+  run(10, 1.5);
+  EXPECT_EQ(largest_step(), 5);
+  EXPECT_LT(live_after(back), 3.7);  // with steps of 4: 4.0 s or more
 }
 
 TEST_F(SendPlannerTest, ALinkTooSlowForGoodIsThinnedEvenlyAndStaysLive) {
