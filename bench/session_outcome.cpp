@@ -100,6 +100,10 @@ SessionOutcome read_session(const std::string& label, const std::filesystem::pat
   }
   std::sort(outcome.frames.begin(), outcome.frames.end(),
             [](const auto& a, const auto& b) { return a.sequence < b.sequence; });
+  for (const double begin_s = outcome.frames.empty() ? 0 : outcome.frames.front().capture_time_s;
+       FrameOutcome & frame : outcome.frames) {
+    frame.capture_time_s -= begin_s;
+  }
   check_right_images(folder, outcome.frames);
   compare_neighbours(folder, outcome.frames);
   return outcome;

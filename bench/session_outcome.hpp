@@ -13,7 +13,7 @@ namespace orbbuf::bench {
 /// What became of one captured frame.
 struct FrameOutcome {
   Sequence sequence = 0;
-  double capture_time_s = 0;
+  double capture_time_s = 0;  ///< since the first
   bool is_delivered = false;
   int similarity = -1;  ///< M to the delivered frame before it; -1: there is none, or not delivered
 };

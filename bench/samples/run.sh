@@ -20,8 +20,10 @@ while [ $# -gt 0 ]; do
 done
 RANDOM=$seed
 
-awk -v count=$((seconds * 1000)) 'BEGIN {
-  for (i = 0; i < count; ++i) printf "%.0f,%.6f,%.6f,0.25,0.125,-%.6f,9.81\n", i * 1e6 + 137, i / 7, i / 3, i / 11 }' \
+# Of the time of day, as the frames are; and what is not captured any more.
+awk -v count=$(((seconds + 5) * 1000)) -v begin="$(date +%s)" 'BEGIN {
+  for (i = 0; i < count; ++i)
+    printf "%d%03d000137,%.6f,%.6f,0.25,0.125,-%.6f,9.81\n", begin + i / 1000, i % 1000, i / 7, i / 3, i / 11 }' \
   >"$work/data.csv"
 serve listen.address=127.0.0.1:0 "files.path=$work/out"
 "$orbbufd" --set "link.server=$address" --set robot.id=r --set source.width=320 --set source.height=240 \

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <boost/asio/local/datagram_protocol.hpp>
+#include <chrono>
 #include <csignal>
 #include <fstream>
 #include <sstream>
@@ -21,11 +22,12 @@ constexpr int kFrames = 250;
 constexpr std::int64_t kSampleNs = 1'000'000;
 
 /// 1 kHz over the time of the frames, which come at 25 Hz; and what is not captured any more.
-std::vector<Sample> make_samples() {
+std::vector<Sample> make_samples(std::int64_t begin_ns = 0) {
   std::vector<Sample> samples;
-  for (std::int64_t i = 0; i < kFrames * 40 + 100; ++i) {
+  for (std::int64_t i = 0; i < kFrames * 40 + 5000; ++i) {
     const auto value = static_cast<double>(i);
-    samples.push_back({i * kSampleNs + 137, {value / 3, -value, 0.5}, {0, 1e-3 * value, 9.81}});
+    samples.push_back(
+        {begin_ns + i * kSampleNs + 137, {value / 3, -value, 0.5}, {0, 1e-3 * value, 9.81}});
   }
   return samples;
 }
@@ -109,6 +111,9 @@ TEST_F(Samples, OfADriverArriveOnceThroughItsSocket) {
 }
 
 TEST_F(Samples, ArriveOnceThroughAnOutageAndAServerThatIsKilled) {
+  const std::chrono::nanoseconds now = std::chrono::system_clock::now().time_since_epoch();
+  const auto sent = make_samples(now.count());  // as the frames have the time of day
+  write_samples(folder_ / "data.csv", sent);
   Server server(folder_ / "out");
   Process robot(robot_command(kRobot, server.address(), settings()));
   ASSERT_TRUE(robot.wait_for_lines("] captured ", 2)) << robot.output();
@@ -122,7 +127,7 @@ TEST_F(Samples, ArriveOnceThroughAnOutageAndAServerThatIsKilled) {
   EXPECT_NE(samples->find("waiting 0 + lost 0"), std::string::npos) << *samples;
   const Record record = read_record(folder_ / "out", kRobot);
   expect_exactly_once(record, kFrames);
-  expect_each_once(record, sent_);
+  expect_each_once(record, sent);
 }
 
 }  // namespace

@@ -44,7 +44,12 @@ std::optional<RawFrame> ReplaySource::take(const std::stop_token& stop) {
   }
   if (!frame) return std::nullopt;
   if (frames_in_round_++ == 0) {
-    if (is_repeat_) offset_ns_ = round_begin_ns_ - frame->capture_time_ns;
+    if (is_repeat_) {
+      offset_ns_ = round_begin_ns_ - frame->capture_time_ns;
+    } else if (options_.is_realtime && options_.begins_now) {
+      const nanoseconds now = std::chrono::system_clock::now().time_since_epoch();
+      offset_ns_ = now.count() - frame->capture_time_ns;
+    }
     round_begin_ns_ = frame->capture_time_ns + offset_ns_;
   }
   frame->capture_time_ns += offset_ns_;

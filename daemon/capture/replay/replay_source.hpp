@@ -21,7 +21,8 @@ class ReplaySource : public FrameSource {
  public:
   struct Options {
     bool is_realtime = true;
-    bool is_looped = false;  ///< after the last frame the first again, capture times going on
+    bool is_looped = false;   ///< after the last frame the first again, capture times going on
+    bool begins_now = false;  ///< in real time, the first frame has the time of day
     std::int64_t nominal_interval_ns = 40'000'000;  ///< before the repeat of a single frame
   };
 

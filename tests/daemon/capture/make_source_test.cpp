@@ -3,6 +3,8 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <set>
 #include <string>
@@ -100,6 +102,22 @@ TEST(MakeSource, ALoopBeginsAgainWithTimesGoingOn) {
     frames.push_back(std::move(*frame));
   }
   EXPECT_TRUE(std::equal(frames[1].data.begin(), frames[1].data.end(), frames[3].data.begin()));
+}
+
+/// As a camera's: ROS and Foxglove show them.
+TEST(MakeSource, InRealTimeAGeneratedSceneHasTheTimeOfDayAndTheSameFrames) {
+  auto settings = generated(1);
+  const auto still = make_source(settings)->next({});
+  settings.realtime = true;
+  const auto before = std::chrono::system_clock::now();
+  const auto live = make_source(settings)->next({});
+  ASSERT_TRUE(still && live);
+  EXPECT_EQ(still->capture_time_ns, 0);
+  const std::chrono::system_clock::time_point captured{
+      std::chrono::nanoseconds(live->capture_time_ns)};
+  EXPECT_GE(captured, before);
+  EXPECT_LE(captured, std::chrono::system_clock::now());
+  EXPECT_TRUE(std::ranges::equal(still->data, live->data));
 }
 
 TEST(MakeSource, WithoutALoopItEnds) {

@@ -110,6 +110,26 @@ TEST(ReplaySource, ARepeatInRealTimeIsPacedToo) {
   EXPECT_GE(steady_clock::now() - begin, std::chrono::milliseconds(12));
 }
 
+TEST(ReplaySource, ThatBeginsNowGoesOnFromTheTimeOfDay) {
+  const auto now = [] {
+    return std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
+  };
+  ReplaySource source(scripted({7, 4 * kMs}), {.is_looped = true, .begins_now = true});
+  const auto before = now();
+  const auto times = take(source, 4);
+  const auto interval = 4 * kMs - 7;
+  EXPECT_GE(times.at(0), before);
+  EXPECT_LE(times.at(0), now());
+  const std::vector<std::int64_t> steps = {times[1] - times[0], times[2] - times[1],
+                                           times[3] - times[2]};
+  EXPECT_THAT(steps, ElementsAre(interval, interval, interval));
+}
+
+TEST(ReplaySource, AtItsReadersPaceNothingBeginsNow) {
+  ReplaySource source(scripted({5, 6}), {.is_realtime = false, .begins_now = true});
+  EXPECT_THAT(take(source, 2), ElementsAre(5, 6));
+}
+
 TEST(ReplaySource, ASourceThatIsGoneAtTheRepeatIsAnError) {
   bool is_gone = false;
   const auto open = [&] {
