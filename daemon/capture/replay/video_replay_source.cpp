@@ -9,6 +9,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "common/log.hpp"
 #include "daemon/capture/replay/replay_frame.hpp"
 
 namespace orbbuf {
@@ -46,7 +47,22 @@ VideoReplaySource::VideoReplaySource(const SourceSettings& settings)
   if (is_usable_fps(stated_fps)) fps_ = stated_fps;
   stated_seconds_ = video_.get(cv::CAP_PROP_FRAME_COUNT) / fps_;
   decode_next();
+  read_no_fields();
   if (decoded_.empty()) throw std::runtime_error(attempt + ": the video has no frames");
+}
+
+/// If a Motion JPEG states a height of which its images have less than 3/4, FFmpeg takes two of
+/// them for the fields of one frame, and fails at each other one. OpenCV's own reader does not.
+void VideoReplaySource::read_no_fields() {
+  cv::Mat first;
+  const bool is_readable = missing_ > 0 &&
+                           cv::VideoCapture(path_.string(), cv::CAP_OPENCV_MJPEG).read(first) &&
+                           first.rows != decoded_.rows;
+  if (!is_readable || !video_.open(path_.string(), cv::CAP_OPENCV_MJPEG)) return;
+  log_warn("video {}: its images are not as high as it states: {} pixels", path_.string(),
+           first.rows);
+  decoded_count_ = 0;
+  decode_next();
 }
 
 void VideoReplaySource::decode_next() {

@@ -28,6 +28,7 @@ class VideoReplaySource : public FrameSource {
 
  private:
   void decode_next();
+  void read_no_fields();
   void note_position();
   std::int64_t missing_at_end();
   bool is_steady() const;

@@ -45,6 +45,14 @@ class VideoReplaySourceTest : public testing::Test {
     }
     write_file(file, bytes);
   }
+  /// In the two headers of an AVI.
+  static void state_height(const std::filesystem::path& file, int height_px) {
+    std::string bytes = test::read_file(file);
+    for (const auto at : {bytes.find("avih") + 44, bytes.find("strf") + 16}) {
+      bytes.at(at) = static_cast<char>(height_px);
+    }
+    write_file(file, bytes);
+  }
   SourceSettings settings(const std::string& name, bool color = false) {
     SourceSettings settings;
     settings.path = folder_ / name;
@@ -136,6 +144,25 @@ TEST_F(VideoReplaySourceTest, FramesThatCannotBeDecodedComeWithADefect) {
   }
   EXPECT_FALSE(source.next({}));
   EXPECT_EQ(bad, (std::vector<int>{0, 3, 12, 13, 19}));
+}
+
+/// FFmpeg takes them for the halves of frames: each other one failed, and the rest showed two at
+/// once.
+TEST_F(VideoReplaySourceTest, ImagesThatAreNotAsHighAsTheFileStatesAllCome) {
+  for (const int height_px : {96, 40, 65}) {
+    write_video(12);
+    state_height(folder_ / "v.avi", height_px);
+    VideoReplaySource source(settings("v.avi"));
+    for (int i = 0; i < 12; ++i) {
+      const auto frame = source.next({});
+      ASSERT_TRUE(frame);
+      EXPECT_EQ(frame->capture_time_ns, i * 50'000'000);
+      ASSERT_EQ(frame->defect, "") << i;
+      EXPECT_EQ(frame->height_px, 48);
+      EXPECT_NEAR(frame->data[0], 0.114 * 10 * i + 0.587 * 100 + 0.299 * 200, 4);
+    }
+    EXPECT_FALSE(source.next({}));
+  }
 }
 
 TEST_F(VideoReplaySourceTest, AStopEndsIt) {
