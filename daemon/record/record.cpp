@@ -372,10 +372,10 @@ void Record::remove_segment(std::uint32_t segment, const std::string& why) {
   if (const auto error = writer_->remove(segment)) log_warn("record: {}", error->text);
 }
 
-/// Not before the device has the accounts in a newer one.
+/// Not before the device has the accounts in two newer ones: one of them may be damaged.
 bool Record::remove_oldest(Lock& lock) {
   const auto oldest = state_.oldest_segment();
-  if (!oldest || state_.is_needed(*oldest) || *oldest >= synced_segment_) return false;
+  if (!oldest || state_.is_needed(*oldest) || *oldest + 1 >= synced_segment_) return false;
   lock.unlock();
   remove_segment(*oldest, "");  // none are
   lock.lock();

@@ -52,8 +52,9 @@ struct RecordSettings {
 /// one that fails the record tries again every 5 s. Without a path it writes
 /// nothing, and holds no frames.
 ///
-/// The journal is a ring: its oldest segment is removed when no frame in it is held, or, which
-/// costs the frames in it, when the files are as large as they may be, or the disk is full.
+/// The journal is a ring: its oldest segment is removed when no frame in it is held and two newer
+/// ones have the accounts, or, which costs the frames in it, when the files are as large as they
+/// may be, or the disk is full.
 ///
 /// Memory: kMostPendingBytes, the frames read ahead, 24 bytes for each frame held, and for each
 /// session that the server has not settled some 300 bytes and its drop records (DropRanges).

@@ -257,6 +257,10 @@ Result<RecoveredSession> recover_session(const fs::path& folder, const SessionIn
   recovered.compared = unkept.begin;
   if (tail.value()) {
     recovered.is_new = false;
+    if (const auto bytes = tail.value()->damaged_bytes; bytes > 0) {
+      log_warn("{}: {} bytes of its journal are damaged; what they said is missing",
+               folder.string(), bytes);
+    }
     recovered.summary = std::move(tail.value()->summary);
     recovered.end = tail.value()->end;
     recovered.kept = std::min(tail.value()->kept, recovered.end);

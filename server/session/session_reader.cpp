@@ -224,7 +224,7 @@ Result<std::optional<Tail>> read_tail(const fs::path& folder, const SessionSumma
     const journal::Place begin{segments.value()[i], 0};
     if (begin >= until) continue;
     RecordReader reader(folder, begin);
-    Tail tail{first, begin, {}, false};
+    Tail tail{first, begin, {}};
     for (bool is_first = true;; is_first = false) {
       const auto entry = reader.next();
       if (!entry) return entry.error();
@@ -236,6 +236,7 @@ Result<std::optional<Tail>> read_tail(const fs::path& folder, const SessionSumma
       tail.end = end;
       tail.kept = record.kept;
       tail.is_clean = is_clean_after(record.body, tail.is_clean);
+      tail.damaged_bytes = reader.damaged_bytes();
     }
     if (tail.end != begin) return std::optional(std::move(tail));
   }

@@ -78,6 +78,7 @@ struct Tail {
   journal::Place end;
   journal::Place kept;
   bool is_clean = false;
+  std::uint64_t damaged_bytes = 0;  ///< passed over
 };
 /// As if the journal ended at `until`. `first`: what is known before the first record. Nothing: it
 /// then has no record.

@@ -239,6 +239,34 @@ TEST_F(RecordDeathTest, ABadBitAnywhereCostsOneRecord) {
   }
 }
 
+/// Also of sessions of which nothing but the checkpoints tells.
+TEST_F(RecordDeathTest, ABadBitInTheHeadOfTheNewestSegmentCostsNoSession) {
+  const auto small = settings(RecordSettings::kMinBytes);
+  { WatchedRecord(small, "earlier")->note(progress(7)); }
+  {
+    WatchedRecord record(small, "later");
+    for (Sequence i = 0; i < 60; ++i) {
+      record.keep(i, i + 1, 200'000);
+      record.deliver(1);
+      record->note(progress(i + 1));
+    }
+    while (segments().front() == 0) std::this_thread::yield();
+  }
+  const auto newest = segment(segments().back());
+  const auto good = read_file(newest);
+  for (std::size_t bit = 0; bit < journal::kHeadBytes * 8; ++bit) {
+    auto bad = good;
+    bad[bit / 8] = static_cast<char>(bad[bit / 8] ^ (1 << bit % 8));
+    write_file(newest, bad);
+    WatchedRecord record(small, "next-" + std::to_string(bit));
+    const auto account = record.account_of("earlier");
+    ASSERT_TRUE(account) << bit;
+    EXPECT_EQ(account->captured, 7U);
+    record->rewind();
+    EXPECT_EQ(record.account_of("later")->captured, 60U);
+  }
+}
+
 /// 3.5 hours at 25 frames a second.
 TEST_F(RecordDeathTest, AfterALongOutageEachFrameIsStillNamed) {
   constexpr Sequence kFrames = 331'020;

@@ -239,6 +239,36 @@ TEST_F(RecoveryTest, ADamagedRecordOnTheDeviceCostsItselfOnly) {
   EXPECT_TRUE(fs::exists(folder_ / "images/000001.jpg"));
 }
 
+TEST_F(RecoveryTest, ABadBitInTheHeadOfASegmentOnTheDeviceCostsNoFrame) {
+  {
+    const auto store = open(Durability::kAck, std::string(16'000, 'c'));
+    for (Sequence i = 0; i < 4; ++i) {
+      deliver(*store, {i});
+      for (std::uint64_t k = 0; k < 9; ++k) {
+        EXPECT_FALSE(store->write_items({5, i, i + 1, std::vector<std::uint8_t>(60'000)}));
+      }
+    }
+    deliver(*store, {4});
+    store->set_kept(store->written());
+    deliver(*store, {5});
+  }
+  ASSERT_THAT(journal::segments_in(folder_).value(), ElementsAre(0, 1, 2));
+  for (const std::uint32_t segment : {0U, 1U, 2U}) {
+    const std::string good = read_file(journal(segment));
+    for (std::size_t bit = 0; bit < journal::kHeadBytes * 8; bit += 7) {
+      std::string bad = good;
+      bad[bit / 8] = static_cast<char>(bad[bit / 8] ^ (1 << bit % 8));
+      test::write_file(journal(segment), bad);
+      const test::CapturedLog log;
+      EXPECT_EQ(next(), 6U) << segment << ", bit " << bit;
+      EXPECT_EQ(log.lines("bytes of its journal are damaged").size(), segment == 2 ? 1U : 0U);
+      EXPECT_THAT(numbers(), ElementsAre(0, 1, 2, 3, 4, 5));
+      expect_whole();
+    }
+    test::write_file(journal(segment), good);
+  }
+}
+
 TEST_F(RecoveryTest, ASegmentThatWasLostEndsWhatIsNotKnownToBeOnTheDevice) {
   {
     const auto store = open(Durability::kAck, std::string(16'000, 'c'));
