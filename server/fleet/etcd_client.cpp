@@ -59,11 +59,11 @@ std::int64_t number(const json& object, const char* name) {
 
 json request_of(const KeyTxn& txn) {
   json compare = json::array();
-  for (const auto& [key, revision] : txn.compare) {
-    compare.push_back({{"key", to_base64(key)},
-                       {"target", "MOD"},
-                       {"result", "EQUAL"},
-                       {"mod_revision", std::to_string(revision)}});
+  for (const auto& [key, revision, value] : txn.compare) {
+    json one{{"key", to_base64(key)}, {"target", value ? "VALUE" : "MOD"}, {"result", "EQUAL"}};
+    if (value) one["value"] = to_base64(*value);
+    if (!value) one["mod_revision"] = std::to_string(revision);
+    compare.push_back(one);
   }
   json success = json::array();
   for (const auto& [key, value, lease] : txn.puts) {

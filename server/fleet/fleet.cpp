@@ -19,6 +19,8 @@
 #include "common/seconds.hpp"
 #include "server/fleet/earlier_segments.hpp"
 #include "server/fleet/fleet_keys.hpp"
+#include "server/runtime/run_in_pool.hpp"
+#include "server/session/session_reader.hpp"
 
 namespace orbbuf::fleet {
 namespace {
@@ -46,6 +48,22 @@ std::string place_of(const std::filesystem::path& folder) {
 ServerEntry entry_of(const FleetSettings& settings, const std::filesystem::path& folder) {
   return {settings.name, make_instance(), settings.address, settings.http, 0,
           false,         place_of(folder)};
+}
+
+/// The newest segment of the session here; blocking.
+std::optional<OnDisk> latest_on_disk(const std::filesystem::path& files, const std::string& server,
+                                     const SessionKey& session) {
+  std::error_code none;
+  std::optional<OnDisk> latest;
+  for (std::filesystem::directory_iterator entry(files / session.first, none);
+       !none && entry != std::filesystem::directory_iterator(); entry.increment(none)) {
+    const auto [session_id, epoch] = parse_folder(entry->path().filename().string());
+    if (session_id != session.second || (latest && epoch < latest->segment.epoch)) continue;
+    const auto summary = read_summary(entry->path());
+    if (!summary) continue;
+    latest = OnDisk{{server, epoch, summary->info.segment.from}, summary->position};
+  }
+  return latest;
 }
 
 void add(std::string& text, std::string_view name, std::string_view help, double value) {
@@ -141,7 +159,7 @@ class Fleet::OwnClaim final : public SessionClaim {
     if (has_ended) fleet_.ownership_.end(owned_);
   }
   wire::Position acknowledged_before() const override { return owned_.recorded; }
-  std::int64_t revision() const { return owned_.claim.revision; }
+  const std::string& owner() const { return owned_.claim.owner; }
 
  private:
   Fleet& fleet_;
@@ -184,21 +202,29 @@ void Fleet::async_enter(const SessionKey& key, Entered entered) {
   if (parse_folder(key.second).epoch > 1) {
     return entered(Error{key.second + " is the name of a later part of a session"});
   }
-  if (!membership_.has_joined()) {
-    return entered(unanswered({"this server has not joined the fleet yet"}));
-  }
-  const SessionName session{key.first, key.second};
-  if (!membership_.self().is_draining) return acquire(session, false, std::move(entered));
-  const auto other = membership_.least_loaded_other();
-  send_away(session, other ? other->name : "", entered);
+  run_in_pool(
+      main_, files_,
+      [folder = folder_, server = membership_.self().name, key] {
+        return latest_on_disk(folder, server, key);
+      },
+      [this, session = SessionName{key.first, key.second},
+       entered = std::move(entered)](const std::optional<OnDisk>& latest) {
+        if (!membership_.has_joined()) {
+          return entered(unanswered({"this server has not joined the fleet yet"}));
+        }
+        if (!membership_.self().is_draining) return acquire(session, latest, false, entered);
+        const auto other = membership_.least_loaded_other();
+        send_away(session, other ? other->name : "", entered);
+      });
 }
 
 /// is_fresh: the servers were read just now.
-void Fleet::acquire(const SessionName& session, bool is_fresh, Entered entered) {
+void Fleet::acquire(const SessionName& session, const std::optional<OnDisk>& latest, bool is_fresh,
+                    Entered entered) {
   ownership_.async_acquire(
-      session,
+      session, latest,
       [this, session] { return sent_away_.contains(session.text()) ? std::nullopt : better(); },
-      [this, session, is_fresh, entered = std::move(entered)](const auto& answer) {
+      [this, session, latest, is_fresh, entered = std::move(entered)](const auto& answer) {
         if (!answer) return entered(unanswered(answer.error()));
         if (const auto* const owned = std::get_if<Owned>(&answer.value())) {
           sent_away_.erase(session.text());
@@ -206,9 +232,9 @@ void Fleet::acquire(const SessionName& session, bool is_fresh, Entered entered) 
         }
         const std::string& server = std::get<Foreign>(answer.value()).server;
         if (is_fresh) return send_away(session, server, entered);
-        membership_.async_refresh([this, session, entered](const auto& error) {
+        membership_.async_refresh([this, session, latest, entered](const auto& error) {
           if (error) return entered(unanswered(*error));
-          acquire(session, true, entered);
+          acquire(session, latest, true, entered);
         });
       });
 }
@@ -216,7 +242,7 @@ void Fleet::acquire(const SessionName& session, bool is_fresh, Entered entered) 
 Fleet::Granted Fleet::grant(const SessionName& session, const Owned& owned) {
   std::erase_if(claims_, [](const auto& entry) { return entry.second.expired(); });
   auto claim = claims_[session.text()].lock();
-  if (!claim || claim->revision() != owned.claim.revision) {
+  if (!claim || claim->owner() != owned.claim.owner) {
     claim = std::make_shared<OwnClaim>(*this, owned);
     claims_[session.text()] = claim;
   }

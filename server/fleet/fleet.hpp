@@ -84,7 +84,7 @@ class Fleet final : public SessionClaims {
   void async_stop(std::function<void()> stopped);
 
   /// A robot wants that session here, and gets it, unless this server drains, or the session is new
-  /// and another server has fewer robots. May answer from within the call.
+  /// and another server has fewer robots. Answers after the call.
   void async_enter(const SessionKey& session, std::function<void(Outcome)> entered) override;
   std::string session_in(const std::string& folder) const override;
   std::string refuge() const override;
@@ -106,7 +106,8 @@ class Fleet final : public SessionClaims {
   class OwnClaim;
 
   std::optional<std::string> better() const;
-  void acquire(const SessionName& session, bool is_fresh, Entered entered);
+  void acquire(const SessionName& session, const std::optional<OnDisk>& latest, bool is_fresh,
+               Entered entered);
   Granted grant(const SessionName& session, const Owned& owned);
   void await_leaving(std::vector<SessionName> sessions, Clock::time_point limit,
                      std::function<void(Result<std::vector<SessionName>>)> done);

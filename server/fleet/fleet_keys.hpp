@@ -38,7 +38,7 @@ struct Segment {
 
   friend bool operator==(const Segment&, const Segment&) = default;
 };
-/// Below the robot's folder: `SESSION`, or, of a later segment, `SESSION.e7`.
+/// Below the robot's folder: `SESSION`, or, of a later segment, `SESSION.e1795748706123`.
 std::string folder_of(const std::string& session_id, const Segment& segment);
 /// The session of such a folder, and the epoch; 1 without an ending.
 struct SegmentFolder {

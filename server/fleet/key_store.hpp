@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -18,17 +19,18 @@ namespace orbbuf {
 struct KeyValue {
   std::string key;
   std::string value;
-  std::int64_t mod_revision = 0;  ///< of the change that wrote it; unique in time, never 0
+  std::int64_t mod_revision = 0;  ///< of the change that wrote it, never 0
 
   friend bool operator==(const KeyValue&, const KeyValue&) = default;
 };
 
-/// If each key of `compare` still has that revision (0: it is not there), all of `puts` are done,
-/// else none.
+/// If each key of `compare` still has that value, or that revision (0: it is not there), all of
+/// `puts` are done, else none.
 struct KeyTxn {
   struct Compare {
     std::string key;
     std::int64_t mod_revision = 0;
+    std::optional<std::string> value{};  ///< then the revision does not count
   };
   struct Put {
     std::string key;

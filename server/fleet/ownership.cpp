@@ -25,6 +25,13 @@ KeyTxn reading(const SessionName& session) {
   return {{}, {}, {session.owner_key(), session.position_key()}};
 }
 
+bool is_at_least(const wire::Position& position, const wire::Position& other) {
+  for (wire::StreamId stream = 0; stream < wire::kMostStreams; ++stream) {
+    if (position[stream] < other[stream]) return false;
+  }
+  return true;
+}
+
 wire::Position recorded_in(const KeyTxnOutcome& outcome, const SessionName& session) {
   const KeyValue* const value = find(outcome.found, session.position_key());
   const auto position = value != nullptr ? position_from(value->value) : std::nullopt;
@@ -33,8 +40,9 @@ wire::Position recorded_in(const KeyTxnOutcome& outcome, const SessionName& sess
 
 }  // namespace
 
-void Ownership::async_acquire(SessionName session, Better better, Answer answer) {
-  read({std::move(session), std::move(better), std::move(answer), kAttempts});
+void Ownership::async_acquire(SessionName session, std::optional<OnDisk> latest, Better better,
+                              Answer answer) {
+  read({std::move(session), std::move(latest), std::move(better), std::move(answer), kAttempts});
 }
 
 void Ownership::read(Attempt attempt) {
@@ -49,22 +57,31 @@ void Ownership::read(Attempt attempt) {
 /// From the state in `read`: it is ours, it should be another's, or it becomes ours.
 void Ownership::decide(Attempt attempt, const KeyTxnOutcome& read) {
   const KeyValue* const key = find(read.found, attempt.session.owner_key());
-  if (key == nullptr) {
+  const auto latest = attempt.latest;
+  if (key == nullptr && !latest) {
     if (auto server = attempt.better()) return attempt.answer(Foreign{std::move(*server)});
     return write(std::move(attempt), read, {server_, instance_, 1, {{server_, 1, {}}}});
   }
-  auto owner = owner_from(key->value);
+  auto owner = key != nullptr ? owner_from(key->value)
+                              : SessionOwner{server_, "", latest->segment.epoch, {latest->segment}};
   if (!owner) {
     return attempt.answer(Error{fmt::format("fleet: the key {} cannot be read", key->key)});
   }
   const wire::Position recorded = recorded_in(read, attempt.session);
   if (owner->server == server_ && owner->instance == instance_ && !owner->has_ended) {
-    return attempt.answer(Owned{
-        {attempt.session, key->mod_revision}, owner->epoch, owner->segments.back(), recorded});
+    return attempt.answer(
+        Owned{{attempt.session, key->value}, owner->epoch, owner->segments.back(), recorded});
   }
-  ++owner->epoch;
-  // Of this server's files: an earlier process wrote them, and no other server has gone on since.
-  if (owner->server != server_) owner->segments.push_back({server_, owner->epoch, recorded});
+  const auto now = std::chrono::floor<std::chrono::milliseconds>(now_()).count();
+  owner->epoch = std::max({owner->epoch + 1, latest ? latest->segment.epoch + 1 : 0,
+                           static_cast<std::uint64_t>(std::max<std::int64_t>(now, 0))});
+  if (latest && latest->segment.epoch > owner->segments.back().epoch &&
+      is_at_least(latest->next, recorded)) {
+    owner->segments.push_back(latest->segment);
+  } else if (owner->server != server_) {
+    // Of this server's files: an earlier process wrote them, and no other server has gone on since.
+    owner->segments.push_back({server_, owner->epoch, recorded});
+  }
   owner->server = server_;
   owner->instance = instance_;
   owner->has_ended = false;
@@ -91,7 +108,7 @@ void Ownership::write(Attempt attempt, const KeyTxnOutcome& read, const SessionO
           return attempt.answer(Error{"fleet: other servers want this session, too"});
         }
         if (owner.epoch > 1) ++take_overs_;
-        attempt.answer(Owned{{attempt.session, outcome.revision},
+        attempt.answer(Owned{{attempt.session, to_text(owner)},
                              owner.epoch,
                              owner.segments.back(),
                              recorded_in(outcome, attempt.session)});
@@ -109,13 +126,13 @@ void Ownership::end(const Owned& owned) {
 }
 
 void Ownership::note_end(const Owned& owned, std::int64_t lease, const KeyTxnOutcome& read) {
-  const auto& [session, revision] = owned.claim;
+  const auto& [session, text] = owned.claim;
   const KeyValue* const value = find(read.found, session.owner_key());
   auto owner = value != nullptr ? owner_from(value->value) : std::nullopt;
-  if (!owner || value->mod_revision != revision) return;
+  if (!owner || value->value != text) return;
   owner->has_ended = true;
   KeyTxn txn;
-  txn.compare = {{session.owner_key(), revision}};
+  txn.compare = {{session.owner_key(), 0, text}};
   txn.puts = {{session.owner_key(), to_text(*owner), lease},
               {session.position_key(), to_text(recorded_in(read, session)), lease}};
   store_.async_txns({std::move(txn)}, [](const auto& /*outcomes*/) {});

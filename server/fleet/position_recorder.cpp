@@ -51,7 +51,7 @@ void PositionRecorder::begin() {
   if (!waiting_.empty()) is_hurried_ = true;  // more than a request takes
   std::vector<KeyTxn> txns;
   for (const auto& [claim, position, recorded] : sent_) {
-    txns.push_back({{{claim.session.owner_key(), claim.revision}},
+    txns.push_back({{{claim.session.owner_key(), 0, claim.owner}},
                     {{claim.session.position_key(), to_text(position)}},
                     {}});
   }

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <string>
 
 #include "common/wire.hpp"
 #include "server/fleet/fleet_keys.hpp"
@@ -14,11 +15,12 @@
 
 namespace orbbuf::fleet {
 
-/// What a server may record by: the revision of the session's key when it became ours. Any
-/// take-over, our own after a restart too, changes it.
+/// What a server may record by: what the session's key said when it became ours. Any take-over, our
+/// own after a restart too, changes it, and what it says then it never said before. Not by its
+/// revision, which a store that went back to an older state gives out again.
 struct Claim {
   SessionName session;
-  std::int64_t revision = 0;
+  std::string owner;
 };
 
 /// Records how far sessions are kept, which is what allows an acknowledgement: for all sessions

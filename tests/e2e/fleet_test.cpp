@@ -119,7 +119,7 @@ TEST_F(FleetTest, ADrainMovesRobotAndSlamProgramAndJoinMakesOneSession) {
 
   const Finished joining = join(std::string(kRobot) + "/" + session, {});
   EXPECT_EQ(joining.status, 0) << joining.output;
-  EXPECT_THAT(joining.output, HasSubstr(session + ".e2: fetched from b, 127.0.0.1:"));
+  EXPECT_THAT(joining.output, ContainsRegex(session + "\\.e[0-9]+: fetched from b, 127.0.0.1:"));
   const auto frames = joined();
   const std::size_t lines = read_lines(out_ / "drops.csv").size();  // the first is the head
   EXPECT_EQ(frames.size() + lines - (lines > 0 ? 1 : 0), captured);

@@ -76,6 +76,13 @@ TEST_F(EtcdClientTest, ATxnIsDoneIfItsKeysHaveTheRevisions) {
   EXPECT_THAT(range("/a/"), ElementsAre(KeyValue{"/a/1", "z", third.revision}));
 }
 
+TEST_F(EtcdClientTest, ATxnIsDoneIfItsKeyHasTheValue) {
+  EXPECT_FALSE(txn({{{"/a/1", 0, ""}}, {{"/a/1", "x"}}, {}}).is_done) << "it is not there";
+  EXPECT_TRUE(txn({{{"/a/1", 0}}, {{"/a/1", "x"}}, {}}).is_done);
+  EXPECT_FALSE(txn({{{"/a/1", 0, "y"}}, {{"/a/1", "z"}}, {}}).is_done);
+  EXPECT_TRUE(txn({{{"/a/1", 0, "x"}}, {{"/a/1", "y"}}, {}}).is_done);
+}
+
 TEST_F(EtcdClientTest, EachOfSeveralTxnsStandsForItself) {
   const auto outcomes = txns({{{{"/a", 0}}, {{"/a", "1"}}, {}},
                               {{{"/b", 99}}, {{"/b", "2"}}, {}},

@@ -22,8 +22,12 @@ struct FakeKeys {
   KeyTxnOutcome run(const KeyTxn& txn) {
     KeyTxnOutcome outcome;
     outcome.is_done = true;
-    for (const auto& [key, mod_revision] : txn.compare) {
+    for (const auto& [key, mod_revision, value] : txn.compare) {
       const auto found = keys.find(key);
+      if (value) {
+        outcome.is_done = outcome.is_done && found != keys.end() && found->second.value == *value;
+        continue;
+      }
       const std::int64_t is = found == keys.end() ? 0 : found->second.mod_revision;
       outcome.is_done = outcome.is_done && is == mod_revision;
     }

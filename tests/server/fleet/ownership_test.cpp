@@ -20,13 +20,13 @@ struct Server {
   Server(boost::asio::io_context& main, FakeKeys& keys, const std::string& name,
          const std::string& instance = "1")
       : store(keys),
-        ownership(store, name, instance),
+        ownership(store, name, instance, [this] { return now; }),
         recorder(main, store, std::chrono::milliseconds(0)) {}
 
   void ask(const std::optional<std::string>& better = std::nullopt) {
     answer.reset();
     ownership.async_acquire(
-        kSession, [better] { return better; }, [this](const auto& got) { answer = got; });
+        kSession, on_disk, [better] { return better; }, [this](const auto& got) { answer = got; });
   }
   Owned acquire() {
     ask();
@@ -38,6 +38,8 @@ struct Server {
     recorder.async_record(owned.claim, position, [this](bool is_ours) { acknowledged = is_ours; });
   }
 
+  std::chrono::nanoseconds now{0};
+  std::optional<OnDisk> on_disk;
   FakeKeyStore store;
   Ownership ownership;
   PositionRecorder recorder;
@@ -57,7 +59,7 @@ TEST_F(OwnershipTest, ANewSessionIsOfEpochOneAndBeginsAtZero) {
   EXPECT_EQ(owned.epoch, 1U);
   EXPECT_EQ(owned.segment, (Segment{"a", 1, {}}));
   EXPECT_EQ(owned.recorded, wire::Position{});
-  EXPECT_EQ(a_.acquire().claim.revision, owned.claim.revision);  // it stays ours
+  EXPECT_EQ(a_.acquire().claim.owner, owned.claim.owner);  // it stays ours
 }
 
 TEST_F(OwnershipTest, ANewSessionMayBeAnotherServers) {
@@ -121,6 +123,62 @@ TEST_F(OwnershipTest, ASessionThatComesBackHasAThirdSegment) {
   const auto owner = owner_from(keys_.keys.at(kSession.owner_key()).value);
   ASSERT_TRUE(owner);
   EXPECT_EQ(owner->segments.size(), 3U);
+}
+
+TEST_F(OwnershipTest, ATakeOversEpochIsTheTimeOfDayAndAboveTheOneBefore) {
+  a_.acquire();
+  b_.now = std::chrono::microseconds(5'000'900);
+  EXPECT_EQ(b_.acquire().epoch, 5000U);
+  a_.now = std::chrono::milliseconds(4999);  // its clock is behind
+  EXPECT_EQ(a_.acquire().epoch, 5001U);
+  b_.now = std::chrono::milliseconds(-1);
+  EXPECT_EQ(b_.acquire().epoch, 5002U);
+}
+
+/// B4: the store knows nothing of what came since.
+TEST_F(OwnershipTest, AfterTheStoreWentBackNoEpochComesAgain) {
+  a_.acquire();
+  const FakeKeys before = keys_;
+  b_.now = std::chrono::milliseconds(7000);
+  const Owned forgotten = b_.acquire();
+  keys_ = before;
+  Server c(main_, keys_, "c");
+  c.now = std::chrono::milliseconds(7050);
+  EXPECT_GT(c.acquire().epoch, forgotten.epoch);
+  b_.record(forgotten, {9, 0});  // it was not stopped, and the revision is that of its claim
+  ASSERT_TRUE(run_until([&] { return b_.store.sent() == 1; }));
+  b_.store.deliver();
+  EXPECT_EQ(b_.acknowledged, false);
+}
+
+/// Its journal knows more than the store.
+TEST_F(OwnershipTest, ASegmentOnDiskThatTheStoreHasForgottenGoesOn) {
+  a_.acquire();
+  b_.now = std::chrono::milliseconds(7050);
+  b_.on_disk = {{"b", 7000, {3, 0}}, {5, 0}};
+  const Owned owned = b_.acquire();
+  EXPECT_EQ(owned.segment, b_.on_disk->segment);
+  EXPECT_EQ(owned.epoch, 7050U);
+}
+
+TEST_F(OwnershipTest, ASegmentOnDiskThatOthersHaveLeftBehindDoesNot) {
+  const Owned first = a_.acquire();
+  a_.record(first, {9, 0});
+  ASSERT_TRUE(run_until([&] { return a_.store.sent() == 1; }));
+  a_.store.deliver();
+  b_.on_disk = {{"b", 7000, {3, 0}}, {5, 0}};
+  const Owned owned = b_.acquire();
+  EXPECT_EQ(owned.epoch, 7001U) << "above that on the disk, whatever the clock says";
+  EXPECT_EQ(owned.segment, (Segment{"b", 7001, {9, 0}}));
+}
+
+TEST_F(OwnershipTest, ASessionThatTheStoreHasLostGoesOnWhereItIsOnDisk) {
+  b_.on_disk = {{"b", 7000, {3, 0}}, {5, 0}};
+  b_.ask("a");
+  b_.store.deliver_all();
+  const auto owned = std::get<Owned>(b_.answer->value());
+  EXPECT_EQ(owned.segment, b_.on_disk->segment);
+  EXPECT_EQ(owned.epoch, 7001U);
 }
 
 TEST_F(OwnershipTest, APositionThatIsRecordedWhileAnotherTakesOverIsNotLost) {

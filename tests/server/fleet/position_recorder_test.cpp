@@ -15,8 +15,10 @@ class PositionRecorderTest : public test::EventLoop {
   void make(std::chrono::milliseconds interval) {
     recorder_ = std::make_unique<PositionRecorder>(main_, store_, interval);
   }
-  void record(const std::string& session, std::int64_t revision = 0) {
-    recorder_->async_record({{"robot", session}, revision}, {1, 0}, [this, session](bool is_ours) {
+  void record(const std::string& session) {
+    const SessionName name{"robot", session};
+    keys_.keys.try_emplace(name.owner_key(), KeyValue{name.owner_key(), "we", 1});
+    recorder_->async_record({name, "we"}, {1, 0}, [this, session](bool is_ours) {
       answers_.push_back(session + (is_ours ? " ours" : " lost"));
     });
   }
@@ -72,9 +74,9 @@ TEST_F(PositionRecorderTest, OneThatHurriesBehindARequestIsSentWhenThatIsOver) {
 
 TEST_F(PositionRecorderTest, AClaimThatAnotherHasRecordsNothingAndTheOthersGoOn) {
   make(std::chrono::milliseconds(0));
-  keys_.keys["/orbbuf/session/robot/a"] = {"/orbbuf/session/robot/a", "", 7};
-  record("a", 6);
-  record("b", 0);
+  keys_.keys["/orbbuf/session/robot/a"] = {"/orbbuf/session/robot/a", "they", 7};
+  record("a");
+  record("b");
   ASSERT_TRUE(is_sent());
   store_.deliver();
   EXPECT_EQ(answers_, (Answers{"a lost", "b ours"}));
