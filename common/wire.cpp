@@ -75,6 +75,25 @@ void put_drops(Writer& out, std::span<const DropRecord> records) {
   for (const DropRecord& record : records) fields(out, record);
 }
 
+void put_streams(Writer& out, std::span<const StreamDeclaration> streams) {
+  out.put(static_cast<std::uint16_t>(streams.size()));
+  for (const StreamDeclaration& stream : streams) {
+    out.put(stream.id);
+    out.put_text(cut(stream.name, kMaxNameBytes));
+    out.put_text(cut(stream.codec, kMaxNameBytes));
+  }
+}
+
+std::vector<std::uint8_t> late_record(std::string_view session_id, Type type, std::uint32_t crc,
+                                      std::span<const std::uint8_t> begin,
+                                      std::span<const std::uint8_t> rest) {
+  Writer record(0);
+  record.fields(session_id, type, crc);
+  record.put_bytes(begin);
+  record.put_bytes(rest);
+  return std::move(record.bytes());
+}
+
 bool is_id_character(char c) {
   return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' ||
          c == '_' || c == '-';
@@ -102,12 +121,7 @@ std::vector<std::uint8_t> encode(const Hello& hello) {
   message.fields(hello.robot_id, hello.session_id);
   message.put_text(cut(hello.software, kMaxTextBytes));
   message.put_text(cut(hello.calibration, kMaxCalibrationBytes));
-  message.put(static_cast<std::uint16_t>(hello.streams.size()));
-  for (const StreamDeclaration& stream : hello.streams) {
-    message.put(stream.id);
-    message.put_text(cut(stream.name, kMaxNameBytes));
-    message.put_text(cut(stream.codec, kMaxNameBytes));
-  }
+  put_streams(message, hello.streams);
   return std::move(message).take();
 }
 
@@ -178,12 +192,20 @@ Sequence known_end(const Account& account) {
   return end;
 }
 
+bool Account::is_held() const {
+  return held > 0 || std::ranges::any_of(streams, [](const auto& each) { return each.held > 0; });
+}
+
 std::vector<std::uint8_t> encode_account(const Account& account) {
   Writer payload(0);
   payload.put(account.session_id);
   payload.flags(account.is_final, account.has_ended);
   payload.fields(known_end(account), account.last_capture_time_ns, account.confirmed, account.held,
                  account.first_held);
+  std::vector<StreamDeclaration> streams;
+  for (const StreamAccount& each : account.streams) streams.push_back(each.stream);
+  put_streams(payload, streams);
+  for (const StreamAccount& each : account.streams) payload.fields(each.captured, each.held);
   put_drops(payload, account.given_up);
   return std::move(payload.bytes());
 }
@@ -205,12 +227,13 @@ std::vector<std::uint8_t> encode_late_record(std::string_view session_id,
                                              const EncodedFrame& frame) {
   std::array<std::uint8_t, kFrameMetaBytes> meta{};
   store_meta(meta, frame);
-  Writer record(0);
-  record.put_text(session_id);
-  record.put(body_crc(meta, frame));
-  record.put_bytes(meta);
-  record.put_bytes(frame.jpeg);
-  return std::move(record.bytes());
+  return late_record(session_id, Type::kFrame, body_crc(meta, frame), meta, frame.jpeg);
+}
+
+std::vector<std::uint8_t> encode_late_record(std::string_view session_id, const Items& items) {
+  const auto message = encode(items);
+  const auto body = std::span(message).subspan(kHeaderBytes);
+  return late_record(session_id, Type::kItems, crc32(body), body, {});
 }
 
 }  // namespace orbbuf::wire

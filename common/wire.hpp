@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -190,10 +191,21 @@ struct LatePart {
   std::span<const std::uint8_t> bytes;  ///< at least one; within the record
 };
 
-/// A frame that the live stream of its session did not deliver, or delivered reduced. It is whole.
+/// A frame that the live stream of its session did not deliver, or delivered reduced: it is whole.
+/// Or items of a stream from kFirstOther on, by their numbers in that session.
 struct LateFrame {
   std::string session_id;  ///< of the present session or an earlier one of the robot
   EncodedFrame frame;
+  std::optional<Items> items{};  ///< then there is no frame
+};
+
+/// What the robot knows of a stream from kFirstOther on.
+struct StreamAccount {
+  StreamDeclaration stream;
+  std::uint64_t captured = 0;  ///< items below it were captured, at least
+  std::uint64_t held = 0;      ///< records with items on its disk, to be sent late
+
+  friend bool operator==(const StreamAccount&, const StreamAccount&) = default;
 };
 
 /// The payload of kAccounts: what the robot knows of one of its sessions. Each replaces the one
@@ -211,7 +223,10 @@ struct Account {
   std::uint64_t held = 0;            ///< frames that the robot keeps on its disk to send late
   Sequence first_held = 0;           ///< the lowest number of them
   std::vector<DropRecord> given_up;  ///< at most kMaxDropsPerMessage; some may be known already
+  std::vector<StreamAccount> streams{};
 
+  /// The robot has something of the session to send late.
+  bool is_held() const;
   friend bool operator==(const Account&, const Account&) = default;
 };
 
@@ -260,11 +275,13 @@ std::vector<std::uint8_t> encode_account(const Account& account);
 std::array<std::uint8_t, kHeaderBytes + kFrameMetaBytes> encode_frame_head(
     const EncodedFrame& frame);
 
-/// What the parts of a late frame make up: the session's id as a text, the CRC-32 of what follows,
-/// and the body of a frame message.
+/// What the parts of a late frame make up: the session's id as a text, a Type, the CRC-32 of what
+/// follows,
+/// and the body of a message of that type: frame or items.
 std::vector<std::uint8_t> encode_late_record(std::string_view session_id,
                                              const EncodedFrame& frame);
-inline constexpr std::size_t kMaxLateHeadBytes = 2 + kMaxIdBytes + 4 + kFrameMetaBytes;
+std::vector<std::uint8_t> encode_late_record(std::string_view session_id, const Items& items);
+inline constexpr std::size_t kMaxLateHeadBytes = 2 + kMaxIdBytes + 1 + 4 + kFrameMetaBytes;
 
 /// A peer's fault: what to log, and the code to answer with.
 struct Fault {

@@ -349,6 +349,10 @@ Parsed<Account> parse_account(std::span<const std::uint8_t> payload) {
   account.has_ended = (flags & kHasEnded) != 0;
   in.fields(account.captured, account.last_capture_time_ns, account.confirmed, account.held,
             account.first_held);
+  for (StreamDeclaration& stream : take_streams(in)) {
+    account.streams.push_back({std::move(stream), 0, 0});
+  }
+  for (StreamAccount& each : account.streams) in.fields(each.captured, each.held);
   account.given_up = take_drops(in, 0);
   in.require(account.captured < kEndOfNumbers, "sequence number out of range");
   const Sequence end = known_end(account);
@@ -361,8 +365,10 @@ Parsed<LateFrame> parse_late_record(std::span<const std::uint8_t> record) {
   Reader in(record);
   LateFrame late;
   const std::string_view session_id = in.take_text();
+  const auto type = in.take<Type>();
   const auto crc = in.take<std::uint32_t>();
-  if (in.is_short() || in.left() <= kFrameMetaBytes) {
+  const bool is_items = type == Type::kItems;
+  if (in.is_short() || (!is_items && (type != Type::kFrame || in.left() <= kFrameMetaBytes))) {
     return malformed(fmt::format("late frame of {} bytes holds no JPEG", record.size()));
   }
   if (!is_valid_id(session_id)) {
@@ -370,7 +376,14 @@ Parsed<LateFrame> parse_late_record(std::span<const std::uint8_t> record) {
   }
   late.session_id = session_id;
   const auto body = record.last(in.left());
-  const Header header{Type::kFrame, static_cast<std::uint32_t>(body.size()), crc};
+  const Header header{type, static_cast<std::uint32_t>(body.size()), crc};
+  if (is_items) {
+    auto items = parse_items(header, body);
+    if (!items) return std::move(items).error();
+    if (items.value().stream < kFirstOther) return malformed("late items of a stream of frames");
+    late.items = std::move(items).value();
+    return late;
+  }
   auto frame = parse_frame(header, body.first<kFrameMetaBytes>(),
                            {body.begin() + kFrameMetaBytes, body.end()});
   if (!frame) return std::move(frame).error();

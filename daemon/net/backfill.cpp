@@ -116,7 +116,7 @@ std::vector<std::uint8_t> Backfill::take_account(Time now, bool final) {
   if (accounts_.empty() || (!final && next_account_ - told_ >= kMostAccounts)) return {};
   const wire::Account account = std::move(accounts_.front());
   accounts_.pop_front();
-  if (account.is_final && account.held == 0) {
+  if (account.is_final && !account.is_held()) {
     last_words_.push_back({next_account_, account.session_id});
   }
   return wire::encode(wire::Items{wire::kAccounts, next_account_++, wire::encode_account(account)});
@@ -149,9 +149,10 @@ bool Backfill::begin_frame() {
   if (begun_.size() >= kLeast && begun_bytes_ >= kMostUnacknowledged) return false;
   while (const auto next = record_.next()) {
     record_.take_next();
-    const EncodedFrame& frame = *next->frame;
-    if (max_frame_bytes_ == 0 || frame.jpeg.size() <= max_frame_bytes_) {
-      late_record_ = wire::encode_late_record(next->session_id, frame);
+    const FramePtr& frame = next->frame;
+    if (!frame || max_frame_bytes_ == 0 || frame->jpeg.size() <= max_frame_bytes_) {
+      late_record_ = frame ? wire::encode_late_record(next->session_id, *frame)
+                           : wire::encode_late_record(next->session_id, next->items);
       sent_ = 0;
       begun_.push_back({next_late_, next->id, late_record_.size()});
       begun_bytes_ += late_record_.size();
@@ -162,7 +163,7 @@ bool Backfill::begin_frame() {
     log_error(
         "record: frame {} of session {} has {} bytes, more than the server's listen.max_frame of "
         "{}: it is lost, and so are all that are larger",
-        frame.sequence, next->session_id, frame.jpeg.size(), max_frame_bytes_);
+        frame->sequence, next->session_id, frame->jpeg.size(), max_frame_bytes_);
   }
   return false;
 }

@@ -206,8 +206,14 @@ void Sender::collect(bool those_at_risk) {
 }
 
 void Sender::note_progress() {
-  record_.note({buffer_.stats().captured, buffer_.last_capture_time_ns(), confirmed_,
-                drops_.settled_below(confirmed_)});
+  SessionProgress progress{buffer_.stats().captured, buffer_.last_capture_time_ns(), confirmed_,
+                           drops_.settled_below(confirmed_)};
+  const auto keep = [this](const wire::Items& items) { return record_.keep(items); };
+  for (auto& [stream, captured, first_waiting, late] : samples_.record(keep)) {
+    if (late.end > 0) record_.send_late(stream.id, late.begin, late.end);
+    progress.streams.push_back({std::move(stream), captured, first_waiting});
+  }
+  record_.note(progress);
 }
 
 bool Sender::is_settled() const {

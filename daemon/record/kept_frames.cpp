@@ -33,14 +33,16 @@ KeptFrame* KeptFrames::find(Sequence sequence) {
 }
 
 void KeptFrames::on_written(KeptFrame& frame, const KeptFrame& place) {
+  const bool is_late = frame.is_late;
   frame = place;
+  frame.is_late = is_late;
   next_ = std::min(next_, frame.sequence);
 }
 
 const KeptFrame* KeptFrames::take_next(Sequence end) {
   for (auto at = from(next_); at != frames_.end() && at->sequence < end; ++at) {
     next_ = at->sequence + 1;
-    if (at->state != State::kWritten) continue;
+    if (at->state != State::kWritten || !at->is_late) continue;
     at->state = State::kTaken;
     return &*at;
   }
@@ -57,6 +59,23 @@ void KeptFrames::remove(KeptFrame& frame) {
   frame.state = State::kGone;
   --held_;
   trim();
+}
+
+KeptFrame* KeptFrames::find_done(Sequence end) {
+  for (KeptFrame& frame : frames_) {
+    if (frame.end() > end) return nullptr;
+    if (frame.state != State::kGone && !frame.is_late) return &frame;
+  }
+  return nullptr;
+}
+
+void KeptFrames::set_late(Sequence begin, Sequence end) {
+  for (KeptFrame& frame : frames_) {
+    if (frame.end() <= begin || frame.is_late) continue;
+    if (frame.sequence >= end) return;
+    frame.is_late = true;
+    next_ = std::min(next_, frame.sequence);
+  }
 }
 
 std::size_t KeptFrames::remove_segment(std::uint32_t segment, std::uint64_t most) {

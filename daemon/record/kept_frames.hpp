@@ -9,7 +9,8 @@
 
 namespace orbbuf {
 
-/// A frame that is to be sent late, and where the journal has it.
+/// A frame that is to be sent late, or several items of another stream, and where the journal has
+/// it.
 struct KeptFrame {
   enum class State : std::uint8_t {
     kPending,  ///< not written yet
@@ -23,11 +24,16 @@ struct KeptFrame {
   std::uint32_t offset = 0;  ///< of the record in the segment
   std::uint32_t bytes = 0;   ///< of the record
   State state = State::kPending;
+  bool is_late = true;      ///< else it is only to be sent if this process dies
+  std::uint16_t count = 1;  ///< of numbers, from `sequence` on
+
+  Sequence end() const { return sequence + count; }
 };
 static_assert(sizeof(KeptFrame) == 24);
 
-/// The frames of one session that the robot holds, by number. They come nearly in that order, and
-/// leave nearly in that order. Reentrant. Memory: 24 bytes for each from the first to the last.
+/// The frames of one session that the robot holds, or the items of a stream, by number. They come
+/// nearly in that order, and leave nearly in that order. Reentrant. Memory: 24 bytes for each from
+/// the first to the last.
 class KeptFrames {
  public:
   /// False: there is one of that number.
@@ -41,6 +47,10 @@ class KeptFrames {
   /// One that was taken is to be taken again.
   void give_back(KeptFrame& frame);
   void remove(KeptFrame& frame);
+  /// The first that is not late and has only numbers below `end`; null: there is none.
+  KeptFrame* find_done(Sequence end);
+  /// What has any of these numbers is late.
+  void set_late(Sequence begin, Sequence end);
   /// Removes those written to `segment`, at most `most` of them; how many those were.
   std::size_t remove_segment(std::uint32_t segment, std::uint64_t most);
 

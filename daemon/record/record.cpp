@@ -51,6 +51,9 @@ Record::Record(RecordSettings settings, const std::string& robot_id, const std::
   if (const auto held = state_.held(); held > 0) {
     log_info("record: {} has {} frames, which are sent late", settings_.path.string(), held);
   }
+  if (state_.held_items() > 0) {
+    log_info("record: {} has samples, which are sent late", settings_.path.string());
+  }
   thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
 }
 
@@ -82,6 +85,20 @@ void Record::give_up(std::span<const DropRecord> records) {
   if (records.empty()) return;
   const std::lock_guard lock(mutex_);
   state_.give_up(records);
+}
+
+bool Record::keep(const wire::Items& items) {
+  if (!keeps_items()) return false;
+  const std::lock_guard lock(mutex_);
+  if (state_.pending_item_bytes() + items.payload.size() > kMostPendingItemBytes) return false;
+  state_.keep(items);
+  return true;
+}
+
+void Record::send_late(wire::StreamId stream, std::uint64_t begin, std::uint64_t end) {
+  const std::lock_guard lock(mutex_);
+  state_.send_late(stream, begin, end);
+  wake();
 }
 
 void Record::note(const SessionProgress& progress) {
@@ -245,6 +262,7 @@ bool Record::write_notes(Lock& lock, Clock::time_point now) {
     const auto place = append(note.type, note.body, {});
     if (!place) failed = place.error();
     if (failed) break;
+    if (note.items) on_items_written(note, place.value());
     auto& released = index_[note.session].released;
     released.insert(released.end(), note.released.begin(), note.released.end());
   }
@@ -255,6 +273,19 @@ bool Record::write_notes(Lock& lock, Clock::time_point now) {
   sync_at_ = std::min(sync_at_, now);
   lock.lock();
   return true;
+}
+
+void Record::on_items_written(const RecordState::Note& note, const journal::Place& place) {
+  const KeptFrame written{note.first,
+                          place.segment,
+                          static_cast<std::uint32_t>(place.offset),
+                          static_cast<std::uint32_t>(journal::kHeadBytes + note.body.size()),
+                          KeptFrame::State::kWritten,
+                          false,
+                          note.count};
+  index_[note.session].items.emplace_back(*note.items, written);
+  const std::lock_guard lock(mutex_);
+  state_.on_written(written, *note.items);
 }
 
 /// They could not be written. If the disk is full, the oldest frames pay.
@@ -413,31 +444,45 @@ bool Record::read_ahead(Lock& lock) {
   if (!taken) return false;
   const auto rewinds = rewinds_;
   lock.unlock();
-  auto frame = folder_.read_frame(taken->place);
+  const auto late = read(*taken);
   lock.lock();
-  if (!frame) {
+  if (!late) {
     ++counts_.damaged;
     state_.remove(taken->id);
     is_changed_ = true;
     if (damaged_limit_.lets_through()) {
-      log_warn("record: {}; {} frames since the start", frame.error().text, counts_.damaged);
+      log_warn("record: {}; {} frames since the start", late.error().text, counts_.damaged);
     }
   } else if (rewinds != rewinds_) {
     state_.give_back(taken->id);
   } else if (state_.is_held(taken->id)) {
     if (ready_.empty()) is_changed_ = true;
-    ready_.push_back({taken->id, taken->session, std::move(frame.value())});
+    ready_.push_back(late.value());
   }
   return true;
 }
 
+Result<Record::LateFrame> Record::read(const RecordState::Taken& taken) const {
+  LateFrame late{taken.id, taken.session, nullptr};
+  if (taken.id.stream == wire::kFrames) {
+    auto frame = folder_.read_frame(taken.place);
+    if (!frame) return std::move(frame).error();
+    late.frame = std::move(frame).value();
+  } else {
+    auto items = folder_.read_items(taken.place);
+    if (!items) return std::move(items).error();
+    late.items = std::move(items).value();
+  }
+  return late;
+}
+
 void Record::report_lost(const std::vector<RecordState::Lost>& lost, const std::string& why) {
-  for (const auto& [session, frames] : lost) {
+  for (const auto& [session, frames, items] : lost) {
     counts_.evicted += frames;
     is_changed_ = true;
     if (!lost_limit_.lets_through()) continue;
-    log_warn("record: {} kept frames of session {} are lost, since {}; {} since the start", frames,
-             session, why, counts_.evicted);
+    log_warn("record: {} kept frames{} of session {} are lost, since {}; {} since the start",
+             frames, items > 0 ? " and samples" : "", session, why, counts_.evicted);
   }
 }
 

@@ -65,10 +65,13 @@ class Record {
   static constexpr std::uint64_t kSegmentBytes = 1 << 20;
   static constexpr std::uint64_t kFrameSegmentBytes = 16 << 20;
 
+  static constexpr std::size_t kMostPendingItemBytes = 4 << 20;
+
   struct LateFrame {
     KeptId id;
     std::string session_id;
-    FramePtr frame;
+    FramePtr frame;  ///< null: items
+    wire::Items items{};
   };
 
   struct Stats {
@@ -96,10 +99,16 @@ class Record {
   Record& operator=(const Record&) = delete;
 
   bool keeps_frames() const { return settings_.keeps_frames; }
+  bool keeps_items() const { return writer_.has_value(); }
 
   // The present session.
 
   void give_up(std::span<const DropRecord> records);
+  /// Items of a stream that wait for the server, written with the next note(): the next start sends
+  /// them if that note() does not come that has them settled. False: they are not kept.
+  bool keep(const wire::Items& items);
+  /// Of what was kept, those of these numbers do not wait any more: next() returns them.
+  void send_late(wire::StreamId stream, std::uint64_t begin, std::uint64_t end);
   /// Once a second; what is new is written then.
   void note(const SessionProgress& progress);
   /// Nothing more comes.
@@ -111,7 +120,7 @@ class Record {
   /// Frames from `end` on may still be delivered live, and are not returned by next().
   void set_live_from(Sequence end);
 
-  // Late frames.
+  // Late frames, and items before them.
 
   /// The oldest frame that was not taken, if it is in memory; else `changed` says when.
   std::optional<LateFrame> next();
@@ -146,7 +155,9 @@ class Record {
   bool write_frame(Lock& lock, Clock::time_point now);
   bool sync(Lock& lock, Clock::time_point now);
   bool remove_oldest(Lock& lock);
+  void on_items_written(const RecordState::Note& note, const journal::Place& place);
   bool read_ahead(Lock& lock);
+  Result<LateFrame> read(const RecordState::Taken& taken) const;
   void check_folder();
   Result<journal::Place> append(std::uint8_t type, record_format::Bytes head,
                                 record_format::Bytes rest);

@@ -42,6 +42,12 @@ void add(const journal::Record& record, Index& index) {
       auto& released = index[parsed->first].released;
       released.insert(released.end(), parsed->second.begin(), parsed->second.end());
     }
+  } else if (record.type == record_format::kItems) {
+    if (const auto parsed = record_format::parse_items(record.body)) {
+      KeptFrame items = place_of(record, parsed->second.first);
+      items.count = record_format::count_of(parsed->second);
+      index[parsed->first].items.emplace_back(parsed->second.stream, items);
+    }
   }
 }
 
@@ -155,6 +161,19 @@ std::optional<Index> RecordFolder::read_index(std::uint32_t segment) const {
   const bool is_index = record && record.value() && record.value()->place == place &&
                         record.value()->type == record_format::kIndex;
   return is_index ? record_format::parse_index(record.value()->body, segment) : std::nullopt;
+}
+
+Result<wire::Items> RecordFolder::read_items(const KeptFrame& items) const {
+  const journal::Place place{items.segment, items.offset};
+  Reader reader(path_, place);
+  const auto record = reader.next();
+  if (!record) return record.error();
+  const bool is_there = record.value() && record.value()->place == place &&
+                        record.value()->type == record_format::kItems;
+  auto parsed = is_there ? record_format::parse_items(record.value()->body) : std::nullopt;
+  if (parsed && parsed->second.first == items.sequence) return std::move(parsed->second);
+  return Error{"samples in " + journal::segment_path(path_, items.segment).string() +
+               " are damaged"};
 }
 
 Result<FramePtr> RecordFolder::read_frame(const KeptFrame& frame) const {

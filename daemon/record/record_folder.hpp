@@ -39,6 +39,7 @@ class RecordFolder {
   Result<End> read(RecordState& state) const;
 
   Result<FramePtr> read_frame(const KeptFrame& frame) const;
+  Result<wire::Items> read_items(const KeptFrame& items) const;
 
  private:
   using Segments = std::vector<std::uint32_t>;

@@ -18,6 +18,17 @@ void fields(Archive& archive, FieldsOf<Archive, Account>& account) {
   archive.flags(account.has_ended, account.is_settled);
   archive.fields(account.captured, account.last_capture_time_ns, account.confirmed,
                  account.settled_below);
+  archive.list(account.streams, [&](auto& each) {
+    archive.fields(each.stream.id, each.stream.name, each.stream.codec, each.captured,
+                   each.settled);
+    archive.require(each.stream.id < wire::kMostStreams);
+  });
+}
+
+template <class Archive>
+void fields(Archive& archive, FieldsOf<Archive, wire::Items>& items) {
+  archive.fields(items.stream, items.first);
+  archive.rest(items.payload);
 }
 
 /// All but the JPEG.
@@ -37,6 +48,10 @@ void fields(Archive& archive, FieldsOf<Archive, IndexEntry>& entry) {
   archive.list(entry.kept,
                [&](auto& frame) { archive.fields(frame.sequence, frame.offset, frame.bytes); });
   fields(archive, entry.released);
+  archive.list(entry.items, [&](auto& each) {
+    archive.fields(each.first, each.second.sequence, each.second.count, each.second.offset,
+                   each.second.bytes);
+  });
 }
 
 }  // namespace
@@ -78,6 +93,26 @@ std::optional<std::pair<std::string, EncodedFrame>> parse_frame(Bytes body) {
   return parsed;
 }
 
+std::vector<std::uint8_t> encode_items(std::string_view name, const wire::Items& items) {
+  Writer out(0);
+  out.put(name);
+  fields(out, items);
+  return std::move(out.bytes());
+}
+
+std::uint16_t count_of(const wire::Items& items) {
+  return Reader(items.payload).take<std::uint16_t>();
+}
+
+std::optional<std::pair<std::string, wire::Items>> parse_items(Bytes body) {
+  Reader in(body);
+  std::pair<std::string, wire::Items> parsed;
+  in.fields(parsed.first);
+  fields(in, parsed.second);
+  if (in.is_short() || parsed.second.payload.empty()) return std::nullopt;
+  return parsed;
+}
+
 std::vector<std::uint8_t> encode_released(std::string_view name,
                                           const std::vector<Sequence>& released) {
   Writer out(0);
@@ -111,10 +146,12 @@ std::optional<Index> parse_index(Bytes body, std::uint32_t segment) {
   for (auto sessions = in.take<std::uint32_t>(); sessions > 0 && !in.is_short(); --sessions) {
     IndexEntry& entry = index[in.take<std::string>()];
     fields(in, entry);
-    for (KeptFrame& frame : entry.kept) {
+    const auto place = [segment](KeptFrame& frame) {
       frame.segment = segment;
       frame.state = KeptFrame::State::kWritten;
-    }
+    };
+    for (KeptFrame& frame : entry.kept) place(frame);
+    for (auto& [stream, frame] : entry.items) place(frame);
   }
   if (in.is_short()) return std::nullopt;
   return index;

@@ -12,7 +12,7 @@
 namespace orbbuf {
 namespace {
 
-constexpr std::uint8_t kVersion = 1;
+constexpr std::uint8_t kVersion = 2;
 
 std::vector<std::uint8_t> encode(const record_format::Account& account, const DropRanges& drops) {
   wire::Writer out(0);
@@ -24,6 +24,7 @@ std::vector<std::uint8_t> encode(const record_format::Account& account, const Dr
 
 using record_format::Account;
 using record_format::Bytes;
+using record_format::StreamAccount;
 using State = KeptFrame::State;
 
 RecordState::RecordState(std::string robot_id, const std::string& session_id)
@@ -66,6 +67,12 @@ void RecordState::apply_account(Bytes body) {
   const auto found = find(account->name);
   Session& session = found == sessions_.end() ? add(account->name) : found->second;
   account->captured = std::max(account->captured, session.captured);  // the checkpoint is newer
+  for (StreamAccount& each : account->streams) {
+    const auto known = std::ranges::find(session.streams, each.stream, &StreamAccount::stream);
+    if (known == session.streams.end()) continue;
+    each.captured = std::max(each.captured, known->captured);
+    each.settled = std::max(each.settled, known->settled);
+  }
   static_cast<Account&>(session) = std::move(*account);
   for (const auto& [number, record] : drops.by_number()) session.given_up.add(record);
   session.given_up.remove_below(session.settled_below);
@@ -83,15 +90,46 @@ void RecordState::apply(const record_format::Index& index, bool may_add) {
     for (const Sequence sequence : entry.released) {
       if (KeptFrame* const frame = session.kept.find(sequence)) remove(session, *frame);
     }
+    for (auto [stream, items] : entry.items) {
+      items.is_late = false;
+      if (session.items[stream].add(items)) ++segments_[items.segment].held;
+    }
+  }
+}
+
+std::uint64_t RecordState::Session::held_items() const {
+  std::uint64_t held = 0;
+  for (const auto& [stream, of_stream] : items) held += of_stream.held();
+  return held;
+}
+
+/// What the server has need not be held.
+void RecordState::note_streams(Session& session, const std::vector<StreamAccount>& streams) {
+  for (auto& [stream, kept] : session.items) {
+    const auto account = std::ranges::find(
+        streams, stream, [](const StreamAccount& each) { return each.stream.id; });
+    const std::uint64_t settled = account == streams.end() ? ~0ULL : account->settled;
+    while (KeptFrame* const items = kept.find_done(settled)) remove(session, *items, stream);
+  }
+  session.streams = streams;
+  for (StreamAccount& each : session.streams) {
+    const KeptFrames& kept = session.items[each.stream.id];
+    if (kept.held() > 0) each.settled = std::min(each.settled, kept.first());
   }
 }
 
 void RecordState::begin() {
   released_.clear();  // the journal has said so
+  for (auto& [number, session] : sessions_) {
+    auto streams = session.streams;
+    if (session.is_settled) streams.clear();
+    note_streams(session, streams);
+    for (auto& [stream, kept] : session.items) kept.set_late(0, ~Sequence{0});
+  }
   std::erase_if(sessions_, [](const auto& entry) {
     const Session& session = entry.second;
-    const bool is_told = session.is_settled || session.captured == 0;
-    return is_told && session.kept.held() == 0;
+    const bool is_told = session.is_settled || (session.captured == 0 && session.streams.empty());
+    return is_told && session.kept.held() == 0 && session.held_items() == 0;
   });
   while (sessions_.size() >= kMostSessions) forget(sessions_.begin());
   limit_drops();
@@ -108,6 +146,9 @@ void RecordState::forget(Sessions::iterator session) {
       forgotten.kept.held());
   for (auto& [number, segment] : segments_) {
     segment.held -= session->second.kept.remove_segment(number, segment.held);
+    for (auto& [stream, kept] : session->second.items) {
+      segment.held -= kept.remove_segment(number, segment.held);
+    }
   }
   sessions_.erase(session);
 }
@@ -137,6 +178,7 @@ void RecordState::note(const SessionProgress& progress) {
   session.settled_below = progress.settled_below;
   session.given_up.remove_below(progress.settled_below);
   new_drops_.remove_below(progress.settled_below);
+  note_streams(session, progress.streams);
   session.is_changed = true;
   is_noted_ = true;
 }
@@ -155,24 +197,47 @@ std::optional<KeptId> RecordState::find_present(Sequence sequence) {
 
 KeptFrame* RecordState::find(const KeptId& id) {
   const auto session = sessions_.find(id.session);
-  return session == sessions_.end() ? nullptr : session->second.kept.find(id.sequence);
+  return session == sessions_.end() ? nullptr
+                                    : session->second.kept_of(id.stream).find(id.sequence);
+}
+
+void RecordState::keep(const wire::Items& items) {
+  Session& session = present();
+  const KeptFrame kept{
+      .sequence = items.first, .is_late = false, .count = record_format::count_of(items)};
+  if (!session.items[items.stream].add(kept)) return;
+  Note note{record_format::kItems,
+            record_format::encode_items(session.name, items),
+            session.name,
+            {},
+            items.stream,
+            kept.sequence,
+            kept.count};
+  pending_item_bytes_ += note.body.size();
+  new_items_.push_back(std::move(note));
+}
+
+void RecordState::send_late(wire::StreamId stream, std::uint64_t begin, std::uint64_t end) {
+  present().items[stream].set_late(begin, end);
+  present().is_changed = true;
 }
 
 /// What was written, the journal has to be told.
-void RecordState::remove(Session& session, KeptFrame& frame) {
+void RecordState::remove(Session& session, KeptFrame& frame, wire::StreamId stream) {
   if (frame.state != State::kPending) {
     --segments_.at(frame.segment).held;
-    released_[session.name].push_back(frame.sequence);
+    if (stream == wire::kFrames) released_[session.name].push_back(frame.sequence);
   }
-  session.kept.remove(frame);
+  session.kept_of(stream).remove(frame);
   session.is_changed = true;
 }
 
-void RecordState::on_written(const KeptFrame& place) {
-  if (KeptFrame* const frame = present().kept.find(place.sequence)) {
-    present().kept.on_written(*frame, place);
+void RecordState::on_written(const KeptFrame& place, wire::StreamId stream) {
+  KeptFrames& kept = present().kept_of(stream);
+  if (KeptFrame* const frame = kept.find(place.sequence)) {
+    kept.on_written(*frame, place);
     ++segments_.at(place.segment).held;
-  } else {  // it was released meanwhile
+  } else if (stream == wire::kFrames) {  // it was released meanwhile
     released_[present_name_].push_back(place.sequence);
   }
 }
@@ -180,6 +245,11 @@ void RecordState::on_written(const KeptFrame& place) {
 std::optional<RecordState::Taken> RecordState::take_next(Sequence end) {
   for (auto& [number, session] : sessions_) {
     if (!is_ours(session)) continue;
+    for (auto& [stream, kept] : session.items) {
+      if (const KeptFrame* const items = kept.take_next(std::numeric_limits<Sequence>::max())) {
+        return Taken{{number, items->sequence, stream}, id_of(session), *items};
+      }
+    }
     const Sequence most = is_present(session) ? end : std::numeric_limits<Sequence>::max();
     if (const KeptFrame* const frame = session.kept.take_next(most)) {
       return Taken{{number, frame->sequence}, id_of(session), *frame};
@@ -189,11 +259,13 @@ std::optional<RecordState::Taken> RecordState::take_next(Sequence end) {
 }
 
 void RecordState::give_back(const KeptId& id) {
-  if (KeptFrame* const frame = find(id)) sessions_.at(id.session).kept.give_back(*frame);
+  KeptFrame* const frame = find(id);
+  if (frame != nullptr) sessions_.at(id.session).kept_of(id.stream).give_back(*frame);
 }
 
 void RecordState::remove(const KeptId& id) {
-  if (KeptFrame* const frame = find(id)) remove(sessions_.at(id.session), *frame);
+  KeptFrame* const frame = find(id);
+  if (frame != nullptr) remove(sessions_.at(id.session), *frame, id.stream);
 }
 
 std::vector<wire::Account> RecordState::take_accounts() {
@@ -208,6 +280,9 @@ std::vector<wire::Account> RecordState::take_accounts() {
     account.confirmed = session.confirmed;
     account.held = session.kept.held();
     account.first_held = session.kept.first();
+    for (const StreamAccount& each : session.streams) {
+      account.streams.push_back({each.stream, each.captured, session.items[each.stream.id].held()});
+    }
     if (!is_present(session)) {  // else they cross in a stream of their own
       for (const auto& [first, record] : session.given_up.by_number()) {
         if (account.given_up.size() == wire::kMaxDropsPerMessage) {
@@ -231,7 +306,7 @@ bool RecordState::settle(const std::string& session_id) {
   const auto found = find(prefix_ + session_id);
   if (found == sessions_.end()) return false;
   Session& session = found->second;
-  if (is_present(session) || session.kept.held() > 0) return false;
+  if (is_present(session) || session.kept.held() > 0 || session.held_items() > 0) return false;
   session.is_settled = true;
   settled_.push_back(session);
   sessions_.erase(found);
@@ -239,7 +314,8 @@ bool RecordState::settle(const std::string& session_id) {
 }
 
 std::deque<RecordState::Note> RecordState::take_notes() {
-  std::deque<Note> notes;
+  std::deque<Note> notes = std::exchange(new_items_, {});
+  pending_item_bytes_ = 0;
   if (std::exchange(is_noted_, false)) {
     notes.push_back({record_format::kAccount, encode(present(), new_drops_), {}, {}});
     new_drops_ = {};
@@ -273,10 +349,14 @@ std::vector<RecordState::Lost> RecordState::remove_segment(std::uint32_t segment
   std::uint64_t held = segments_.at(segment).held;
   for (auto session = sessions_.begin(); held > 0 && session != sessions_.end(); ++session) {
     const std::uint64_t frames = session->second.kept.remove_segment(segment, held);
-    if (frames == 0) continue;
-    held -= frames;
+    std::uint64_t items = 0;
+    for (auto& [stream, kept] : session->second.items) {
+      items += kept.remove_segment(segment, held - frames - items);
+    }
+    if (frames + items == 0) continue;
+    held -= frames + items;
     session->second.is_changed = true;
-    lost.push_back({session->second.name, frames});
+    lost.push_back({session->second.name, frames, items});
   }
   segments_.erase(segment);
   return lost;
@@ -302,16 +382,26 @@ std::uint64_t RecordState::held() const {
   return held;
 }
 
+std::uint64_t RecordState::held_items() const {
+  std::uint64_t held = 0;
+  for (const auto& [number, session] : sessions_) {
+    if (is_ours(session)) held += session.held_items();
+  }
+  return held;
+}
+
 std::vector<std::string> RecordState::describe_earlier(std::size_t most) const {
   std::vector<std::string> lines;
   for (auto entry = std::next(sessions_.rbegin()); entry != sessions_.rend(); ++entry) {
     const Session& session = entry->second;
     if (lines.size() == most) break;
-    if (session.confirmed >= session.captured && session.kept.held() == 0) continue;
+    const bool has_items = session.held_items() > 0;
+    if (session.confirmed >= session.captured && session.kept.held() == 0 && !has_items) continue;
     lines.push_back(fmt::format(
         "record: session {} ended with frames {} to {} not confirmed by the server; {} of its "
-        "frames are kept{}",
+        "frames are kept{}{}",
         session.name, session.confirmed, session.captured - 1, session.kept.held(),
+        has_items ? ", and samples of it" : "",
         is_ours(session) ? "" : ", and not sent, since robot.id is another one now"));
   }
   return lines;

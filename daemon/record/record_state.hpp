@@ -16,10 +16,11 @@
 
 namespace orbbuf {
 
-/// A frame that is held, for acknowledgements.
+/// A frame that is held, or several items from `sequence` on, for acknowledgements.
 struct KeptId {
   std::uint32_t session = 0;
   Sequence sequence = 0;
+  wire::StreamId stream = wire::kFrames;
 
   friend bool operator==(const KeptId&, const KeptId&) = default;
 };
@@ -28,8 +29,9 @@ struct KeptId {
 struct SessionProgress {
   Sequence captured = 0;
   std::int64_t last_capture_time_ns = 0;
-  Sequence confirmed = 0;      ///< the server has all frames below it
-  Sequence settled_below = 0;  ///< and all drop records of frames below it
+  Sequence confirmed = 0;                               ///< the server has all frames below it
+  Sequence settled_below = 0;                           ///< and all drop records of frames below it
+  std::vector<record_format::StreamAccount> streams{};  ///< what the server has counts as settled
 };
 
 /// What the robot's record says, in memory: its sessions, the frames of them that are held, and the
@@ -45,6 +47,7 @@ class RecordState {
   struct Lost {
     std::string session;
     std::uint64_t frames = 0;
+    std::uint64_t items = 0;  ///< records with items of other streams
 
     friend bool operator==(const Lost&, const Lost&) = default;
   };
@@ -53,7 +56,10 @@ class RecordState {
     std::uint8_t type = 0;
     std::vector<std::uint8_t> body;
     std::string session;
-    std::vector<Sequence> released;  ///< what it says, for the index
+    std::vector<Sequence> released;         ///< what it says, for the index
+    std::optional<wire::StreamId> items{};  ///< it has items of this stream
+    Sequence first = 0;
+    std::uint16_t count = 0;
   };
 
   RecordState(std::string robot_id, const std::string& session_id);
@@ -81,7 +87,12 @@ class RecordState {
   /// Nothing: it is not held.
   std::optional<KeptId> find_present(Sequence sequence);
   /// It is written; adds it to its segment.
-  void on_written(const KeptFrame& place);
+  void on_written(const KeptFrame& place, wire::StreamId stream = wire::kFrames);
+  /// Items for take_notes(), to be sent if this process dies.
+  void keep(const wire::Items& items);
+  /// Those of these numbers that were kept are to be sent in any case.
+  void send_late(wire::StreamId stream, std::uint64_t begin, std::uint64_t end);
+  std::size_t pending_item_bytes() const { return pending_item_bytes_; }
 
   // Sending late.
 
@@ -122,7 +133,8 @@ class RecordState {
   std::vector<std::uint32_t> segments() const;
   std::uint64_t bytes() const;  ///< of all segments
 
-  std::uint64_t held() const;
+  std::uint64_t held() const;        ///< frames
+  std::uint64_t held_items() const;  ///< records with items of other streams
   /// One line for each earlier session that the server has not settled, at most `most`.
   std::vector<std::string> describe_earlier(std::size_t most) const;
 
@@ -134,7 +146,13 @@ class RecordState {
   struct Session : record_format::Account {
     DropRanges given_up;  // all that the server may not have
     KeptFrames kept;
+    std::map<wire::StreamId, KeptFrames> items;
     bool is_changed = true;  // its account was not taken since
+
+    KeptFrames& kept_of(wire::StreamId stream) {
+      return stream == wire::kFrames ? kept : items[stream];
+    }
+    std::uint64_t held_items() const;
   };
   using Sessions = std::map<std::uint32_t, Session>;
 
@@ -145,7 +163,8 @@ class RecordState {
   Sessions::iterator find(std::string_view name);
   KeptFrame* find(const KeptId& id);
   Session& add(std::string name);
-  void remove(Session& session, KeptFrame& frame);
+  void remove(Session& session, KeptFrame& frame, wire::StreamId stream = wire::kFrames);
+  void note_streams(Session& session, const std::vector<record_format::StreamAccount>& streams);
   void forget(Sessions::iterator session);
   void limit_drops();
 
@@ -157,6 +176,8 @@ class RecordState {
   DropRanges new_drops_;  // of the present session, not noted yet
   bool is_noted_ = false;
   std::map<std::string, std::vector<Sequence>> released_;  // not noted yet
+  std::deque<Note> new_items_;                             // not noted yet
+  std::size_t pending_item_bytes_ = 0;                     // not written yet
   std::vector<record_format::Account> settled_;            // not noted yet
 };
 

@@ -23,8 +23,26 @@ void SampleQueue::make_room() {
     victim = waiting_.begin();
     if (sent_ > 0) --sent_;
   }
+  const std::uint64_t number = victim->number;
   waiting_.erase(victim);
-  ++lost_;
+  if (number >= recorded_end_) {
+    ++lost_;
+    return;
+  }
+  ++late_;
+  if (new_late_.end == 0) new_late_ = {number, number};
+  new_late_ = {std::min(new_late_.begin, number), std::max(new_late_.end, number + 1)};
+}
+
+SampleQueue::Batch SampleQueue::unrecorded() const {
+  auto entry = std::ranges::lower_bound(waiting_, recorded_end_, {}, &Entry::number);
+  Batch batch;
+  if (entry != waiting_.end()) batch.first = entry->number;
+  for (; entry != waiting_.end() && batch.samples.size() < wire::kMaxSamplesPerMessage; ++entry) {
+    if (entry->number != batch.first + batch.samples.size()) break;
+    batch.samples.push_back(entry->sample);
+  }
+  return batch;
 }
 
 void SampleQueue::rewind(std::uint64_t next) {

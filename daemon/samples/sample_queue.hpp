@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <deque>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "common/sample.hpp"
@@ -13,9 +14,10 @@ namespace orbbuf {
 
 /// The samples of one sensor on their way to the server, numbered from 0 in the order of time: kept
 /// until acknowledged, sent again on a new connection. It never thins them. When it is full, the
-/// oldest one that was never sent is lost, and its number is left out.
+/// oldest one that was never sent goes, and its number is left out: it comes late if the robot's
+/// record has it, else it is lost.
 ///
-/// At any time captured = delivered + waiting + lost. Reentrant.
+/// At any time captured = delivered + waiting + late + lost. Reentrant.
 class SampleQueue {
  public:
   static constexpr std::size_t kBytesPerSample = 64;
@@ -37,16 +39,30 @@ class SampleQueue {
   };
   /// The next ones to send, up to `upto_ns`; nothing: there are none.
   std::optional<Batch> take(std::int64_t upto_ns);
+  /// Those that wait and are not in the record yet, the oldest of them; it may be empty.
+  Batch unrecorded() const;
+  /// The record has all that wait below `end`.
+  void set_recorded(std::uint64_t end) { recorded_end_ = end; }
+  struct Range {
+    std::uint64_t begin = 0;
+    std::uint64_t end = 0;
+  };
+  /// The numbers that became late since the last call, and perhaps others between them.
+  Range take_late() { return std::exchange(new_late_, {}); }
+
   /// Between the oldest and the newest unsent one.
   std::int64_t unsent_ns() const;
 
+  /// Below it, none waits.
+  std::uint64_t first_waiting() const { return waiting_.empty() ? end_ : waiting_.front().number; }
   /// Behind the last number that was ever sent.
   std::uint64_t sent_end() const { return sent_end_; }
   bool is_settled() const { return waiting_.empty(); }
 
   std::uint64_t captured() const { return end_; }
-  std::uint64_t delivered() const { return end_ - lost_ - waiting_.size(); }
+  std::uint64_t delivered() const { return end_ - lost_ - late_ - waiting_.size(); }
   std::uint64_t waiting() const { return waiting_.size(); }
+  std::uint64_t late() const { return late_; }
   std::uint64_t lost() const { return lost_; }
 
  private:
@@ -62,6 +78,9 @@ class SampleQueue {
   std::size_t sent_ = 0;        // how many of them this connection has sent
   std::uint64_t end_ = 0;       // the next sample's number
   std::uint64_t sent_end_ = 0;  // behind the last that was ever sent
+  std::uint64_t recorded_end_ = 0;
+  Range new_late_;
+  std::uint64_t late_ = 0;
   std::uint64_t lost_ = 0;
   std::optional<std::int64_t> last_time_ns_;
 };

@@ -113,6 +113,21 @@ bool SampleStreams::is_settled() const {
       streams_, [](const Stream& stream) { return !stream.is_taken || stream.queue.is_settled(); });
 }
 
+std::vector<SampleStreams::Progress> SampleStreams::record(
+    const std::function<bool(const wire::Items&)>& keep) {
+  std::vector<Progress> all;
+  for (auto& [declaration, queue, source, is_taken, is_disorder_logged, lost_logged] : streams_) {
+    for (;;) {
+      const auto [first, samples] = queue.unrecorded();
+      if (samples.empty()) break;
+      if (!keep({declaration.id, first, wire::encode_samples(samples)})) break;
+      queue.set_recorded(first + samples.size());
+    }
+    all.push_back({declaration, queue.captured(), queue.first_waiting(), queue.take_late()});
+  }
+  return all;
+}
+
 void SampleStreams::put_ends(wire::Position& position) const {
   for (const Stream& stream : streams_) {
     position[stream.declaration.id] = stream.queue.sent_end();
@@ -122,9 +137,10 @@ void SampleStreams::put_ends(wire::Position& position) const {
 std::string SampleStreams::stats() const {
   std::string text;
   for (const Stream& stream : streams_) {
-    text += fmt::format("{}{} captured {} = delivered {} + waiting {} + lost {}",
-                        text.empty() ? "" : ", ", stream.declaration.name, stream.queue.captured(),
-                        stream.queue.delivered(), stream.queue.waiting(), stream.queue.lost());
+    const SampleQueue& queue = stream.queue;
+    text += fmt::format("{}{} captured {} = delivered {} + late {} + waiting {} + lost {}",
+                        text.empty() ? "" : ", ", stream.declaration.name, queue.captured(),
+                        queue.delivered(), queue.late(), queue.waiting(), queue.lost());
   }
   return text;
 }

@@ -92,7 +92,8 @@ class Check {
     const SessionSummary& summary = outline_.summary;
     const Sequence begin = summary.info.segment.from[wire::kFrames];  // what is before, others have
     const Sequence end = std::max(begin, summary.captured());
-    const Sequence first_held = summary.is_held() ? summary.account->first_held : end;
+    const std::uint64_t held = summary.account ? summary.account->held : 0;
+    const Sequence first_held = held > 0 ? summary.account->first_held : end;
     report_.captured = end - begin;
     std::uint64_t named = 0;
     std::uint64_t named_may_be_held = 0;
@@ -107,7 +108,6 @@ class Check {
       next = std::max(next, drop.end());
     }
     find_unnamed(next, end, first_held);
-    const std::uint64_t held = summary.is_held() ? summary.account->held : 0;
     const std::uint64_t unnamed_held = std::min(held, unnamed_may_be_held_);
     const std::uint64_t named_held = std::min(held - unnamed_held, named_may_be_held);
     report_.on_robot = unnamed_held + named_held;

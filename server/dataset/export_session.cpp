@@ -148,8 +148,9 @@ std::vector<std::string> notes_of(const RecordedSession& session, std::int64_t c
                                 static_cast<double>(clock_offset_ns) * 1e-9));
   }
   if (session.summary.is_held()) {
-    notes.push_back(fmt::format("the robot still has {} frames of this session",
-                                session.summary.account->held));
+    const std::uint64_t frames = session.summary.account->held;
+    notes.push_back(fmt::format("the robot still has {} of this session",
+                                frames > 0 ? fmt::format("{} frames", frames) : "samples"));
   }
   return notes;
 }

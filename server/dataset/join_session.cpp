@@ -141,7 +141,7 @@ class Join {
       for (const Part& part : parts_) {
         if (part.outline.summary.position[stream] == 0) continue;
         const auto take = [&](const RecordedItems& items) {
-          if (items.next > summary_.position[stream]) append(items);
+          if (items.is_late || items.next > summary_.position[stream]) append(items);
         };
         if (auto error = read_items(part.folder, stream, take)) return error;
       }

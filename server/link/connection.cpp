@@ -283,21 +283,25 @@ void Connection::handle_late(const wire::Items& items) {
   if (!late) return fail(late.error());
   if (!late.value()) return read();
   const bool is_present = late.value()->session_id == session_->info().session_id;
+  const bool is_frame = !late.value()->items;
   owner_.stores()->write_late(robot_id_, std::move(*late.value()), weak_from_this(),
-                              [weak = weak_from_this(), number = late_writes_.begin(),
-                               is_present](const Result<bool>& is_new) {
+                              [weak = weak_from_this(), number = late_writes_.begin(), is_present,
+                               is_frame](const Result<bool>& is_new) {
                                 const auto self = weak.lock();
                                 if (!self) return;
                                 self->on_aside_kept(self->late_writes_, number, is_new);
-                                if (is_new && is_new.value() && self->session_)
+                                if (is_frame && is_new && is_new.value() && self->session_)
                                   self->session_->on_late(is_present);
                               });
   read_aside();
 }
 
 void Connection::handle_account(const wire::Items& items) {
-  const auto account = wire::parse_account(items.payload);
+  auto account = wire::parse_account(items.payload);
   if (!account) return fail(account.error());
+  std::erase_if(account.value().streams, [](const wire::StreamAccount& each) {
+    return !wire::is_sample_stream(each.stream);
+  });
   if (items.first != account_writes_.begun) {
     return fail({ErrorCode::kUnexpected,
                  fmt::format("account {}, not {}", items.first, account_writes_.begun)});

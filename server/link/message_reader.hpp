@@ -3,6 +3,7 @@
 
 #include <fmt/core.h>
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -42,7 +43,8 @@ inline wire::Parsed<std::optional<wire::LateFrame>> LateAssembly::add(std::uint6
                        fmt::format("late frame {} from byte {} on, not {} from {} on", number,
                                    part.offset, number_, record_.size())};
   }
-  const std::uint64_t limit = std::uint64_t{max_jpeg_bytes_} + wire::kMaxLateHeadBytes;
+  const std::uint64_t limit =
+      std::max<std::uint64_t>(max_jpeg_bytes_, wire::kMaxControlBytes) + wire::kMaxLateHeadBytes;
   if (part.record_bytes > limit) {
     return wire::Fault{
         wire::ErrorCode::kTooLarge,

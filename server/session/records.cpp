@@ -9,7 +9,7 @@
 namespace orbbuf {
 namespace {
 
-constexpr std::uint8_t kVersion = 1;
+constexpr std::uint8_t kVersion = 2;
 constexpr unsigned kOffsetBits = 40;
 
 using wire::FieldsOf;
@@ -96,8 +96,8 @@ void fields(Archive& archive, FieldsOf<Archive, SessionSummary>& summary) {
   });
   fields(archive, info.segment.from);
   fields(archive, position);
-  archive.fields(totals.live, totals.late, totals.replaced, totals.named, totals.image_bytes, end,
-                 late_end, is_closed, closing.has_ended);
+  archive.fields(totals.live, totals.late, totals.replaced, totals.named, totals.image_bytes,
+                 totals.late_items, end, late_end, is_closed, closing.has_ended);
   optional_fields(archive, closing.stats, [&](auto& stats) { wire::fields(archive, stats); });
   optional_fields(archive, closing.clock_offset_ns, [&](auto& ns) { archive.fields(ns); });
   fields(archive, account);
@@ -116,7 +116,7 @@ void fields(Archive& archive, FieldsOf<Archive, RecordedFrame>& frame) {
 
 template <class Archive>
 void fields(Archive& archive, FieldsOf<Archive, RecordedItems>& items) {
-  archive.fields(items.stream, items.first, items.next);
+  archive.fields(items.stream, items.first, items.next, items.is_late);
   archive.rest(items.payload);
   archive.require(items.stream != wire::kFrames && items.stream < wire::kMostStreams);
 }
@@ -158,10 +158,26 @@ std::vector<DropRecord> drops_in(const RecordedItems& items) {
 }
 
 void add_items(const RecordedItems& items, SessionSummary& summary) {
+  if (items.is_late) {
+    ++summary.totals.late_items;
+    return;
+  }
   summary.position[items.stream] = items.next;
   for (const DropRecord& drop : drops_in(items)) {
     summary.totals.named += drop.frames;
     summary.end = std::max(summary.end, drop.end());
+  }
+}
+
+/// The robot may have died before it said hello.
+void add_account(const wire::Account& account, SessionSummary& summary) {
+  summary.account = account;
+  summary.account->given_up.clear();
+  auto& streams = summary.info.streams;
+  for (const wire::StreamAccount& each : account.streams) {
+    const auto id = &wire::StreamDeclaration::id;
+    const auto place = std::ranges::lower_bound(streams, each.stream.id, {}, id);
+    if (place == streams.end() || place->id != each.stream.id) streams.insert(place, each.stream);
   }
 }
 
@@ -219,8 +235,7 @@ void add(const RecordBody& body, SessionSummary& summary) {
         } else if constexpr (std::is_same_v<Body, RecordedReport>) {
           summary.closing = {false, each.stats, each.clock_offset_ns};
         } else if constexpr (std::is_same_v<Body, wire::Account>) {
-          summary.account = each;
-          summary.account->given_up.clear();
+          add_account(each, summary);
         } else if constexpr (std::is_same_v<Body, RecordedCalibration>) {
           summary.info.calibration = each.text;
         } else if constexpr (std::is_same_v<Body, RecordedEnd>) {

@@ -25,9 +25,9 @@
 /// (segment << 40) | offset. What follows is, by type, in network order; a text is a u16 length and
 /// its bytes; a position is a u16 count, and for each stream its u16 id and u64 next number:
 ///
-///   0  checkpoint   u8 version (1); SessionSummary
+///   0  checkpoint   u8 version (2); SessionSummary
 ///   1  frame        RecordedFrame
-///   2  items        u16 stream; u64 first; u64 next; the payload as it came
+///   2  items        u16 stream; u64 first; u64 next; u8, 1: late; the payload as it came
 ///   3  report       wire::Stats; i64 clock offset
 ///   4  account      wire::encode_account()
 ///   5  calibration  the text
@@ -65,6 +65,8 @@ struct RecordedItems {
   std::uint64_t first = 0;
   std::uint64_t next = 0;  ///< behind the last of them
   std::vector<std::uint8_t> payload;
+  /// The robot's record had them: the position is not theirs. The server had none of them.
+  bool is_late = false;
 
   friend bool operator==(const RecordedItems&, const RecordedItems&) = default;
 };
@@ -108,6 +110,7 @@ struct SessionTotals {
   std::uint64_t replaced = 0;     ///< of the live ones: reduced then, whole now
   std::uint64_t named = 0;        ///< by drop records; those of them that came late count as well
   std::uint64_t image_bytes = 0;  ///< that are not removed for a part
+  std::uint64_t late_items = 0;   ///< records of them
 
   friend bool operator==(const SessionTotals&, const SessionTotals&) = default;
 };
@@ -133,8 +136,8 @@ struct SessionSummary {
   Sequence known_end() const { return std::max(end, account ? account->captured : 0); }
   /// A part is the only copy of images.
   bool has_removed() const { return removed != journal::Place{}; }
-  /// The robot still has frames of it, to send them late.
-  bool is_held() const { return account && account->held > 0; }
+  /// The robot still has frames or items of it, to send them late.
+  bool is_held() const { return account && account->is_held(); }
 
   friend bool operator==(const SessionSummary&, const SessionSummary&) = default;
 };

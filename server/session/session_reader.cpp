@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <map>
 #include <memory>
 #include <utility>
 #include <variant>
@@ -97,7 +98,7 @@ class Drops {
   static Sequence end_of_gaps(const SessionSummary& summary) {
     if (!summary.account || !summary.account->is_final) return 0;
     const Sequence captured = summary.captured();
-    return summary.is_held() ? std::min(captured, summary.account->first_held) : captured;
+    return summary.account->held > 0 ? std::min(captured, summary.account->first_held) : captured;
   }
 
   void add_gap(Sequence begin, Sequence end, const SessionSummary& summary) {
@@ -116,6 +117,47 @@ class Drops {
   std::size_t next_gap_ = 0;  // whose time is not known yet
   std::optional<std::pair<Sequence, std::int64_t>> before_;
 };
+
+/// The late samples of a stream, by number, each once.
+class LateSamples {
+ public:
+  std::optional<Error> read(const fs::path& folder, wire::StreamId stream) {
+    return for_each<RecordedItems>(folder, [&](const RecordedItems& items) {
+      if (items.stream != stream || !items.is_late) return;
+      const auto samples = wire::parse_samples(items.payload);
+      if (!samples) return;
+      for (std::uint64_t number = items.first; const Sample& sample : samples.value()) {
+        samples_.emplace(number++, sample);
+      }
+      end_ = std::max(end_, items.next);
+    });
+  }
+
+  /// And forgets one of that number: it came live as well.
+  template <class Take>
+  void take_below(std::uint64_t number, Take take) {
+    for (; !samples_.empty() && samples_.begin()->first < number;
+         samples_.erase(samples_.begin())) {
+      take(samples_.begin()->second);
+    }
+    samples_.erase(number);
+  }
+
+  std::uint64_t end() const { return end_; }
+
+ private:
+  std::map<std::uint64_t, Sample> samples_;
+  std::uint64_t end_ = 0;
+};
+
+/// Behind the samples that the robot says it captured, once no more of them will come.
+std::uint64_t end_of(const SessionSummary& summary, wire::StreamId stream) {
+  if (!summary.account || !summary.account->is_final) return 0;
+  for (const wire::StreamAccount& each : summary.account->streams) {
+    if (each.stream.id == stream && each.held == 0) return each.captured;
+  }
+  return 0;
+}
 
 /// The place of the newest segment that begins with a checkpoint of which `is_early_enough`, or of
 /// the oldest segment.
@@ -246,13 +288,30 @@ Result<std::optional<Tail>> read_tail(const fs::path& folder, const SessionSumma
 Result<SampleTotals> for_each_sample(const fs::path& folder, wire::StreamId stream,
                                      const std::function<void(const Sample&)>& take) {
   SampleTotals totals;
+  LateSamples late;
+  if (const auto summary = read_summary(folder)) {
+    totals.next = end_of(*summary, stream);
+    if (summary->totals.late_items > 0) {
+      if (auto error = late.read(folder, stream)) return std::move(*error);
+    }
+  }
   std::optional<std::int64_t> last_ns;
+  const auto hand_on = [&](const Sample& sample) {
+    ++totals.samples;
+    if (last_ns && sample.time_ns <= *last_ns) ++totals.backward;
+    last_ns = sample.time_ns;
+    take(sample);
+  };
   std::optional<std::int64_t> newest_frame_ns;
   RecordReader reader(folder);
   for (;;) {
     const auto entry = reader.next();
     if (!entry) return entry.error();
-    if (!entry.value()) return totals;
+    if (!entry.value()) {
+      late.take_below(~std::uint64_t{0}, hand_on);
+      totals.next = std::max(totals.next, late.end());
+      return totals;
+    }
     const RecordBody& body = entry.value()->record.body;
     if (const auto* const summary = std::get_if<SessionSummary>(&body)) {
       totals.first = summary->info.segment.from[stream];
@@ -263,17 +322,15 @@ Result<SampleTotals> for_each_sample(const fs::path& folder, wire::StreamId stre
           std::max(newest_frame_ns.value_or(frame->capture_time_ns), frame->capture_time_ns);
     }
     const auto* const items = std::get_if<RecordedItems>(&body);
-    if (items == nullptr || items->stream != stream) continue;
+    if (items == nullptr || items->stream != stream || items->is_late) continue;
     const auto samples = wire::parse_samples(items->payload);
     if (!samples) continue;
-    for (const Sample& sample : samples.value()) {
-      ++totals.samples;
-      if (last_ns && sample.time_ns <= *last_ns) ++totals.backward;
+    for (std::uint64_t number = items->first; const Sample& sample : samples.value()) {
+      late.take_below(number++, hand_on);
       if (newest_frame_ns && sample.time_ns <= *newest_frame_ns) ++totals.behind_frames;
-      last_ns = sample.time_ns;
-      take(sample);
+      hand_on(sample);
     }
-    totals.next = items->next;
+    totals.next = std::max(totals.next, items->next);
   }
 }
 

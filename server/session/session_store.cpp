@@ -245,8 +245,10 @@ void SessionStore::mend_from(const journal::Place& place) {
 
 std::optional<Error> SessionStore::write_items(const RecordedItems& items) {
   auto error = append_to_folder(items);
-  if (!error) append_samples(items);
-  return error;
+  if (error) return error;
+  if (numbers_) numbers_->add(items);
+  append_samples(items);
+  return std::nullopt;
 }
 
 /// Like lines of times.txt, only a view.
@@ -288,7 +290,7 @@ std::optional<Error> SessionStore::take_account(const wire::Account& account) {
   const auto& known = summary_.account;
   const bool is_due = !known || known->is_final != account.is_final ||
                       known->has_ended != account.has_ended ||
-                      (known->held > 0) != (account.held > 0) || !account.given_up.empty() ||
+                      known->is_held() != account.is_held() || !account.given_up.empty() ||
                       !account_at_ || now - *account_at_ >= kAccountInterval;
   auto before = known;
   if (before) before->session_id = account.session_id;
@@ -332,6 +334,12 @@ void SessionStore::Numbers::add(const RecordedFrame& frame) {
   }
 }
 
+void SessionStore::Numbers::add(const RecordedItems& added) {
+  if (added.stream < wire::kFirstOther) return;
+  SequenceSet& numbers = items[added.stream];
+  for (std::uint64_t number = added.first; number < added.next; ++number) numbers.insert(number);
+}
+
 std::vector<SessionStore::Reduced>::iterator SessionStore::Numbers::find(Sequence sequence) {
   const auto found = std::ranges::lower_bound(reduced, sequence, {}, &Reduced::sequence);
   return found != reduced.end() && found->sequence == sequence ? found : reduced.end();
@@ -340,10 +348,17 @@ std::vector<SessionStore::Reduced>::iterator SessionStore::Numbers::find(Sequenc
 std::optional<Error> SessionStore::load_numbers() {
   if (numbers_) return std::nullopt;
   Numbers numbers;
-  auto error =
-      for_each<RecordedFrame>(folder_, [&](const RecordedFrame& frame) { numbers.add(frame); });
-  if (!error) numbers_ = std::move(numbers);
-  return error;
+  RecordReader reader(folder_);
+  for (;;) {
+    const auto entry = reader.next();
+    if (!entry) return entry.error();
+    if (!entry.value()) break;
+    const RecordBody& body = entry.value()->record.body;
+    if (const auto* const frame = std::get_if<RecordedFrame>(&body)) numbers.add(*frame);
+    if (const auto* const items = std::get_if<RecordedItems>(&body)) numbers.add(*items);
+  }
+  numbers_ = std::move(numbers);
+  return std::nullopt;
 }
 
 Result<SessionStore::Late> SessionStore::write_late(const EncodedFrame& frame,
@@ -367,6 +382,32 @@ Result<SessionStore::Late> SessionStore::write_late(const EncodedFrame& frame,
   if (is_repeat(frame)) return Late::kRepeat;
   if (auto error = set_conflict_aside(frame)) return std::move(*error);
   return Late::kConflict;
+}
+
+std::optional<Error> SessionStore::write_late(const wire::Items& items) {
+  if (sync_failed_) return sync_failed_;
+  const auto& streams = summary_.info.streams;
+  const bool is_known =
+      std::ranges::find(streams, items.stream, &wire::StreamDeclaration::id) != streams.end();
+  const auto samples = wire::parse_samples(items.payload);
+  if (!is_known || !samples) return std::nullopt;
+  if (auto error = load_numbers()) return error;
+  const SequenceSet& there = numbers_->items[items.stream];
+  const std::uint64_t end = items.first + samples.value().size();
+  std::vector<RecordedItems> missing;
+  for (auto first = there.next_out(items.first, end); first < end;) {
+    const auto next = there.next_in(first, end);
+    const auto some = std::span(samples.value())
+                          .subspan(static_cast<std::size_t>(first - items.first),
+                                   static_cast<std::size_t>(next - first));
+    missing.push_back({items.stream, first, next, wire::encode_samples(some), true});
+    first = there.next_out(next, end);
+  }
+  for (const RecordedItems& late : missing) {
+    if (auto error = append_to_folder(late)) return error;
+    if (numbers_) numbers_->add(late);
+  }
+  return std::nullopt;
 }
 
 /// The new image is on the device before it takes the place of the one that was acknowledged. If

@@ -78,6 +78,9 @@ class SessionStore {
   /// JPEG may then be in place of the reduced one all the same. The first call reads the whole
   /// journal.
   Result<Late> write_late(const EncodedFrame& frame, std::int64_t arrived_ns);
+  /// Samples that the live stream did not bring. Those that are there already are left out, and so
+  /// are items of a stream that the session has not, or that are none.
+  std::optional<Error> write_late(const wire::Items& items);
 
   /// Of a session without a folder it is kept once there is one.
   std::optional<Error> note(const RecordedReport& report);
@@ -103,9 +106,11 @@ class SessionStore {
   /// What the frames are, for late ones.
   struct Numbers {
     SequenceSet there;
+    std::map<wire::StreamId, SequenceSet> items;
     std::vector<Reduced> reduced;  // by number
 
     void add(const RecordedFrame& frame);
+    void add(const RecordedItems& added);
     std::vector<Reduced>::iterator find(Sequence sequence);
   };
 

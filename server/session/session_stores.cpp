@@ -157,9 +157,14 @@ void SessionStores::write_late(const std::string& robot_id, wire::LateFrame late
                         (known != robot->entries.end() && known->second.is_live);
   const std::string session_id = std::move(late.session_id);
   const auto frame = std::make_shared<const EncodedFrame>(std::move(late.frame));
-  const auto work = [frame, is_named,
+  const auto work = [frame, items = std::move(late.items), is_named,
                      arrived_ns = now_ns()](SessionStore& store) -> Result<Outcome> {
     if (store.is_new() && !is_named) return Outcome::kRefused;
+    if (items) {
+      if (!can_follow(items->first, store.position()[items->stream])) return Outcome::kRefused;
+      if (auto error = store.write_late(*items)) return std::move(*error);
+      return Outcome::kNew;
+    }
     if (!can_follow(frame->sequence, store.summary().known_end())) return Outcome::kRefused;
     const auto written = store.write_late(*frame, arrived_ns);
     if (!written) return written.error();
@@ -176,7 +181,7 @@ void SessionStores::take_account(const std::string& robot_id, wire::Account acco
   const auto known = robot->entries.find(session_id);
   const bool is_live = known != robot->entries.end() && known->second.is_live;
   const bool can_make = is_live || robot->named.contains(session_id) || robot->may_name();
-  const bool is_held = account.held > 0;
+  const bool is_held = account.is_held();
   if (can_make && !is_live) robot->named.insert(session_id);
   if (can_make && is_held) robot->held.insert(session_id);
   if (!is_held) robot->held.erase(session_id);

@@ -65,8 +65,8 @@ class SessionStores {
   void async_open(const SessionInfo& info, std::function<void(Result<Opened>)> done);
   void on_closed(const std::string& robot_id, const std::string& session_id);
 
-  /// A frame that cannot be written is tried again every second, as long as `waiter` lives; it is
-  /// logged once when that begins. `kept` does not run after the waiter's end.
+  /// A frame, or samples, that cannot be written is tried again every second, as long as `waiter`
+  /// lives; it is logged once when that begins. `kept` does not run after the waiter's end.
   void write_late(const std::string& robot_id, wire::LateFrame late, std::weak_ptr<void> waiter,
                   Kept kept);
   /// What the robot knows of one of its sessions; is_new has no meaning.

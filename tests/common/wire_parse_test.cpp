@@ -334,6 +334,15 @@ TEST(WireParse, ALateFrameIsWhole) {
             "late frame: it is not whole");
 }
 
+TEST(WireParse, LateItemsAreOfAStreamThatTheRobotDeclares) {
+  const Items items{kFirstOther, 7, {1, 2, 3}};
+  const auto late = parse_late_record(encode_late_record("s1", items));
+  ASSERT_TRUE(late) << late.error().text;
+  EXPECT_EQ(late.value().session_id, "s1");
+  EXPECT_EQ(late.value().items, items);
+  EXPECT_FALSE(parse_late_record(encode_late_record("s1", Items{kAccounts, 7, {1}})));
+}
+
 TEST(WireParse, TheLeftImageIsAtLeastAByteAndAtMostAll) {
   const auto with_left_bytes = [](std::uint32_t bytes) {
     return fault_of(altered("frame", 28, bytes));
@@ -421,8 +430,8 @@ TEST(WireParse, AccountFieldsAreChecked) {
   EXPECT_EQ(with(29, ~std::uint64_t{0}), beyond("18446744073709551614"));
   EXPECT_EQ(with(37, kCaptured - 5), "accepted");  // 5 of them
   EXPECT_EQ(with(37, ~std::uint64_t{0}), beyond("18446744073709551614"));
-  EXPECT_EQ(with(45, std::uint16_t{2}), "account: 105 bytes are not 2 records");
-  EXPECT_EQ(with(45, std::uint16_t{1025}), "account: 1025 records, not 0 to 1024");
+  EXPECT_EQ(with(47, std::uint16_t{2}), "account: 105 bytes are not 2 records");
+  EXPECT_EQ(with(47, std::uint16_t{1025}), "account: 1025 records, not 0 to 1024");
 }
 
 TEST(WireParse, AnAccountMayBeOfNothing) {

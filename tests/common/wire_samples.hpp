@@ -65,7 +65,7 @@ inline std::vector<DropRecord> sample_drops() {
 }
 
 inline Account sample_account() {
-  return {"s1", true, true, 0x0102030405060708, -2, 7, 5, 3, sample_drops()};
+  return {"s1", true, true, 0x0102030405060708, -2, 7, 5, 3, sample_drops(), {}};
 }
 
 /// By name: items have a payload for each stream, and an item of a stream without one of its own.

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Samples of an inertial sensor beside frames: each arrives once, before the first newer frame.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <boost/asio/local/datagram_protocol.hpp>
@@ -69,6 +70,7 @@ class Samples : public ::testing::Test {
 
   Overrides settings() const {
     return {"source.width=160", "source.height=120", "source.frames=" + std::to_string(kFrames),
+            "buffer.drop_log=" + (folder_ / "record").string(),
             "stream.imu0.path=" + (folder_ / "data.csv").string()};
   }
 
@@ -124,10 +126,41 @@ TEST_F(Samples, ArriveOnceThroughAnOutageAndAServerThatIsKilled) {
   EXPECT_EQ(robot.wait(), 0) << robot.output();
   const auto samples = robot.wait_for_line("samples: imu0 captured ");
   ASSERT_TRUE(samples) << robot.output();
-  EXPECT_NE(samples->find("waiting 0 + lost 0"), std::string::npos) << *samples;
+  EXPECT_NE(samples->find("late 0 + waiting 0 + lost 0"), std::string::npos) << *samples;
   const Record record = read_record(folder_ / "out", kRobot);
   expect_exactly_once(record, kFrames);
   expect_each_once(record, sent);
+}
+
+/// What waited in its memory comes with the next start, as samples of the session that captured
+/// them.
+TEST_F(Samples, OfARobotThatIsKilledInAnOutageComeLate) {
+  Server server(folder_ / "out");
+  Process robot(robot_command(kRobot, server.address(), settings()));
+  ASSERT_TRUE(robot.wait_for_lines("] captured ", 2)) << robot.output();
+  server.process().signal(SIGKILL);
+  ASSERT_TRUE(robot.wait_for_line(", no connection")) << robot.output();
+  const int noted = robot.count_lines("] captured ") + 1;
+  ASSERT_TRUE(robot.wait_for_lines("] captured ", noted + 1));
+  robot.signal(SIGKILL);
+  robot.wait();
+  const Server again(folder_ / "out", {}, server.address());
+  Process next(robot_command(kRobot, server.address(), settings()));
+  ASSERT_TRUE(next.wait_for_line("the server knows what became of session")) << next.output();
+  next.signal(SIGTERM);
+  EXPECT_EQ(next.wait(), 0) << next.output();
+
+  std::vector<fs::path> sessions(fs::directory_iterator(folder_ / "out" / kRobot), {});
+  std::ranges::sort(sessions);
+  ASSERT_EQ(sessions.size(), 2U);
+  const auto delivered = read_samples(sessions.front() / "imu0/data.csv");
+  // Those of the seconds before the last, of 25 frames each, are in the record.
+  EXPECT_GE(delivered.size(), (noted - 1) * 20 * 40);
+  EXPECT_EQ(delivered, std::vector(sent_.begin(),
+                                   sent_.begin() + static_cast<std::ptrdiff_t>(delivered.size())));
+  EXPECT_NE(read_file(sessions.front() / "session.txt")
+                .find(fmt::format("imu0 delivered {} lost 0\n", delivered.size())),
+            std::string::npos);
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Any bytes as a record of a journal, the server's or the robot's: what is taken for one must say
 // the same again when it is written and read. The first byte is the type; from 128 on the robot's.
+#include <algorithm>
 #include <cstdlib>
 #include <span>
 
@@ -37,6 +38,12 @@ void run_robot(std::uint8_t type, std::span<const std::uint8_t> bytes) {
       if (const auto frame = record_format::parse_frame(bytes)) {
         const Bytes once = record_format::frame_head(frame->first, frame->second);
         require(once.size() + frame->second.jpeg.size() == bytes.size());
+      }
+      break;
+    case record_format::kItems:
+      if (const auto items = record_format::parse_items(bytes)) {
+        require(
+            std::ranges::equal(record_format::encode_items(items->first, items->second), bytes));
       }
       break;
     case record_format::kReleased:

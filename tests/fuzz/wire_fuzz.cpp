@@ -7,9 +7,11 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const auto late = orbbuf::wire::parse_late_record({data, size});
-  if (late && orbbuf::wire::encode_late_record(late.value().session_id, late.value().frame) !=
-                  orbbuf::wire::Bytes(data, data + size)) {
-    std::abort();
+  if (late) {
+    const auto& [session_id, frame, items] = late.value();
+    const auto again = items ? orbbuf::wire::encode_late_record(session_id, *items)
+                             : orbbuf::wire::encode_late_record(session_id, frame);
+    if (again != orbbuf::wire::Bytes(data, data + size)) std::abort();
   }
   const auto once = orbbuf::wire::there_and_back({data, size});
   if (!once) return 0;

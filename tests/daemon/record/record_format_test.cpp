@@ -51,6 +51,7 @@ TEST(RecordFormat, TheBytesOfAnAccount) {
                                               0, 0, 0,   0,   0,   0, 0, 8,   // capture time
                                               0, 0, 0,   0,   0,   0, 0, 9,   // confirmed
                                               0, 0, 0,   0,   0,   0, 0, 10,  // settled below
+                                              0, 0, 0,   0,                   // streams
                                               0, 0, 0,   1,                   // drop records
                                               0, 0, 0,   0,   0,   0, 1, 2,   // number
                                               0, 0, 0,   0,   0,   0, 0, 2,   // frames

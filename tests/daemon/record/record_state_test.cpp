@@ -242,6 +242,77 @@ TEST(RecordState, AnIndexOfAnOlderSegmentBringsNoForgottenSessionBack) {
   EXPECT_EQ(state->take_accounts().front().captured, 9U);
 }
 
+wire::Items items(std::uint64_t first, std::uint16_t count) {
+  wire::Writer payload(0);
+  payload.put(count);
+  return {4, first, payload.bytes()};
+}
+
+KeptFrame written_items(std::uint64_t first, std::uint16_t count) {
+  return {first, 0, static_cast<std::uint32_t>(first), 40, State::kWritten, false, count};
+}
+
+/// Of stream 4.
+SessionProgress progress_of_items(std::uint64_t captured, std::uint64_t settled) {
+  SessionProgress progress = test::progress(9);
+  progress.streams = {{{4, "imu0", "imu"}, captured, settled}};
+  return progress;
+}
+
+TEST(RecordState, ItemsThatTheServerHasNotAreSentByTheNextStart) {
+  StateOf one("one");
+  one->begin();
+  one->keep(items(0, 3));
+  one->keep(items(3, 4));
+  one->keep(items(7, 2));
+  one->note(progress_of_items(9, 3));  // it has the first
+  const auto notes = one->take_notes();
+  ASSERT_THAT(notes, SizeIs(4));
+  EXPECT_EQ(notes[0].items, wire::StreamId{4});
+  for (const auto& [first, count] : {std::pair(0, 3), std::pair(3, 4), std::pair(7, 2)}) {
+    one->on_written(
+        written_items(static_cast<std::uint64_t>(first), static_cast<std::uint16_t>(count)), 4);
+  }
+  EXPECT_FALSE(one->take_next(kAll)) << "they are not late";
+  EXPECT_TRUE(one->is_needed(0));
+
+  StateOf two("two", &*one);
+  two->apply(
+      {{"robot/one",
+        {{}, {}, {{4, written_items(0, 3)}, {4, written_items(3, 4)}, {4, written_items(7, 2)}}}}},
+      false);
+  two->begin();
+  EXPECT_EQ(two->held_items(), 2U);
+  const auto account = two->take_accounts().front();
+  EXPECT_THAT(account.streams, ElementsAre(wire::StreamAccount{{4, "imu0", "imu"}, 9, 2}));
+  EXPECT_FALSE(two->settle("one"));
+  for (const Sequence first : {3U, 7U}) {
+    const auto taken = two->take_next(kAll);
+    ASSERT_TRUE(taken);
+    EXPECT_EQ(taken->id, (KeptId{0, first, 4}));
+    two->remove(taken->id);
+  }
+  EXPECT_FALSE(two->is_needed(0));
+  EXPECT_TRUE(two->settle("one"));
+}
+
+TEST(RecordState, ItemsThatDoNotWaitAnyMoreAreSentLate) {
+  StateOf one("one");
+  one->begin();
+  for (const std::uint64_t first : {0U, 3U, 6U}) {
+    one->keep(items(first, 3));
+    one->on_written(written_items(first, 3), 4);
+  }
+  one->send_late(4, 4, 5);
+  one->note(progress_of_items(9, 9));  // the position is beyond them
+  const auto taken = one->take_next(kAll);
+  ASSERT_TRUE(taken);
+  EXPECT_EQ(taken->id.sequence, 3U);
+  EXPECT_EQ(one->held_items(), 1U);
+  one->give_back(taken->id);
+  EXPECT_EQ(one->take_next(kAll)->id.sequence, 3U);
+}
+
 TEST(RecordState, SessionsOfAnotherRobotAreKeptAndNotTold) {
   StateOf theirs("one", nullptr, "other");
   theirs->begin();

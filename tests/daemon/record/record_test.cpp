@@ -52,6 +52,35 @@ TEST_F(RecordTest, WithoutAPathItKnowsThePresentSessionAndWritesNothing) {
   record->end();
 }
 
+TEST_F(RecordTest, SamplesThatWaitedAreSentByTheNextStart) {
+  const wire::Items items{4, 7, {0, 2, 1, 2, 3}};
+  auto progress = test::progress(9);
+  progress.streams = {{{4, "imu0", "imu"}, 9, 7}};
+  {
+    WatchedRecord record(without_frames(), "a");
+    EXPECT_TRUE(record->keep(items));
+    record->note(progress);
+  }
+  for (const char* const session : {"b", "c"}) {
+    WatchedRecord record(without_frames(), session);
+    const auto late = record.next();
+    EXPECT_EQ(late.session_id, "a");
+    EXPECT_EQ(late.frame, nullptr);
+    EXPECT_EQ(late.items, items);
+  }
+  {
+    WatchedRecord record(without_frames(), "d");
+    record.deliver(1);
+    record->settle("a");
+    EXPECT_FALSE(record.account_of("a"));
+  }
+}
+
+TEST_F(RecordTest, WithoutAPathSamplesAreNotKept) {
+  WatchedRecord record(RecordSettings{}, "a");
+  EXPECT_FALSE(record->keep(wire::Items{4, 7, {0, 2, 1, 2, 3}}));
+}
+
 TEST_F(RecordTest, OneFrameComesBackAsItWas) {
   WatchedRecord record(settings(), "a");
   const auto frame = kept_frame(7);

@@ -28,7 +28,8 @@ class SampleQueueTest : public ::testing::Test {
     return numbers;
   }
   void expect_account() {
-    EXPECT_EQ(queue_.captured(), queue_.delivered() + queue_.waiting() + queue_.lost());
+    EXPECT_EQ(queue_.captured(),
+              queue_.delivered() + queue_.waiting() + queue_.late() + queue_.lost());
   }
   using Numbers = std::vector<std::uint64_t>;
 
@@ -72,6 +73,27 @@ TEST_F(SampleQueueTest, IfAllWereSentTheOldestIsLost) {
   push(4, 4);
   EXPECT_EQ(queue_.lost(), 1U);
   EXPECT_EQ(take(), Numbers{4});
+  expect_account();
+}
+
+TEST_F(SampleQueueTest, WhatTheRecordHasComesLateInsteadOfBeingLost) {
+  push(0, 3);
+  take(0);
+  EXPECT_EQ(queue_.unrecorded().samples.size(), 4U);
+  queue_.set_recorded(3);
+  EXPECT_EQ(queue_.unrecorded().first, 3U);
+  push(4, 6);  // 1 and 2 are late, 3 is lost
+  EXPECT_EQ(queue_.late(), 2U);
+  EXPECT_EQ(queue_.lost(), 1U);
+  EXPECT_EQ(queue_.unrecorded().first, 4U);
+  const auto late = queue_.take_late();
+  EXPECT_EQ(late.begin, 1U);
+  EXPECT_EQ(late.end, 3U);
+  EXPECT_EQ(queue_.take_late().end, 0U);
+  EXPECT_EQ(queue_.first_waiting(), 0U);
+  queue_.acknowledge(7);
+  EXPECT_EQ(queue_.first_waiting(), 7U);
+  EXPECT_TRUE(queue_.unrecorded().samples.empty());
   expect_account();
 }
 

@@ -62,7 +62,27 @@ TEST_F(SampleStreamsTest, ABatchIsDueOnceItIsTwentyMillisecondsLong) {
   EXPECT_TRUE(streams.take_message(20'000'000).empty());
   streams.stop();
   streams.on_frame(100'000'000);
-  EXPECT_EQ(streams.stats(), "imu0 captured 21 = delivered 0 + waiting 21 + lost 0");
+  EXPECT_EQ(streams.stats(), "imu0 captured 21 = delivered 0 + late 0 + waiting 21 + lost 0");
+}
+
+TEST_F(SampleStreamsTest, HandsEachSampleToTheRecordOnce) {
+  streams_->on_frame(3);
+  std::vector<std::uint64_t> kept;
+  bool is_full = true;
+  const auto keep = [&](const wire::Items& items) {
+    if (!is_full) kept.push_back(items.first + items.payload[1]);
+    return !is_full;
+  };
+  streams_->record(keep);
+  is_full = false;
+  auto progress = streams_->record(keep);
+  EXPECT_EQ(kept, (std::vector<std::uint64_t>{4, 4}));
+  ASSERT_EQ(progress.size(), 2U);
+  EXPECT_EQ(progress[1].stream.name, "imu1");
+  EXPECT_EQ(progress[1].captured, 4U);
+  EXPECT_EQ(progress[1].first_waiting, 0U);
+  streams_->record(keep);
+  EXPECT_EQ(kept.size(), 2U);
 }
 
 TEST_F(SampleStreamsTest, AStreamThatTheServerDoesNotTakeHoldsNothingUp) {
@@ -75,8 +95,8 @@ TEST_F(SampleStreamsTest, AStreamThatTheServerDoesNotTakeHoldsNothingUp) {
   streams_->on_ack(position);
   EXPECT_TRUE(streams_->is_settled());
   EXPECT_EQ(streams_->stats(),
-            "imu0 captured 4 = delivered 4 + waiting 0 + lost 0, "
-            "imu1 captured 4 = delivered 0 + waiting 4 + lost 0");
+            "imu0 captured 4 = delivered 4 + late 0 + waiting 0 + lost 0, "
+            "imu1 captured 4 = delivered 0 + late 0 + waiting 4 + lost 0");
 }
 
 }  // namespace

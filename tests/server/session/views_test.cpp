@@ -82,6 +82,40 @@ TEST_F(ViewsTest, HaveTheSamplesOfEachSensorAndHowManyWereLost) {
               HasSubstr("imu0 delivered 3 lost 3\nimu_b delivered 0 lost 0\n"));
 }
 
+TEST_F(ViewsTest, HaveLateSamplesAmongTheOthersEachOnce) {
+  const wire::StreamDeclaration stream{4, "imu0", "imu"};
+  const auto samples = [](std::initializer_list<std::int64_t> times) {
+    std::vector<Sample> all;
+    for (const auto time : times) all.push_back({time, {}, {}});
+    return wire::encode_samples(all);
+  };
+  auto opened = SessionStore::open(folder_, {"robot", "session", "", {}, {}}, Durability::kAck);
+  ASSERT_TRUE(opened);
+  SessionStore& store = *opened.value();
+  EXPECT_FALSE(store.write_late(wire::Items{4, 0, samples({1})}));
+  EXPECT_EQ(store.summary().totals.late_items, 0U) << "of a stream that nobody named";
+  wire::Account account;
+  account.session_id = "session";
+  account.is_final = true;
+  account.streams = {{stream, 8, 1}};
+  EXPECT_FALSE(store.take_account(account));
+  EXPECT_FALSE(store.write_items({4, 0, 2, samples({0, 10})}));
+  EXPECT_FALSE(store.write_items({4, 4, 5, samples({40})}));
+  EXPECT_FALSE(store.write_late(wire::Items{4, 1, samples({10, 20, 30, 40})}));
+  EXPECT_FALSE(store.write_late(wire::Items{4, 1, samples({10, 20, 30, 40})}));
+  EXPECT_FALSE(store.write_late(wire::Items{4, 5, samples({50})}));
+  EXPECT_EQ(store.position()[4], 5U);
+  EXPECT_EQ(store.summary().totals.late_items, 2U);
+  account.streams.front().held = 0;
+  EXPECT_FALSE(store.take_account(account));
+  make();
+  EXPECT_EQ(read_file(folder_ / "imu0/data.csv"),
+            std::string(kEurocImuHeader) +
+                "0,0,0,0,0,0,0\n10,0,0,0,0,0,0\n20,0,0,0,0,0,0\n"
+                "30,0,0,0,0,0,0\n40,0,0,0,0,0,0\n50,0,0,0,0,0,0\n");
+  EXPECT_THAT(read_file(folder_ / "session.txt"), HasSubstr("imu0 delivered 6 lost 2\n"));
+}
+
 TEST_F(ViewsTest, AStrangersRecordOfManyFramesMakesNoLongFile) {
   const auto store = open();
   deliver(*store, {0, 1});
