@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "common/command_line.hpp"
 
+#include <unistd.h>
+
 #include <CLI/CLI.hpp>
+#include <cerrno>
 #include <filesystem>
+#include <system_error>
 
 namespace orbbuf {
 
@@ -104,6 +108,27 @@ CommandLine CommandLine::add_subcommand(const std::string& name, const std::stri
   CLI::App* const added = app_->add_subcommand(name, about);
   added->callback(std::move(when_given));
   return CommandLine(std::shared_ptr<CLI::App>(app_, added));
+}
+
+void CommandLine::add_script(const std::string& name, const std::string& about,
+                             const std::string& usage) {
+  app_->require_subcommand(0, 1);
+  CLI::App* const added = app_->add_subcommand(name, about);
+  added->prefix_command()->footer(usage);
+  added->callback([added, name] { run_script(name, added->remaining()); });
+}
+
+void run_script(const std::string& name, std::vector<std::string> arguments) {
+  const std::filesystem::path program = std::filesystem::read_symlink("/proc/self/exe");
+  const auto script =
+      program.parent_path().parent_path() / "lib" / program.filename() / (name + ".sh");
+  arguments.insert(arguments.begin(), {script.string(), program.string()});
+  std::vector<char*> pointers;
+  pointers.reserve(arguments.size() + 1);
+  for (std::string& argument : arguments) pointers.push_back(argument.data());
+  pointers.push_back(nullptr);
+  ::execv(script.c_str(), pointers.data());
+  throw std::system_error(errno, std::generic_category(), "cannot run " + script.string());
 }
 
 void CommandLine::add_footer(const std::string& text) { app_->footer(text); }

@@ -55,6 +55,8 @@ class CommandLine {
   /// At most one subcommand may be given; parse() then calls `when_given`.
   CommandLine add_subcommand(const std::string& name, const std::string& about,
                              std::function<void()> when_given);
+  /// A subcommand that runs the script NAME.sh with the arguments after it. usage: of its --help.
+  void add_script(const std::string& name, const std::string& about, const std::string& usage);
   /// The last lines of --help.
   void add_footer(const std::string& text);
 
@@ -67,5 +69,9 @@ class CommandLine {
 
   std::shared_ptr<CLI::App> app_;
 };
+
+/// Becomes the script ../lib/PROGRAM/NAME.sh, as seen from the folder of this program, whose path
+/// is its first argument. Throws std::system_error if it cannot.
+[[noreturn]] void run_script(const std::string& name, std::vector<std::string> arguments);
 
 }  // namespace orbbuf

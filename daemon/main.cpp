@@ -37,9 +37,20 @@ int main(int argc, char** argv) {
   app.add_flag("--probe", probe_only,
                "Capture for 2 s, report rates and costs, suggest a configuration");
   app.add_version("orbbufd " ORBBUF_VERSION);
-  if (const auto status = app.parse(argc, argv)) return *status;
+  app.add_script("setup", "Ask for server and camera, check both, write the configuration",
+                 "Usage: orbbufd setup [OPTIONS] [ROBOT.tar]\n\n"
+                 "ROBOT.tar: what `orbbuf-server add-robot` made. Asks for what no option says.\n\n"
+                 "Options:\n"
+                 "  --server HOST[:PORT]        The server; ROBOT.tar names it, too\n"
+                 "  --camera CAMERA             /dev/..., libcamera:ID, or generated\n"
+                 "  --folder FOLDER             By default /etc/orbbuf\n"
+                 "  --force                     Write it even if something is wrong");
+  app.add_script("doctor", "Name what is wrong on this machine, and what to do",
+                 "Option:\n"
+                 "  --config FILE               By default /etc/orbbuf/orbbufd.toml");
 
   try {
+    if (const auto status = app.parse(argc, argv)) return *status;
     if (list_only) {
       std::cout << orbbuf::list_cameras();
       return EXIT_SUCCESS;
@@ -51,7 +62,8 @@ int main(int argc, char** argv) {
     }
     orbbuf::set_up_log(settings.log_level);
     if (probe_only) {
-      std::cout << orbbuf::probe(settings);
+      std::cout << orbbuf::probe(settings) << std::flush;
+      if (!file.empty()) orbbuf::run_script("doctor", {"--config", file});
       return EXIT_SUCCESS;
     }
     return orbbuf::run_robot(settings) ? EXIT_SUCCESS : EXIT_FAILURE;

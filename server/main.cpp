@@ -208,6 +208,18 @@ int main(int argc, char** argv) try {
   add_views(app, command);
   add_export(app, command);
   add_status(app, command);
+  app.add_script(
+      "add-robot", "Make a robot's key, certificate and configuration, for TLS",
+      "Usage: orbbuf-server add-robot [OPTIONS] ROBOT\n\n"
+      "Writes FOLDER/robots/ROBOT.tar, which `orbbufd setup` reads on the robot. The first "
+      "time\nit also makes a CA and the server's certificate, and turns TLS on in\n"
+      "FOLDER/orbbuf-server.toml.\n\nOptions:\n"
+      "  --server HOST[:PORT]        Where robots reach the server; by default its first "
+      "address\n"
+      "  --folder FOLDER             By default /etc/orbbuf");
+  app.add_script("doctor", "Name what is wrong on this machine, and what to do",
+                 "Option:\n"
+                 "  --config FILE               By default /etc/orbbuf/orbbuf-server.toml");
   orbbuf::add_fleet_commands(app, command);
   if (const auto status = app.parse(argc, argv)) return *status;
 

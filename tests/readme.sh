@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # What the pages (*.md, docs/*.md, evaluation's) tell people to type and to open is there: each `./dev` verb and bench, each link to
-# a file, and the commands of "Install" and "Build from source", run on copies of what a package installs.
+# a file, and what configures in "Install" and the commands of "Build from source", on copies of what a package installs.
 # Usage: tests/readme.sh BUILD_FOLDER
 set -euo pipefail
 build=$(cd "$1" && pwd)
@@ -33,13 +33,17 @@ done
 section() { awk -v heading="## $1" '/^## / { on = $0 == heading } on && /^    / { print substr($0, 5) }' README.md; }
 
 cp "$build"/systemd/*.toml "$folder/"
-section Install | grep '^sudo sed' | sed "s|^sudo ||; s|/etc/orbbuf|$folder|; s|SERVER|192.0.2.1|" >"$folder/install.sh"
-[ "$(wc -l <"$folder/install.sh")" -eq 3 ] || problem 'Install: not the three lines to edit'
-bash -e "$folder/install.sh" || problem 'Install: a command fails'
-cmp -s "$build/systemd/orbbufd.toml" "$folder/orbbufd.toml" && problem 'Install: orbbufd.toml is not changed'
+section Install | sed -nE "s|^sudo (orbbuf-server add-robot .*)|$build/server/\\1 --folder $folder --server 192.0.2.1|p
+  s|^sudo (orbbufd setup) |$build/daemon/\\1 --folder $folder --camera generated --force $folder/robots/|p" >"$folder/install.sh"
+[ "$(wc -l <"$folder/install.sh")" -eq 2 ] || problem 'Install: not the two commands that configure'
+bash -e "$folder/install.sh" >"$folder/said" 2>&1 || { cat "$folder/said" >&2 && problem 'Install: a command fails'; }
 grep -q '^server = "192.0.2.1:7722"' "$folder/orbbufd.toml" || problem 'Install: not the server'
-"$build/daemon/orbbufd" --check-config --config "$folder/orbbufd.toml" || problem 'Install: robot'
-"$build/server/orbbuf-server" --check-config --config "$folder/orbbuf-server.toml" || problem 'Install: server'
+mkdir "$folder/credentials"
+for file in certificate key ca; do touch "$folder/credentials/$file"; done
+for program in daemon/orbbufd server/orbbuf-server; do
+  CREDENTIALS_DIRECTORY=$folder/credentials "$build/$program" --check-config --config "$folder/${program#*/}.toml" ||
+    problem "Install: $program"
+done
 
 ran=0
 while read -r command; do

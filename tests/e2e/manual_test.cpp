@@ -46,7 +46,7 @@ struct Program {
 /// Of a program and of its subcommands.
 std::set<std::string> options_of(const std::string& program) {
   static const std::regex kOption(R"(\n  (?:-h,)?--([a-z-]+))");
-  static const std::regex kSubcommand(R"(\n  ([a-z]+) )");
+  static const std::regex kSubcommand(R"(\n  ([a-z-]+) )");
   const std::string help = run({program, "--help"}).output;
   std::set<std::string> options;
   const auto add = [&](const std::string& text) {

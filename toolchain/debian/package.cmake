@@ -49,7 +49,8 @@ file(WRITE ${made}/python3-orbbuf/prerm
 file(CHMOD ${made}/python3-orbbuf/postinst ${made}/python3-orbbuf/prerm
      PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE WORLD_READ WORLD_EXECUTE)
 
-set(CPACK_DEBIAN_ORBBUFD_PACKAGE_SUGGESTS libnss-mdns)  # a server named slam.local
+set(CPACK_DEBIAN_ORBBUF-SERVER_PACKAGE_DEPENDS openssl)  # orbbuf-server add-robot
+set(CPACK_DEBIAN_ORBBUFD_PACKAGE_SUGGESTS "iw, libnss-mdns")  # a server named slam.local
 
 get_property(compressed DIRECTORY PROPERTY orbbuf_compressed)
 add_custom_target(orbbuf_compressed ALL DEPENDS ${compressed})

@@ -1,0 +1,89 @@
+#!/bin/bash
+# SPDX-License-Identifier: Apache-2.0
+# orbbufd setup [--server HOST[:PORT]] [--camera CAMERA] [--folder FOLDER] [--force] [ROBOT.tar]: asks for what the
+# options do not say, checks server, camera and machine (orbbufd --probe), and writes FOLDER/orbbufd.toml.
+set -euo pipefail
+umask 077
+fail() { echo "setup: $1" >&2 && exit 1; }
+program=$1 folder=/etc/orbbuf server='' camera='' force='' made=''
+shift
+while [ $# -gt 0 ]; do
+  case $1 in
+    --server) server=${2-} && shift ;;
+    --camera) camera=${2-} && shift ;;
+    --folder) folder=${2-} && shift ;;
+    --force) force=1 ;;
+    -*) fail "unknown option $1; see orbbufd setup --help" ;;
+    *) made=$1 ;;
+  esac
+  shift
+done
+[ -w "$folder" ] || fail "cannot write to $folder; run it with sudo, or set --folder"
+work=$(mktemp -d "$folder/setup.XXXXXX")
+trap 'rm -rf "$work"' EXIT
+config=$work/orbbufd.toml
+
+# ask QUESTION DEFAULT
+ask() {
+  local answer
+  read -r -p "$1 [$2]: " answer || true
+  echo "${answer:-$2}"
+}
+# put TABLE KEY VALUE: in the configuration, where the key is, or at the head of its table.
+put() {
+  grep -qF "[$1]" "$config" || printf '\n[%s]\n' "$1" >>"$config"
+  TABLE="[$1]" KEY=$2 VALUE=$3 awk '
+    function line(rest) { done = 1; print ENVIRON["KEY"] " = \"" ENVIRON["VALUE"] "\"" rest }
+    FNR == NR { if (/^\[/) here = $1; if (here == ENVIRON["TABLE"] && $1 == ENVIRON["KEY"]) is_there = 1; next }
+    /^\[/ { here = $1 }
+    here == ENVIRON["TABLE"] && $1 == ENVIRON["KEY"] && !done {
+      sub(/^[^=]*= *("[^"]*"|\[[^]]*\]|[^ ]*)/, "")
+      line($0)
+      next
+    }
+    { print }
+    !is_there && !done && here == ENVIRON["TABLE"] { line("") }' "$config" "$config" >"$work/new"
+  mv "$work/new" "$config"
+}
+# get KEY FILE: the first string that a line sets for the key.
+get() { sed -nE "s/^$1 = \"([^\"]*)\".*/\1/p" "$2" | head -n 1; }
+
+[ ! -e "$folder/orbbufd.toml" ] || cp "$folder/orbbufd.toml" "$config"
+touch "$config"
+for file in orbbufd.crt orbbufd.key ca.crt; do [ ! -e "$folder/$file" ] || cp "$folder/$file" "$work/"; done
+if [ -n "$made" ]; then
+  mkdir "$work/made"
+  tar -C "$work/made" --no-same-owner -xf "$made" orbbufd.toml orbbufd.crt orbbufd.key ca.crt || fail "$made: not made by orbbuf-server add-robot"
+  mv "$work"/made/*.{crt,key} "$work/"
+  : "${server:=$(get server "$work/made/orbbufd.toml")}"
+  put robot id "$(get id "$work/made/orbbufd.toml")"
+  put tls certificate credential:certificate
+  put tls key credential:key
+  put tls ca credential:ca
+fi
+[ -n "$server" ] || server=$(ask 'Server, HOST or HOST:PORT' "$(get server "$config")")
+[[ $server =~ :[0-9]+$ ]] || server=$server:7722
+put link server "$server"
+
+if [ -z "$camera" ]; then
+  "$program" --list-cameras | grep -v '^ ' || true
+  camera=$(ask 'Camera: a device such as /dev/video0, libcamera:ID, or generated for a drawn scene' /dev/video0)
+fi
+case $camera in
+  /*) put source kind v4l2 && put source device "$camera" ;;
+  libcamera:?*) put source kind libcamera && put source camera "${camera#*:}" ;;
+  generated) put source kind generated ;;
+  *) fail "expected /dev/..., libcamera:ID or generated, not $camera" ;;
+esac
+
+mkdir "$work/credentials"
+ln -s "$work/orbbufd.crt" "$work/credentials/certificate"
+ln -s "$work/orbbufd.key" "$work/credentials/key"
+ln -s "$work/ca.crt" "$work/credentials/ca"
+if ! CREDENTIALS_DIRECTORY=$work/credentials "$program" --probe --config "$config" && [ -z "$force" ]; then
+  [[ $(ask 'Write the configuration all the same? y or n' n) == y* ]] || fail "$folder/orbbufd.toml stays as it was"
+fi
+[ ! -e "$folder/orbbufd.toml" ] || cp -p "$folder/orbbufd.toml" "$folder/orbbufd.toml.old"
+chmod 644 "$config"
+for file in "$work"/*.{crt,key,toml}; do [ ! -e "$file" ] || mv "$file" "$folder/"; done
+echo "wrote $folder/orbbufd.toml; now run systemctl enable --now orbbufd"
