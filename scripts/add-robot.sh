@@ -75,8 +75,8 @@ if [ ! -e "$folder/server.crt" ] || [ "$(openssl x509 -in "$folder/server.crt" -
   [ ! -e "$folder/server.key" ] || cp "$folder/server.key" "$work/server.key"
   [[ ,$names, == *,$kind,* ]] || names+=,$kind
   sign server orbbuf-server -addext "subjectAltName=$names" -addext extendedKeyUsage=serverAuth
+  [ ! -e "$folder/server.crt" ] || note='; then run systemctl restart orbbuf-server, for its new certificate'
   install -m 600 "$work/server.key" "$work/server.crt" "$folder/"
-  note='; then run systemctl restart orbbuf-server, for its new certificate'
 fi
 
 sign orbbufd "$robot" -addext extendedKeyUsage=clientAuth

@@ -23,6 +23,13 @@ work=$(mktemp -d "$folder/setup.XXXXXX")
 trap 'rm -rf "$work"' EXIT
 config=$work/orbbufd.toml
 
+if [ -e "$folder/libcamera.env" ]; then # as the unit reads it
+  set -a
+  # shellcheck source=/dev/null
+  . "$folder/libcamera.env"
+  set +a
+fi
+
 # ask QUESTION DEFAULT
 ask() {
   local answer
@@ -35,6 +42,7 @@ put() {
   TABLE="[$1]" KEY=$2 VALUE=$3 awk '
     function line(rest) { done = 1; print ENVIRON["KEY"] " = \"" ENVIRON["VALUE"] "\"" rest }
     FNR == NR { if (/^\[/) here = $1; if (here == ENVIRON["TABLE"] && $1 == ENVIRON["KEY"]) is_there = 1; next }
+    FNR == 1 { here = "" }
     /^\[/ { here = $1 }
     here == ENVIRON["TABLE"] && $1 == ENVIRON["KEY"] && !done {
       sub(/^[^=]*= *("[^"]*"|\[[^]]*\]|[^ ]*)/, "")

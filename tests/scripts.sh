@@ -9,15 +9,15 @@ work=$(mktemp -d)
 running=
 trap '[ -z "$running" ] || { kill -KILL "$running" && wait; } 2>/dev/null; rm -rf "$work"' EXIT
 bad=0
-expect() { # TEXT COMMAND...: that it prints the text
-  local said
-  said=$("${@:2}" 2>&1) || true
-  [[ $said == *"$1"* ]] || { printf 'scripts: not "%s" from: %s\n%s\n' "$1" "${*:2}" "$(tail -n 5 <<<"$said")" >&2 && bad=1; }
+# says STATUS TEXT COMMAND...: that it ends with this status (0 or 1), and prints the text.
+says() {
+  local said status=0
+  said=$("${@:3}" 2>&1 </dev/null) || status=1
+  [ $status -eq "$1" ] && [[ $said == *"$2"* ]] && return
+  printf 'scripts: status %s, or not "%s", from: %s\n%s\n' $status "$2" "${*:3}" "$(tail -n 5 <<<"$said")" >&2 && bad=1
 }
-refused() { # TEXT COMMAND...: that it fails, and prints the text
-  if "${@:2}" >/dev/null 2>&1 </dev/null; then echo "scripts: not refused: ${*:2}" >&2 && bad=1; fi
-  expect "$@" </dev/null
-}
+expect() { says 0 "$@"; }
+refused() { says 1 "$@"; }
 
 # A machine on which nothing is wrong; each file of $work/machine spoils one thing.
 mkdir "$work/bin" "$work/machine" "$work/etc" "$work/robot"
@@ -84,6 +84,9 @@ refused "expected /dev/..., libcamera:ID or generated" "$robot" setup --folder "
 [ "$before" = "$(cat "$work/robot/orbbufd.toml")" ] || { echo 'scripts: a refused configuration is written' >&2 && bad=1; }
 expect "wrote $work/robot/orbbufd.toml" "$robot" setup --folder "$work/robot" --server localhost:1 --camera generated --force
 expect "wrote $work/robot/orbbufd.toml" "$robot" setup --folder "$work/robot" --server "localhost:$port" --camera generated "$work/etc/robots/r1.tar"
+mkdir "$work/empty" # no configuration before
+expect "wrote $work/empty/orbbufd.toml" "$robot" setup --folder "$work/empty" --server "localhost:$port" --camera generated "$work/etc/robots/r2.tar"
+expect 'id = "r2"' cat "$work/empty/orbbufd.toml"
 expect 'id = "r1"' cat "$work/robot/orbbufd.toml"
 [ -z "$(find "$work/robot" -name 'setup.*')" ] || { echo 'scripts: setup leaves a folder' >&2 && bad=1; }
 
@@ -101,7 +104,6 @@ expect ' 9 ' "$server" check "$session"
 doctors=("$server doctor --config $work/etc/orbbuf-server.toml" "$robot doctor --config $work/robot/orbbufd.toml")
 for doctor in "${doctors[@]}"; do
   read -ra command <<<"$doctor"
-  "${command[@]}" >"$work/said" 2>&1 || { cat "$work/said" >&2 && bad=1; }
   expect 'nothing is wrong' "${command[@]}"
   touch "$work/machine/saves"
   refused 'wrong: power saving: wlan7' "${command[@]}"
