@@ -376,8 +376,8 @@ FramePtr FrameBuffer::version_of(const SendPlanner::Choice& choice,
   if (choice.quality == 0) return whole;
   FramePtr reduced = reductions_.reduced(whole);
   if (reduced && planner_->is_close(reduced->quality, choice.quality)) return reduced;
-  if (!has_reducer_ || reductions_.has_failed(whole)) return whole;
   const FramePtr& best = reduced ? reduced : whole;
+  if (!has_reducer_ || reductions_.has_failed(whole)) return best;
   const PlannedFrame planned{0, best->jpeg.size(), best->quality};
   const bool is_worth_it =
       moment.is_busy || planner_->saved_s(planned, choice.quality, moment) > kWorthWaitingS;

@@ -397,11 +397,14 @@ std::vector<std::string> RecordState::describe_earlier(std::size_t most) const {
     if (lines.size() == most) break;
     const bool has_items = session.held_items() > 0;
     if (session.confirmed >= session.captured && session.kept.held() == 0 && !has_items) continue;
+    const std::string unconfirmed =
+        session.confirmed < session.captured
+            ? fmt::format("frames {} to {}", session.confirmed, session.captured - 1)
+            : "no frames";
     lines.push_back(fmt::format(
-        "record: session {} ended with frames {} to {} not confirmed by the server; {} of its "
-        "frames are kept{}{}",
-        session.name, session.confirmed, session.captured - 1, session.kept.held(),
-        has_items ? ", and samples of it" : "",
+        "record: session {} ended with {} not confirmed by the server; {} of its frames are "
+        "kept{}{}",
+        session.name, unconfirmed, session.kept.held(), has_items ? ", and samples of it" : "",
         is_ours(session) ? "" : ", and not sent, since robot.id is another one now"));
   }
   return lines;

@@ -139,7 +139,8 @@ class Join {
     }
     for (wire::StreamId stream = wire::kFirstOther; stream < wire::kMostStreams; ++stream) {
       for (const Part& part : parts_) {
-        if (part.outline.summary.position[stream] == 0) continue;
+        const SessionSummary& summary = part.outline.summary;
+        if (summary.position[stream] == 0 && summary.totals.late_items == 0) continue;
         const auto take = [&](const RecordedItems& items) {
           if (items.is_late || items.next > summary_.position[stream]) append(items);
         };
@@ -159,7 +160,11 @@ class Join {
     for (const Part& part : parts_) {
       const auto& account = part.outline.summary.account;
       if (!account) continue;
-      const auto age = [](const wire::Account& of) { return std::pair(!of.is_final, of.held); };
+      const auto age = [](const wire::Account& of) {
+        std::uint64_t held = of.held;
+        for (const auto& stream : of.streams) held += stream.held;
+        return std::pair(!of.is_final, held);
+      };
       if (!newest || age(*account) < age(*newest)) newest = account;
     }
     return newest;

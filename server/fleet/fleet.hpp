@@ -84,7 +84,7 @@ class Fleet final : public SessionClaims {
   void async_stop(std::function<void()> stopped);
 
   /// A robot wants that session here, and gets it, unless this server drains, or the session is new
-  /// and another server has fewer robots. Answers after the call.
+  /// and another server has fewer robots. May answer from within the call.
   void async_enter(const SessionKey& session, std::function<void(Outcome)> entered) override;
   std::string session_in(const std::string& folder) const override;
   std::string refuge() const override;

@@ -155,22 +155,23 @@ void SessionStores::write_late(const std::string& robot_id, wire::LateFrame late
   const auto known = robot->entries.find(late.session_id);
   const bool is_named = robot->named.contains(late.session_id) ||
                         (known != robot->entries.end() && known->second.is_live);
-  const std::string session_id = std::move(late.session_id);
-  const auto frame = std::make_shared<const EncodedFrame>(std::move(late.frame));
-  const auto work = [frame, items = std::move(late.items), is_named,
+  const auto shared = std::make_shared<const wire::LateFrame>(std::move(late));
+  const auto work = [shared, is_named,
                      arrived_ns = now_ns()](SessionStore& store) -> Result<Outcome> {
+    const auto& [session_id, frame, items] = *shared;
     if (store.is_new() && !is_named) return Outcome::kRefused;
     if (items) {
+      if (store.is_new()) return Error{"samples came before the account could be written"};
       if (!can_follow(items->first, store.position()[items->stream])) return Outcome::kRefused;
       if (auto error = store.write_late(*items)) return std::move(*error);
       return Outcome::kNew;
     }
-    if (!can_follow(frame->sequence, store.summary().known_end())) return Outcome::kRefused;
-    const auto written = store.write_late(*frame, arrived_ns);
+    if (!can_follow(frame.sequence, store.summary().known_end())) return Outcome::kRefused;
+    const auto written = store.write_late(frame, arrived_ns);
     if (!written) return written.error();
     return written.value() == SessionStore::Late::kNew ? Outcome::kNew : Outcome::kKnown;
   };
-  write(robot_id, session_id, std::make_shared<const Write>(work), std::move(waiter),
+  write(robot_id, shared->session_id, std::make_shared<const Write>(work), std::move(waiter),
         std::move(kept));
 }
 
