@@ -171,8 +171,8 @@ std::optional<Error> add_euroc_samples(const RecordedSession& session, std::int6
   return std::nullopt;
 }
 
-std::optional<Error> write_recording(const RecordedSession& session, const fs::path& path,
-                                     ExportReport& report) {
+std::optional<Error> write_recording(const RecordedSession& session, std::int64_t offset_ns,
+                                     const fs::path& path, ExportReport& report) {
   auto made = mcap::Recording::create(path, session.summary.info);
   if (!made) return std::move(made).error();
   mcap::Recording& recording = made.value();
@@ -186,6 +186,17 @@ std::optional<Error> write_recording(const RecordedSession& session, const fs::p
   }
   for (const DropRecord& drop : session.drops) {
     if (const auto added = recording.add(drop); !added) return added.error();
+  }
+  for (const wire::StreamDeclaration& stream : session.summary.info.streams) {
+    std::uint64_t number = 0;  // what was lost is not left out
+    std::optional<Error> failed;
+    const auto totals = for_each_sample(session.folder, stream.id, [&](Sample sample) {
+      if (failed || __builtin_add_overflow(sample.time_ns, offset_ns, &sample.time_ns)) return;
+      const auto added = recording.add(stream.id, number++, sample);
+      if (!added) failed = added.error();
+    });
+    if (!totals) return totals.error();
+    if (failed) return failed;
   }
   if (!recording.problem().empty())
     report.notes.push_back("no calibration: " + recording.problem());
@@ -213,7 +224,9 @@ Result<ExportReport> export_session(const fs::path& folder, const fs::path& out,
   if (auto error = output.begin()) return std::move(*error);
   if (layout == Layout::kMcap) {
     const auto name = session.summary.info.session_id + ".mcap";
-    if (auto error = write_recording(session, out / name, report)) return std::move(*error);
+    if (auto error = write_recording(session, clock_offset_ns, out / name, report)) {
+      return std::move(*error);
+    }
     output.keep();
     return report;
   }

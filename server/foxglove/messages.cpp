@@ -193,6 +193,16 @@ std::string quality_json(const EncodedFrame& frame) {
   return json + '}';
 }
 
+std::string imu_json(const Sample& sample, std::string_view frame_id) {
+  const auto [sec, nsec] = split_seconds(sample.time_ns);
+  const auto& [x, y, z] = sample.angular_velocity;
+  const auto& [ax, ay, az] = sample.linear_acceleration;
+  return fmt::format(R"({{"timestamp":{{"sec":{},"nsec":{}}},"frame_id":"{}",)"
+                     R"("angular_velocity":{{"x":{},"y":{},"z":{}}},)"
+                     R"("linear_acceleration":{{"x":{},"y":{},"z":{}}}}})",
+                     sec, nsec, frame_id, x, y, z, ax, ay, az);
+}
+
 std::string drop_json(const DropRecord& record) {
   const auto [sec, nsec] = split_seconds(record.capture_time_ns);
   const std::string similarity = record.similarity == kUnknownSimilarity

@@ -9,10 +9,11 @@
 
 #include "common/drop_record.hpp"
 #include "common/frame.hpp"
+#include "common/sample.hpp"
 #include "server/calibration/camera_info.hpp"
 
 /// The messages of Foxglove's schemas that recordings and live viewers get, as protobuf writes
-/// them, and the drop record as JSON.
+/// them, and the drop record and samples as JSON.
 namespace orbbuf::foxglove {
 
 /// A schema's name and its FileDescriptorSet, whole with what it imports.
@@ -41,6 +42,19 @@ inline constexpr std::string_view kQualitySchema =
     R"("sec":{"type":"integer"},"nsec":{"type":"integer"}}},)"
     R"("sequence":{"type":"integer"},"quality":{"type":"integer"},)"
     R"("whole_bytes":{"type":"integer"},"whole_crc":{"type":"integer"}}})";
+
+/// orbbuf.Imu, and its JSON schema: the fields of sensor_msgs/Imu that a sample has.
+std::string imu_json(const Sample& sample, std::string_view frame_id);
+inline constexpr std::string_view kImuSchemaName = "orbbuf.Imu";
+inline constexpr std::string_view kImuSchema =
+    R"({"title":"orbbuf.Imu","type":"object","properties":{)"
+    R"("timestamp":{"type":"object","title":"time","properties":{)"
+    R"("sec":{"type":"integer"},"nsec":{"type":"integer"}}},)"
+    R"("frame_id":{"type":"string"},)"
+    R"("angular_velocity":{"type":"object","properties":{)"
+    R"("x":{"type":"number"},"y":{"type":"number"},"z":{"type":"number"}}},)"
+    R"("linear_acceleration":{"type":"object","properties":{)"
+    R"("x":{"type":"number"},"y":{"type":"number"},"z":{"type":"number"}}}}})";
 
 /// orbbuf.Drop, and its JSON schema.
 std::string drop_json(const DropRecord& record);

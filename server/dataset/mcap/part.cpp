@@ -90,6 +90,8 @@ Result<bool> PartMaker::add_record(const RecordBody& body) {
     }
     if (!frame->is_replacing || !live_.contains(frame->sequence)) late_.push_back(*frame);
   }
+  const auto* const items = std::get_if<RecordedItems>(&body);
+  if (items != nullptr && items->stream >= wire::kFirstOther) return put(*items);
   Result<bool> is_written = false;
   auto drops = named_by(body);
   are_drops_cut_ = cut(drops, drops_left_) || are_drops_cut_;
@@ -139,7 +141,9 @@ bool lacks_part(const fs::path& folder) {
     const auto entry = reader.next();
     if (!entry || !entry.value()) return false;
     const RecordBody& body = entry.value()->record.body;
-    if (std::holds_alternative<RecordedFrame>(body) || !named_by(body).empty()) return true;
+    const bool is_recorded =
+        std::holds_alternative<RecordedFrame>(body) || std::holds_alternative<RecordedItems>(body);
+    if (is_recorded || !named_by(body).empty()) return true;
   }
 }
 

@@ -20,10 +20,10 @@ std::string part_name(const std::string& session_id, std::uint32_t number);
 
 /// Makes a part of a session's recording of the records that the part has and their images, a
 /// little at a time, also while the session goes on. The file appears by rename, when it is on the
-/// device. Late frames and drop records stand behind the live frames; the whole JPEG of a frame
-/// that came reduced takes its place if it came before the part was made, and is among the late
-/// frames of the next part else. A frame whose images are gone is passed over, with one warning,
-/// and so are dropped frames beyond kMostDrops. Blocking; reentrant.
+/// device. Samples stand as they came. Late frames and drop records stand behind the live frames;
+/// the whole JPEG of a frame that came reduced takes its place if it came before the part was made,
+/// and is among the late frames of the next part else. A frame whose images are gone is passed
+/// over, with one warning, and so are dropped frames beyond kMostDrops. Blocking; reentrant.
 class PartMaker {
  public:
   static constexpr std::uint64_t kMostDrops = 100'000;
@@ -65,8 +65,8 @@ class PartMaker {
   bool are_drops_cut_ = false;
 };
 
-/// Whether the session was recorded, and has frames or drop records behind the last part. False
-/// also if that cannot be read.
+/// Whether the session was recorded, and has frames, samples or drop records behind the last part.
+/// False also if that cannot be read.
 bool lacks_part(const std::filesystem::path& folder);
 
 /// Brings the journal onto the device, and removes the images of the frames that the part has, but

@@ -18,6 +18,7 @@ enum SchemaId : std::uint16_t {
   kCalibrationSchema,
   kDropSchema,
   kQualitySchema,
+  kImuSchema,
 };
 enum ChannelId : std::uint16_t {
   kImage = 1,
@@ -28,6 +29,7 @@ enum ChannelId : std::uint16_t {
   kRightCalibration,
   kDrops,
   kQuality,
+  kFirstStream,  // of wire::kFirstOther; the others follow
 };
 
 struct ChannelKind {
@@ -46,7 +48,11 @@ constexpr std::array<ChannelKind, 8> kChannels = {{{kImageSchema, "", "/image"},
                                                    {kDropSchema, "", "/drops"},
                                                    {kQualitySchema, "", "/quality"}}};
 
-const ChannelKind& kind_of(std::uint16_t channel) { return kChannels.at(channel - 1U); }
+constexpr ChannelKind kStreamChannel{kImuSchema, "", ""};
+
+const ChannelKind& kind_of(std::uint16_t channel) {
+  return channel < kFirstStream ? kChannels.at(channel - 1U) : kStreamChannel;
+}
 
 template <class Put>
 void with_schema(std::uint16_t id, Put put) {
@@ -57,6 +63,9 @@ void with_schema(std::uint16_t id, Put put) {
   if (id == kQualitySchema) {
     return put(
         Schema{id, foxglove::kQualitySchemaName, "jsonschema", as_bytes(foxglove::kQualitySchema)});
+  }
+  if (id == kImuSchema) {
+    return put(Schema{id, foxglove::kImuSchemaName, "jsonschema", as_bytes(foxglove::kImuSchema)});
   }
   const auto schema = id == kImageSchema ? foxglove::compressed_image_schema()
                                          : foxglove::camera_calibration_schema();
@@ -74,6 +83,7 @@ Result<Recording> Recording::create(const std::filesystem::path& path, const Ses
 Recording::Recording(File file, const SessionInfo& info)
     : file_(std::move(file)),
       robot_id_(info.robot_id),
+      streams_(info.streams),
       cameras_(calibrated_cameras(info.calibration)) {}
 
 Result<bool> Recording::add(const EncodedFrame& frame) {
@@ -109,6 +119,33 @@ Result<bool> Recording::add(const DropRecord& range) {
   return is_written;
 }
 
+Result<bool> Recording::add(const RecordedItems& items) {
+  bool is_written = false;
+  const auto samples = wire::parse_samples(items.payload);
+  if (items.stream < wire::kFirstOther || !samples) return is_written;
+  for (std::uint64_t number = items.first; const Sample& sample : samples.value()) {
+    auto added = add(items.stream, number++, sample);
+    if (!added) return added;
+    is_written = is_written || added.value();
+  }
+  return is_written;
+}
+
+Result<bool> Recording::add(wire::StreamId stream, std::uint64_t number, const Sample& sample) {
+  const auto channel = static_cast<std::uint16_t>(kFirstStream + stream - wire::kFirstOther);
+  const std::string frame_id = robot_id_ + name_of(channel);
+  return add(channel, number, sample.time_ns, as_bytes(foxglove::imu_json(sample, frame_id)));
+}
+
+/// What stands behind the robot's id in a channel's topic: the stream's name, or that of its kind.
+std::string Recording::name_of(std::uint16_t channel) const {
+  const ChannelKind& kind = kind_of(channel);
+  if (channel < kFirstStream) return fmt::format("{}{}", kind.frame, kind.topic);
+  const auto id = static_cast<wire::StreamId>(channel - kFirstStream + wire::kFirstOther);
+  const auto stream = std::ranges::find(streams_, id, &wire::StreamDeclaration::id);
+  return stream == streams_.end() ? fmt::format("/{}", id) : "/" + stream->name;
+}
+
 std::optional<Error> Recording::finish(std::int64_t clock_offset_ns) {
   const std::string offset = std::to_string(clock_offset_ns);
   std::optional<Metadata> clock;
@@ -123,7 +160,7 @@ Result<bool> Recording::add(std::uint16_t channel, Sequence sequence, std::int64
     if (!file_.has_schema(kind.schema)) {
       with_schema(kind.schema, [&](const Schema& schema) { file_.add(schema); });
     }
-    const std::string topic = fmt::format("/{}{}{}", robot_id_, kind.frame, kind.topic);
+    const std::string topic = fmt::format("/{}{}", robot_id_, name_of(channel));
     file_.add({channel, kind.schema, topic, kind.schema >= kDropSchema ? "json" : "protobuf"});
   }
   return file_.add({channel, static_cast<std::uint32_t>(sequence),

@@ -7,13 +7,15 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "common/drop_record.hpp"
 #include "common/error.hpp"
 #include "common/frame.hpp"
+#include "common/sample.hpp"
 #include "server/calibration/camera_info.hpp"
 #include "server/dataset/mcap/file.hpp"
-#include "server/session/session_info.hpp"
+#include "server/session/records.hpp"
 
 namespace orbbuf::mcap {
 
@@ -26,9 +28,11 @@ namespace orbbuf::mcap {
 ///   /ROBOT/{left,right}/...   the same of stereo frames; the right calibration needs the baseline
 ///   /ROBOT/drops              orbbuf.Drop, JSON: the frames that will not come
 ///   /ROBOT/quality            orbbuf.Quality, JSON: one with each frame of which it is known
+///   /ROBOT/NAME               orbbuf.Imu, JSON: the samples of the stream NAME
 ///
 /// The log time of each is the time of capture, so that a player shows what the camera saw when; a
-/// time before 1970 becomes 0 there. The sequence of a message is the frame's number, modulo 2^32.
+/// time before 1970 becomes 0 there. The sequence of a message is the number of the frame or the
+/// sample, modulo 2^32.
 /// Blocking; reentrant.
 class Recording {
  public:
@@ -39,6 +43,9 @@ class Recording {
   Result<bool> add(const EncodedFrame& frame);
   /// A message for each frame of the range.
   Result<bool> add(const DropRecord& range);
+  /// A message for each sample, if it is a stream of samples.
+  Result<bool> add(const RecordedItems& items);
+  Result<bool> add(wire::StreamId stream, std::uint64_t number, const Sample& sample);
   /// Why there is no calibration in it, though the session has one; empty: there is.
   const std::string& problem() const { return cameras_.problem; }
 
@@ -51,10 +58,12 @@ class Recording {
 
   Result<bool> add(std::uint16_t channel, Sequence sequence, std::int64_t time_ns,
                    std::span<const std::uint8_t> data);
+  std::string name_of(std::uint16_t channel) const;
   std::string frame_id(std::uint16_t channel) const;
 
   File file_;
   const std::string robot_id_;
+  const std::vector<wire::StreamDeclaration> streams_;
   const CalibratedCameras cameras_;
 };
 

@@ -63,6 +63,22 @@ TEST_F(McapPart, LateFramesStandBehindTheOthersByTheirNumbers) {
   EXPECT_THAT(part("s-0001.mcap").of("/r/image"), ElementsAre(0, 1, 2, 5, 6, 8, 9, 10, 3, 7));
 }
 
+TEST_F(McapPart, HasTheSamplesOfEachSensorByTheirNames) {
+  const auto store = test::open_store(session_, {"r", "s", "", {}, {{4, "imu0", "imu"}}});
+  ASSERT_FALSE(store->write(*frame(0), 0));
+  const std::vector<Sample> samples{{1'000'000'002, {1, 2, 0.5}, {0, 0, 9.81}}, {2, {}, {}}};
+  ASSERT_FALSE(store->write_items({4, 7, 9, wire::encode_samples(samples)}));
+  make(*store);
+  const auto found = part("s-0001.mcap");
+  ASSERT_THAT(found.of("/r/imu0"), ElementsAre(7, 8));
+  EXPECT_EQ(found.data_of("/r/imu0")[0], R"({"timestamp":{"sec":1,"nsec":2},"frame_id":"r/imu0",)"
+                                         R"("angular_velocity":{"x":1,"y":2,"z":0.5},)"
+                                         R"("linear_acceleration":{"x":0,"y":0,"z":9.81}})");
+  EXPECT_FALSE(mcap::lacks_part(session_));
+  ASSERT_FALSE(store->write_items({4, 9, 11, wire::encode_samples(samples)}));
+  EXPECT_TRUE(mcap::lacks_part(session_));
+}
+
 TEST_F(McapPart, TakesTheWholeJpegIfItIsThere) {
   const auto store = open();
   const auto whole = test::jpeg_frame_ptr(0, 128, 128);
