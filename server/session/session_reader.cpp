@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <map>
 #include <memory>
 #include <utility>
 #include <variant>
@@ -118,35 +117,71 @@ class Drops {
   std::optional<std::pair<Sequence, std::int64_t>> before_;
 };
 
-/// The late samples of a stream, by number, each once.
+/// The late samples of a stream, by number, each once: the places of their records in memory, and
+/// the samples of one record.
 class LateSamples {
  public:
-  std::optional<Error> read(const fs::path& folder, wire::StreamId stream) {
-    return for_each<RecordedItems>(folder, [&](const RecordedItems& items) {
-      if (items.stream != stream || !items.is_late) return;
-      const auto samples = wire::parse_samples(items.payload);
-      if (!samples) return;
-      for (std::uint64_t number = items.first; const Sample& sample : samples.value()) {
-        samples_.emplace(number++, sample);
-      }
-      end_ = std::max(end_, items.next);
-    });
+  explicit LateSamples(fs::path folder) : folder_(std::move(folder)) {}
+
+  std::optional<Error> find(wire::StreamId stream) {
+    RecordReader reader(folder_);
+    for (;;) {
+      const auto entry = reader.next();
+      if (!entry) return entry.error();
+      if (!entry.value()) break;
+      const auto* const items = std::get_if<RecordedItems>(&entry.value()->record.body);
+      if (items == nullptr || items->stream != stream || !items->is_late) continue;
+      places_.emplace_back(items->first, entry.value()->place);
+      end_ = std::max(end_, items->next);
+    }
+    std::ranges::sort(places_);
+    return std::nullopt;
   }
 
   /// And forgets one of that number: it came live as well.
   template <class Take>
-  void take_below(std::uint64_t number, Take take) {
-    for (; !samples_.empty() && samples_.begin()->first < number;
-         samples_.erase(samples_.begin())) {
-      take(samples_.begin()->second);
+  std::optional<Error> take_below(std::uint64_t number, Take take) {
+    for (;;) {
+      for (; at_ < samples_.size() && number_ < number; ++at_, ++number_) {
+        if (number_ < next_) continue;  // another record had it
+        next_ = number_ + 1;
+        take(samples_[at_]);
+      }
+      if (at_ < samples_.size() || next_place_ == places_.size()) break;
+      if (places_[next_place_].first >= number) break;
+      if (auto error = read_next()) return error;
     }
-    samples_.erase(number);
+    next_ = std::max(next_, number + 1);
+    return std::nullopt;
   }
 
   std::uint64_t end() const { return end_; }
 
  private:
-  std::map<std::uint64_t, Sample> samples_;
+  /// A record that is damaged by now has none.
+  std::optional<Error> read_next() {
+    const auto& [first, place] = places_[next_place_++];
+    if (!reader_ || reader_->place() != place) reader_.emplace(folder_, place);
+    const auto entry = reader_->next();
+    if (!entry) return entry.error();
+    samples_.clear();
+    at_ = 0;
+    number_ = first;
+    if (!entry.value() || entry.value()->place != place) return std::nullopt;
+    const auto* const items = std::get_if<RecordedItems>(&entry.value()->record.body);
+    if (items == nullptr) return std::nullopt;
+    if (auto samples = wire::parse_samples(items->payload)) samples_ = std::move(samples).value();
+    return std::nullopt;
+  }
+
+  const fs::path folder_;
+  std::vector<std::pair<std::uint64_t, journal::Place>> places_;  // by the first number
+  std::size_t next_place_ = 0;
+  std::optional<RecordReader> reader_;
+  std::vector<Sample> samples_;  // of the record before it
+  std::size_t at_ = 0;           // those before it were taken, or are not needed
+  std::uint64_t number_ = 0;     // of samples_[at_]
+  std::uint64_t next_ = 0;       // those below it are done
   std::uint64_t end_ = 0;
 };
 
@@ -288,11 +323,11 @@ Result<std::optional<Tail>> read_tail(const fs::path& folder, const SessionSumma
 Result<SampleTotals> for_each_sample(const fs::path& folder, wire::StreamId stream,
                                      const std::function<void(const Sample&)>& take) {
   SampleTotals totals;
-  LateSamples late;
+  LateSamples late(folder);
   if (const auto summary = read_summary(folder)) {
     totals.next = end_of(*summary, stream);
     if (summary->totals.late_items > 0) {
-      if (auto error = late.read(folder, stream)) return std::move(*error);
+      if (auto error = late.find(stream)) return std::move(*error);
     }
   }
   std::optional<std::int64_t> last_ns;
@@ -308,7 +343,7 @@ Result<SampleTotals> for_each_sample(const fs::path& folder, wire::StreamId stre
     const auto entry = reader.next();
     if (!entry) return entry.error();
     if (!entry.value()) {
-      late.take_below(~std::uint64_t{0}, hand_on);
+      if (auto error = late.take_below(~std::uint64_t{0}, hand_on)) return std::move(*error);
       totals.next = std::max(totals.next, late.end());
       return totals;
     }
@@ -326,7 +361,7 @@ Result<SampleTotals> for_each_sample(const fs::path& folder, wire::StreamId stre
     const auto samples = wire::parse_samples(items->payload);
     if (!samples) continue;
     for (std::uint64_t number = items->first; const Sample& sample : samples.value()) {
-      late.take_below(number++, hand_on);
+      if (auto error = late.take_below(number++, hand_on)) return std::move(*error);
       if (newest_frame_ns && sample.time_ns <= *newest_frame_ns) ++totals.behind_frames;
       hand_on(sample);
     }

@@ -150,6 +150,36 @@ TEST_F(SessionReaderTest, ItemsOfAStreamComeInTheirOrder) {
   EXPECT_EQ(found, samples);
 }
 
+TEST_F(SessionReaderTest, LateSamplesAreMergedRecordByRecord) {
+  wire::Account said = account(0);
+  said.streams = {{{4, "imu0", "imu"}, 40, 1}};
+  const auto store = open();
+  EXPECT_FALSE(store->take_account(said));
+  const auto samples = [](std::uint64_t first, std::uint64_t end) {
+    std::vector<Sample> all;
+    for (; first < end; ++first) all.push_back({static_cast<std::int64_t>(first), {}, {}});
+    return wire::encode_samples(all);
+  };
+  EXPECT_FALSE(store->write_items({4, 0, 2, samples(0, 2)}));
+  // They come in any order, lie over each other and over what came live.
+  constexpr std::pair<std::uint64_t, std::uint64_t> kLate[] = {{20, 25}, {1, 9},   {11, 14},
+                                                               {3, 6},   {24, 30}, {8, 12}};
+  for (const auto& [first, end] : kLate) {
+    EXPECT_FALSE(store->write_late(wire::Items{4, first, samples(first, end)}));
+  }
+  EXPECT_FALSE(store->write_items({4, 10, 11, samples(10, 11)}));
+  EXPECT_FALSE(store->write_items({4, 15, 16, samples(15, 16)}));
+  std::vector<std::int64_t> times;
+  const auto totals =
+      for_each_sample(folder_, 4, [&](const Sample& sample) { times.push_back(sample.time_ns); });
+  ASSERT_TRUE(totals);
+  EXPECT_THAT(times, ElementsAre(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 15, 20, 21, 22, 23,
+                                 24, 25, 26, 27, 28, 29));
+  EXPECT_EQ(totals.value().next, 30U);
+  EXPECT_EQ(totals.value().lost(), 5U);
+  EXPECT_EQ(totals.value().backward, 0U);
+}
+
 class FrameFollowerTest : public test::StoredSession {
  protected:
   static constexpr Sequence kNone = ~Sequence{0};
