@@ -123,6 +123,10 @@ void RecordState::begin() {
   for (auto& [number, session] : sessions_) {
     auto streams = session.streams;
     if (session.is_settled) streams.clear();
+    if (!session.is_settled && streams.empty() && session.held_items() > 0) {
+      log_warn("record: the samples of session {} are lost, since no account names their streams",
+               session.name);
+    }
     note_streams(session, streams);
     for (auto& [stream, kept] : session.items) kept.set_late(0, ~Sequence{0});
   }
@@ -316,8 +320,8 @@ bool RecordState::settle(const std::string& session_id) {
 std::deque<RecordState::Note> RecordState::take_notes() {
   std::deque<Note> notes = std::exchange(new_items_, {});
   pending_item_bytes_ = 0;
-  if (std::exchange(is_noted_, false)) {
-    notes.push_back({record_format::kAccount, encode(present(), new_drops_), {}, {}});
+  if (std::exchange(is_noted_, false)) {  // items are of no use without their streams
+    notes.push_front({record_format::kAccount, encode(present(), new_drops_), {}, {}});
     new_drops_ = {};
   }
   for (const Account& account : std::exchange(settled_, {})) {

@@ -268,7 +268,8 @@ TEST(RecordState, ItemsThatTheServerHasNotAreSentByTheNextStart) {
   one->note(progress_of_items(9, 3));  // it has the first
   const auto notes = one->take_notes();
   ASSERT_THAT(notes, SizeIs(4));
-  EXPECT_EQ(notes[0].items, wire::StreamId{4});
+  EXPECT_EQ(notes[0].type, record_format::kAccount) << "it names their stream";
+  EXPECT_EQ(notes[1].items, wire::StreamId{4});
   for (const auto& [first, count] : {std::pair(0, 3), std::pair(3, 4), std::pair(7, 2)}) {
     one->on_written(
         written_items(static_cast<std::uint64_t>(first), static_cast<std::uint16_t>(count)), 4);
@@ -294,6 +295,15 @@ TEST(RecordState, ItemsThatTheServerHasNotAreSentByTheNextStart) {
   }
   EXPECT_FALSE(two->is_needed(0));
   EXPECT_TRUE(two->settle("one"));
+}
+
+TEST(RecordState, ItemsOfAStreamThatNoAccountNamesAreLost) {
+  const test::CapturedLog log;
+  StateOf state("two");
+  state->apply({{"robot/one", {{}, {}, {{4, written_items(0, 3)}}}}}, true);
+  state->begin();
+  EXPECT_EQ(state->held_items(), 0U);
+  EXPECT_EQ(log.lines("the samples of session robot/one are lost").size(), 1U);
 }
 
 TEST(RecordState, ItemsThatDoNotWaitAnyMoreAreSentLate) {
