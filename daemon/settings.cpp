@@ -209,6 +209,7 @@ void read_record(ConfigReader& config, RecordSettings& record) {
   const auto drops = is_default ? default_drop_log() : config.path("buffer.drop_log", {});
   record.keeps_frames = !frames.empty();
   record.path = record.keeps_frames ? frames : drops;
+  if (!record.keeps_frames) record.size_bytes = RecordSettings::kBytesWithoutFrames;
   const auto real = [](const auto& path) { return std::filesystem::weakly_canonical(path / ""); };
   if (record.keeps_frames && !is_default && !drops.empty() && real(drops) != real(frames)) {
     config.fail("buffer.drop_log",

@@ -259,6 +259,7 @@ bool Record::write_notes(Lock& lock, Clock::time_point now) {
   for (; !failed && !notes_.empty(); notes_.pop_front()) {
     const RecordState::Note& note = notes_.front();
     make_room(note.body.size());
+    if (note.items && !has_room_for(note)) continue;
     const auto place = append(note.type, note.body, {});
     if (!place) failed = place.error();
     if (failed) break;
@@ -273,6 +274,17 @@ bool Record::write_notes(Lock& lock, Clock::time_point now) {
   sync_at_ = std::min(sync_at_, now);
   lock.lock();
   return true;
+}
+
+/// Else they are not kept.
+bool Record::has_room_for(const RecordState::Note& items) {
+  if (has_free(journal::kHeadBytes + items.body.size() + settings_.least_free_bytes)) return true;
+  const std::lock_guard lock(mutex_);
+  state_.refuse_items(items);
+  if (refused_limit_.lets_through()) {
+    log_warn("record: samples are not kept: the disk is full; they wait in memory only");
+  }
+  return false;
 }
 
 void Record::on_items_written(const RecordState::Note& note, const journal::Place& place) {
@@ -391,7 +403,8 @@ void Record::make_room(std::uint64_t bytes) {
     if (!oldest || state_.bytes() + bytes <= settings_.size_bytes) return;
     lock.unlock();
     if (*oldest >= synced_segment_ && !sync_files()) return;
-    remove_segment(*oldest, "spool.size is reached");
+    remove_segment(*oldest, settings_.keeps_frames ? "spool.size is reached"
+                                                   : "the record is as large as it may be");
   }
 }
 

@@ -33,11 +33,12 @@ namespace orbbuf {
 struct RecordSettings {
   std::filesystem::path path;                ///< empty: nothing is written
   bool keeps_frames = false;                 ///< with `spool.path`
-  std::uint64_t size_bytes = 8ULL << 30;     ///< of all files, if frames are kept; >= kMinBytes
+  std::uint64_t size_bytes = 8ULL << 30;     ///< of all files; >= kMinBytes
   std::uint64_t rate_bytes_per_s = 4 << 20;  ///< of frames, the most written; 0: no limit
-  std::uint64_t least_free_bytes = 1 << 20;  ///< of the disk, which frames leave to accounts
+  std::uint64_t least_free_bytes = 1 << 20;  ///< of the disk, left to accounts
 
   static constexpr std::uint64_t kMinBytes = 4 << 20;
+  static constexpr std::uint64_t kBytesWithoutFrames = 256 << 20;
 };
 
 /// The robot's own record of its sessions, in a journal on its disk: how many frames were captured,
@@ -48,8 +49,8 @@ struct RecordSettings {
 /// Thread-bound to `main`, which it never has wait for the disk: a thread `record` of its own
 /// writes and syncs what is new after each note(), and reads ahead the frames that next() returns.
 /// Frames are written not faster than the rate, the rest before them. A disk that is full or fails
-/// costs frames, never the process: a full disk takes no new ones, and keeps room for accounts; of
-/// one that fails the record tries again every 5 s. Without a path it writes
+/// costs frames and samples, never the process: a full disk takes no new ones, and keeps room for
+/// accounts; of one that fails the record tries again every 5 s. Without a path it writes
 /// nothing, and holds no frames.
 ///
 /// The journal is a ring: its oldest segment is removed when no frame in it is held and two newer
@@ -155,6 +156,7 @@ class Record {
   bool write_frame(Lock& lock, Clock::time_point now);
   bool sync(Lock& lock, Clock::time_point now);
   bool remove_oldest(Lock& lock);
+  bool has_room_for(const RecordState::Note& items);
   void on_items_written(const RecordState::Note& note, const journal::Place& place);
   bool read_ahead(Lock& lock);
   Result<LateFrame> read(const RecordState::Taken& taken) const;

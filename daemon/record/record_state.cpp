@@ -221,6 +221,11 @@ void RecordState::keep(const wire::Items& items) {
   new_items_.push_back(std::move(note));
 }
 
+void RecordState::refuse_items(const Note& note) {
+  KeptFrame* const items = present().items[*note.items].find(note.first);
+  if (items != nullptr) remove(present(), *items, *note.items);
+}
+
 void RecordState::send_late(wire::StreamId stream, std::uint64_t begin, std::uint64_t end) {
   present().items[stream].set_late(begin, end);
   present().is_changed = true;

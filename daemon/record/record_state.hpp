@@ -90,6 +90,8 @@ class RecordState {
   void on_written(const KeptFrame& place, wire::StreamId stream = wire::kFrames);
   /// Items for take_notes(), to be sent if this process dies.
   void keep(const wire::Items& items);
+  /// The items of a note are not written.
+  void refuse_items(const Note& note);
   /// Those of these numbers that were kept are to be sent in any case.
   void send_late(wire::StreamId stream, std::uint64_t begin, std::uint64_t end);
   std::size_t pending_item_bytes() const { return pending_item_bytes_; }

@@ -82,7 +82,8 @@ TEST(Settings, DropLogIsInTheServicesStateFolder) {
 
 TEST(Settings, SpoolIsOffUntilItHasAFolder) {
   EXPECT_FALSE(with({}).record.keeps_frames);
-  EXPECT_EQ(with({}).record.size_bytes, 8ULL << 30);
+  EXPECT_EQ(with({}).record.size_bytes, 256U << 20) << "of samples and accounts";
+  EXPECT_EQ(with({"spool.path=/tmp/spool"}).record.size_bytes, 8ULL << 30);
   EXPECT_EQ(with({}).record.rate_bytes_per_s, 4U << 20);
   const Settings s = with({"spool.path=/tmp/spool", "spool.size=4 MiB", "spool.rate=0 B"});
   EXPECT_TRUE(s.record.keeps_frames);

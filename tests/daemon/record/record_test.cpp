@@ -396,6 +396,34 @@ TEST_F(RecordTest, FramesLeaveRoomForAccountsOnAFullDisk) {
   }));
 }
 
+TEST_F(RecordTest, SamplesLeaveRoomForAccountsOnAFullDisk) {
+  if (::geteuid() != 0) GTEST_SKIP() << "needs root, for a disk of its own";
+  std::filesystem::create_directories(path());
+  EXPECT_TRUE(holds_in_a_process([this] {
+    if (!mount_disk(path(), "size=3m")) return false;
+    const CapturedLog log;
+    auto progress = test::progress(30);
+    progress.streams = {{{4, "imu0", "imu"}, 300, 0}};
+    {
+      WatchedRecord record(without_frames(), "a");
+      for (std::uint64_t i = 0; i < 39; ++i) {  // 3.9 MB
+        std::vector<std::uint8_t> payload(100'000);
+        payload[1] = 5;
+        if (!record->keep(wire::Items{4, 5 * i, payload})) return false;
+      }
+      record->note(progress);
+      log.wait_for("samples are not kept: the disk is full");
+      progress.captured = 31;
+      record->note(progress);
+    }
+    if (!log.lines("error").empty()) return false;
+    WatchedRecord record(without_frames(), "b");
+    const auto account = record.account_of("a");
+    return account->captured == 31 && account->streams.front().held > 10 &&
+           account->streams.front().held < 30;
+  }));
+}
+
 /// Accounts go before frames on a disk that other programs have filled.
 TEST_F(RecordTest, OnAFullDiskTheOldestFramesMakeRoomForAccounts) {
   if (::geteuid() != 0) GTEST_SKIP() << "needs root, for a disk of its own";
