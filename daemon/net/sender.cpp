@@ -209,8 +209,10 @@ void Sender::note_progress() {
   SessionProgress progress{buffer_.stats().captured, buffer_.last_capture_time_ns(), confirmed_,
                            drops_.settled_below(confirmed_)};
   const auto keep = [this](const wire::Items& items) { return record_.keep(items); };
-  for (auto& [stream, captured, first_waiting, late] : samples_.record(keep)) {
-    if (late.end > 0) record_.send_late(stream.id, late.begin, late.end);
+  const auto send_late = [this](wire::StreamId stream, const SampleQueue::Range& late) {
+    return record_.send_late(stream, late.begin, late.end);
+  };
+  for (auto& [stream, captured, first_waiting] : samples_.record(keep, send_late)) {
     progress.streams.push_back({std::move(stream), captured, first_waiting});
   }
   record_.note(progress);

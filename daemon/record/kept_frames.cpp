@@ -78,17 +78,17 @@ void KeptFrames::set_late(Sequence begin, Sequence end) {
   }
 }
 
-std::size_t KeptFrames::remove_segment(std::uint32_t segment, std::uint64_t most) {
-  std::size_t count = 0;
-  for (auto at = frames_.begin(); at != frames_.end() && count < most; ++at) {
+std::vector<KeptFrame> KeptFrames::remove_segment(std::uint32_t segment, std::uint64_t most) {
+  std::vector<KeptFrame> removed;
+  for (auto at = frames_.begin(); at != frames_.end() && removed.size() < most; ++at) {
     const bool is_in = at->state == State::kWritten || at->state == State::kTaken;
     if (!is_in || at->segment != segment) continue;
+    removed.push_back(*at);
     at->state = State::kGone;
-    ++count;
   }
-  held_ -= count;
+  held_ -= removed.size();
   trim();
-  return count;
+  return removed;
 }
 
 void KeptFrames::trim() {

@@ -4,6 +4,7 @@
 #include <boost/container/deque.hpp>
 #include <cstddef>
 #include <cstdint>
+#include <vector>
 
 #include "common/frame.hpp"
 
@@ -51,8 +52,8 @@ class KeptFrames {
   KeptFrame* find_done(Sequence end);
   /// What has any of these numbers is late.
   void set_late(Sequence begin, Sequence end);
-  /// Removes those written to `segment`, at most `most` of them; how many those were.
-  std::size_t remove_segment(std::uint32_t segment, std::uint64_t most);
+  /// Removes those written to `segment`, at most `most` of them, and returns them.
+  std::vector<KeptFrame> remove_segment(std::uint32_t segment, std::uint64_t most);
 
   std::uint64_t held() const { return held_; }
   /// The lowest number; 0 without any.

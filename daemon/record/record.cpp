@@ -95,10 +95,10 @@ bool Record::keep(const wire::Items& items) {
   return true;
 }
 
-void Record::send_late(wire::StreamId stream, std::uint64_t begin, std::uint64_t end) {
+std::uint64_t Record::send_late(wire::StreamId stream, std::uint64_t begin, std::uint64_t end) {
   const std::lock_guard lock(mutex_);
-  state_.send_late(stream, begin, end);
   wake();
+  return state_.send_late(stream, begin, end);
 }
 
 void Record::note(const SessionProgress& progress) {

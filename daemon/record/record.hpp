@@ -108,8 +108,9 @@ class Record {
   /// Items of a stream that wait for the server, written with the next note(): the next start sends
   /// them if that note() does not come that has them settled. False: they are not kept.
   bool keep(const wire::Items& items);
-  /// Of what was kept, those of these numbers do not wait any more: next() returns them.
-  void send_late(wire::StreamId stream, std::uint64_t begin, std::uint64_t end);
+  /// Of what was kept, those of these numbers do not wait any more: next() returns them. Returns
+  /// how many of them the record has lost.
+  std::uint64_t send_late(wire::StreamId stream, std::uint64_t begin, std::uint64_t end);
   /// Once a second; what is new is written then.
   void note(const SessionProgress& progress);
   /// Nothing more comes.

@@ -149,9 +149,9 @@ void RecordState::forget(Sessions::iterator session) {
       forgotten.name, kMostSessions, forgotten.captured, forgotten.confirmed,
       forgotten.kept.held());
   for (auto& [number, segment] : segments_) {
-    segment.held -= session->second.kept.remove_segment(number, segment.held);
+    segment.held -= session->second.kept.remove_segment(number, segment.held).size();
     for (auto& [stream, kept] : session->second.items) {
-      segment.held -= kept.remove_segment(number, segment.held);
+      segment.held -= kept.remove_segment(number, segment.held).size();
     }
   }
   sessions_.erase(session);
@@ -183,6 +183,10 @@ void RecordState::note(const SessionProgress& progress) {
   session.given_up.remove_below(progress.settled_below);
   new_drops_.remove_below(progress.settled_below);
   note_streams(session, progress.streams);
+  for (const StreamAccount& each : progress.streams) {
+    std::erase_if(gone_items_[each.stream.id],
+                  [&](const auto& range) { return range.second <= each.settled; });
+  }
   session.is_changed = true;
   is_noted_ = true;
 }
@@ -223,12 +227,28 @@ void RecordState::keep(const wire::Items& items) {
 
 void RecordState::refuse_items(const Note& note) {
   KeptFrame* const items = present().items[*note.items].find(note.first);
-  if (items != nullptr) remove(present(), *items, *note.items);
+  if (items == nullptr) return;
+  note_gone(*note.items, *items);
+  remove(present(), *items, *note.items);
 }
 
-void RecordState::send_late(wire::StreamId stream, std::uint64_t begin, std::uint64_t end) {
+void RecordState::note_gone(wire::StreamId stream, const KeptFrame& items) {
+  auto& gone = gone_items_[stream];
+  if (gone.empty() || gone.back().second != items.sequence) {
+    gone.emplace_back(items.sequence, items.sequence);
+  }
+  gone.back().second = items.end();
+}
+
+std::uint64_t RecordState::send_late(wire::StreamId stream, std::uint64_t begin,
+                                     std::uint64_t end) {
   present().items[stream].set_late(begin, end);
   present().is_changed = true;
+  std::uint64_t gone = 0;
+  for (const auto& [from, to] : gone_items_[stream]) {
+    gone += std::clamp(to, begin, end) - std::clamp(from, begin, end);
+  }
+  return gone;
 }
 
 /// What was written, the journal has to be told.
@@ -357,15 +377,20 @@ std::vector<RecordState::Lost> RecordState::remove_segment(std::uint32_t segment
   std::vector<Lost> lost;
   std::uint64_t held = segments_.at(segment).held;
   for (auto session = sessions_.begin(); held > 0 && session != sessions_.end(); ++session) {
-    const std::uint64_t frames = session->second.kept.remove_segment(segment, held);
-    std::uint64_t items = 0;
+    const std::uint64_t before = held;
+    const std::uint64_t frames = session->second.kept.remove_segment(segment, held).size();
+    held -= frames;
+    std::uint64_t late_items = 0;
     for (auto& [stream, kept] : session->second.items) {
-      items += kept.remove_segment(segment, held - frames - items);
+      for (const KeptFrame& items : kept.remove_segment(segment, held)) {
+        --held;
+        if (items.is_late) ++late_items;
+        if (is_present(session->second)) note_gone(stream, items);
+      }
     }
-    if (frames + items == 0) continue;
-    held -= frames + items;
+    if (held == before) continue;
     session->second.is_changed = true;
-    lost.push_back({session->second.name, frames, items});
+    if (frames + late_items > 0) lost.push_back({session->second.name, frames, late_items});
   }
   segments_.erase(segment);
   return lost;

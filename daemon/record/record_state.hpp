@@ -47,7 +47,7 @@ class RecordState {
   struct Lost {
     std::string session;
     std::uint64_t frames = 0;
-    std::uint64_t items = 0;  ///< records with items of other streams
+    std::uint64_t items = 0;  ///< records with items of other streams that did not wait elsewhere
 
     friend bool operator==(const Lost&, const Lost&) = default;
   };
@@ -92,8 +92,9 @@ class RecordState {
   void keep(const wire::Items& items);
   /// The items of a note are not written.
   void refuse_items(const Note& note);
-  /// Those of these numbers that were kept are to be sent in any case.
-  void send_late(wire::StreamId stream, std::uint64_t begin, std::uint64_t end);
+  /// Those of these numbers that were kept are to be sent in any case. Returns how many of them are
+  /// not held any more, and were not sent.
+  std::uint64_t send_late(wire::StreamId stream, std::uint64_t begin, std::uint64_t end);
   std::size_t pending_item_bytes() const { return pending_item_bytes_; }
 
   // Sending late.
@@ -169,6 +170,7 @@ class RecordState {
   void note_streams(Session& session, const std::vector<record_format::StreamAccount>& streams);
   void forget(Sessions::iterator session);
   void limit_drops();
+  void note_gone(wire::StreamId stream, const KeptFrame& items);
 
   const std::string prefix_;  // of the names of this robot's sessions
   const std::string present_name_;
@@ -179,8 +181,10 @@ class RecordState {
   bool is_noted_ = false;
   std::map<std::string, std::vector<Sequence>> released_;  // not noted yet
   std::deque<Note> new_items_;                             // not noted yet
-  std::size_t pending_item_bytes_ = 0;                     // not written yet
-  std::vector<record_format::Account> settled_;            // not noted yet
+  /// Numbers of the present session that may wait elsewhere: from, to.
+  std::map<wire::StreamId, std::vector<std::pair<Sequence, Sequence>>> gone_items_;
+  std::size_t pending_item_bytes_ = 0;           // not written yet
+  std::vector<record_format::Account> settled_;  // not noted yet
 };
 
 }  // namespace orbbuf

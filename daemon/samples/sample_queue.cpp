@@ -30,8 +30,8 @@ void SampleQueue::make_room() {
     return;
   }
   ++late_;
-  if (new_late_.end == 0) new_late_ = {number, number};
-  new_late_ = {std::min(new_late_.begin, number), std::max(new_late_.end, number + 1)};
+  if (new_late_.empty() || new_late_.back().end != number) new_late_.push_back({number, number});
+  ++new_late_.back().end;
 }
 
 SampleQueue::Batch SampleQueue::unrecorded() const {

@@ -47,8 +47,13 @@ class SampleQueue {
     std::uint64_t begin = 0;
     std::uint64_t end = 0;
   };
-  /// The numbers that became late since the last call, and perhaps others between them.
-  Range take_late() { return std::exchange(new_late_, {}); }
+  /// The numbers that became late since the last call.
+  std::vector<Range> take_late() { return std::exchange(new_late_, {}); }
+  /// So many of them the record has lost.
+  void lose_late(std::uint64_t count) {
+    late_ -= count;
+    lost_ += count;
+  }
 
   /// Between the oldest and the newest unsent one.
   std::int64_t unsent_ns() const;
@@ -79,7 +84,7 @@ class SampleQueue {
   std::uint64_t end_ = 0;       // the next sample's number
   std::uint64_t sent_end_ = 0;  // behind the last that was ever sent
   std::uint64_t recorded_end_ = 0;
-  Range new_late_;
+  std::vector<Range> new_late_;
   std::uint64_t late_ = 0;
   std::uint64_t lost_ = 0;
   std::optional<std::int64_t> last_time_ns_;

@@ -114,7 +114,7 @@ bool SampleStreams::is_settled() const {
 }
 
 std::vector<SampleStreams::Progress> SampleStreams::record(
-    const std::function<bool(const wire::Items&)>& keep) {
+    const std::function<bool(const wire::Items&)>& keep, const SendLate& send_late) {
   std::vector<Progress> all;
   for (auto& [declaration, queue, source, is_taken, is_disorder_logged, lost_logged] : streams_) {
     for (;;) {
@@ -123,7 +123,10 @@ std::vector<SampleStreams::Progress> SampleStreams::record(
       if (!keep({declaration.id, first, wire::encode_samples(samples)})) break;
       queue.set_recorded(first + samples.size());
     }
-    all.push_back({declaration, queue.captured(), queue.first_waiting(), queue.take_late()});
+    for (const SampleQueue::Range& late : queue.take_late()) {
+      queue.lose_late(send_late(declaration.id, late));
+    }
+    all.push_back({declaration, queue.captured(), queue.first_waiting()});
   }
   return all;
 }

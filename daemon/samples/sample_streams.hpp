@@ -54,11 +54,13 @@ class SampleStreams {
     wire::StreamDeclaration stream;
     std::uint64_t captured = 0;
     std::uint64_t first_waiting = 0;  ///< those below it are with the server, late, or lost
-    SampleQueue::Range late;          ///< the record has these, and is to send them
   };
+  using SendLate = std::function<std::uint64_t(wire::StreamId, const SampleQueue::Range&)>;
   /// Hands those that wait and are not in the robot's record yet to `keep`, which says whether they
-  /// are now. Then how far each stream is.
-  std::vector<Progress> record(const std::function<bool(const wire::Items&)>& keep);
+  /// are now; and those that the record is to send to `send_late`, which says how many of them it
+  /// has lost. Then how far each stream is.
+  std::vector<Progress> record(const std::function<bool(const wire::Items&)>& keep,
+                               const SendLate& send_late);
   /// Sets in a bye's position how far the streams reach.
   void put_ends(wire::Position& position) const;
   /// For the log: `imu0 captured 2000 = delivered 1990 + late 0 + waiting 10 + lost 0`, one after

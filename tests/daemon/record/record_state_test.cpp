@@ -323,6 +323,25 @@ TEST(RecordState, ItemsThatDoNotWaitAnyMoreAreSentLate) {
   EXPECT_EQ(one->take_next(kAll)->id.sequence, 3U);
 }
 
+TEST(RecordState, ItemsThatGoWhileTheyWaitElsewhereAreLostOnlyOnceTheyAreLate) {
+  StateOf one("one");
+  one->begin();
+  one->add_segment(1, 100);
+  for (const std::uint64_t first : {0U, 3U, 6U, 9U}) {
+    one->keep(items(first, 3));
+    one->on_written(written_items(first, 3), 4);
+  }
+  EXPECT_EQ(one->send_late(4, 10, 11), 0U);
+  EXPECT_THAT(one->remove_segment(0), ElementsAre(RecordState::Lost{"robot/one", 0, 1}));
+  one->note(progress_of_items(15, 4));  // that below it was delivered live
+  one->keep(items(12, 3));
+  const auto notes = one->take_notes();
+  one->refuse_items(notes.back());
+  EXPECT_EQ(one->held_items(), 0U);
+  EXPECT_EQ(one->send_late(4, 4, 9), 5U);
+  EXPECT_EQ(one->send_late(4, 13, 20), 2U);
+}
+
 TEST(RecordState, SessionsOfAnotherRobotAreKeptAndNotTold) {
   StateOf theirs("one", nullptr, "other");
   theirs->begin();

@@ -87,9 +87,13 @@ TEST_F(SampleQueueTest, WhatTheRecordHasComesLateInsteadOfBeingLost) {
   EXPECT_EQ(queue_.lost(), 1U);
   EXPECT_EQ(queue_.unrecorded().first, 4U);
   const auto late = queue_.take_late();
-  EXPECT_EQ(late.begin, 1U);
-  EXPECT_EQ(late.end, 3U);
-  EXPECT_EQ(queue_.take_late().end, 0U);
+  ASSERT_EQ(late.size(), 1U);
+  EXPECT_EQ(late.front().begin, 1U);
+  EXPECT_EQ(late.front().end, 3U);
+  EXPECT_TRUE(queue_.take_late().empty());
+  queue_.lose_late(1);
+  EXPECT_EQ(queue_.late(), 1U);
+  EXPECT_EQ(queue_.lost(), 2U);
   EXPECT_EQ(queue_.first_waiting(), 0U);
   queue_.acknowledge(7);
   EXPECT_EQ(queue_.first_waiting(), 7U);

@@ -73,16 +73,33 @@ TEST_F(SampleStreamsTest, HandsEachSampleToTheRecordOnce) {
     if (!is_full) kept.push_back(items.first + items.payload[1]);
     return !is_full;
   };
-  streams_->record(keep);
+  const auto send_late = [](wire::StreamId, const SampleQueue::Range&) { return std::uint64_t{0}; };
+  streams_->record(keep, send_late);
   is_full = false;
-  auto progress = streams_->record(keep);
+  auto progress = streams_->record(keep, send_late);
   EXPECT_EQ(kept, (std::vector<std::uint64_t>{4, 4}));
   ASSERT_EQ(progress.size(), 2U);
   EXPECT_EQ(progress[1].stream.name, "imu1");
   EXPECT_EQ(progress[1].captured, 4U);
   EXPECT_EQ(progress[1].first_waiting, 0U);
-  streams_->record(keep);
+  streams_->record(keep, send_late);
   EXPECT_EQ(kept.size(), 2U);
+}
+
+TEST_F(SampleStreamsTest, WhatTheRecordLostIsNotLate) {
+  SampleStreams streams(
+      io_, {{"imu0", "euroc", folder_ / "data.csv", 4 * SampleQueue::kBytesPerSample}}, [] {});
+  streams.on_frame(3);
+  const auto keep = [](const wire::Items&) { return true; };
+  const auto send_late = [](wire::StreamId, const SampleQueue::Range& late) {
+    EXPECT_EQ(late.begin, 0U);
+    EXPECT_EQ(late.end, 3U);
+    return std::uint64_t{2};
+  };
+  streams.record(keep, send_late);
+  streams.on_frame(6);
+  streams.record(keep, send_late);
+  EXPECT_EQ(streams.stats(), "imu0 captured 7 = delivered 0 + late 1 + waiting 4 + lost 2");
 }
 
 TEST_F(SampleStreamsTest, AStreamThatTheServerDoesNotTakeHoldsNothingUp) {
