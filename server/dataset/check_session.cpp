@@ -161,8 +161,10 @@ class Check {
       const auto read = for_each_sample(folder_, stream.id, [](const Sample&) {});
       if (!read) return read.error();
       const SampleTotals& totals = read.value();
-      report_.notes.push_back(fmt::format("{}: {} samples, {} lost on the robot", stream.name,
-                                          totals.samples, totals.lost()));
+      const bool is_lost = totals.is_final || totals.lost() == 0;
+      report_.notes.push_back(fmt::format(
+          "{}: {} samples, {} {}", stream.name, totals.samples, totals.lost(),
+          is_lost ? "lost on the robot" : "missing, of which the robot may still have some"));
       if (totals.backward > 0) {
         problem("{}: {} samples are not newer than the one before", stream.name, totals.backward);
       }

@@ -185,13 +185,13 @@ class LateSamples {
   std::uint64_t end_ = 0;
 };
 
-/// Behind the samples that the robot says it captured, once no more of them will come.
-std::uint64_t end_of(const SessionSummary& summary, wire::StreamId stream) {
-  if (!summary.account || !summary.account->is_final) return 0;
+/// Behind the samples that the robot says it captured; nothing: more of them may come.
+std::optional<std::uint64_t> end_of(const SessionSummary& summary, wire::StreamId stream) {
+  if (!summary.account || !summary.account->is_final) return std::nullopt;
   for (const wire::StreamAccount& each : summary.account->streams) {
     if (each.stream.id == stream && each.held == 0) return each.captured;
   }
-  return 0;
+  return std::nullopt;
 }
 
 /// The place of the newest segment that begins with a checkpoint of which `is_early_enough`, or of
@@ -325,7 +325,9 @@ Result<SampleTotals> for_each_sample(const fs::path& folder, wire::StreamId stre
   SampleTotals totals;
   LateSamples late(folder);
   if (const auto summary = read_summary(folder)) {
-    totals.next = end_of(*summary, stream);
+    const auto end = end_of(*summary, stream);
+    totals.next = end.value_or(0);
+    totals.is_final = end.has_value();
     if (summary->totals.late_items > 0) {
       if (auto error = late.find(stream)) return std::move(*error);
     }

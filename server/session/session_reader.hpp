@@ -65,6 +65,7 @@ struct SampleTotals {
   std::uint64_t next = 0;
   std::uint64_t backward = 0;       ///< whose time is not after that of the one before
   std::uint64_t behind_frames = 0;  ///< not newer than a frame that came live before them
+  bool is_final = false;            ///< the robot has no more of them
 
   std::uint64_t lost() const { return next - first - samples; }
 };

@@ -166,8 +166,9 @@ std::optional<Error> make_views(const fs::path& folder, Views views) {
     const auto totals = has_times ? write_samples(folder, stream)
                                   : for_each_sample(folder, stream.id, [](const Sample&) {});
     if (!totals) return totals.error();
-    samples += fmt::format("{} delivered {} lost {}\n", stream.name, totals.value().samples,
-                           totals.value().lost());
+    const bool is_lost = totals.value().is_final || totals.value().lost() == 0;
+    samples += fmt::format("{} delivered {} {} {}\n", stream.name, totals.value().samples,
+                           is_lost ? "lost" : "missing", totals.value().lost());
   }
   View session(folder, session_names::kSession);
   session.add(session_text(outline.value().summary, drops.value()) + samples);

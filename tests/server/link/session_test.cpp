@@ -306,7 +306,8 @@ TEST_F(SessionTest, AGapInTheItemsIsAWarning) {
   write_drops(7, 1);
   sink_->answer();
   EXPECT_EQ(session_->position(), (wire::Position{0, 8}));
-  EXPECT_EQ(log.lines("warning robot session: items 0 to 6 of stream 1 never came").size(), 1U);
+  EXPECT_EQ(log.lines("warning robot session: items 0 to 6 of stream 1 did not come live").size(),
+            1U);
 }
 
 TEST_F(SessionTest, ItemsGoToTheSinksThatTakeThem) {

@@ -79,7 +79,7 @@ TEST_F(ViewsTest, HaveTheSamplesOfEachSensorAndHowManyWereLost) {
             std::string(kEurocImuHeader) + "10,1,2,3,4,5,6\n20,0,0,0,0,0,0\n70,0.5,0,0,0,0,0\n");
   EXPECT_EQ(read_file(folder_ / "imu_b/data.csv"), kEurocImuHeader);
   EXPECT_THAT(read_file(folder_ / "session.txt"),
-              HasSubstr("imu0 delivered 3 lost 3\nimu_b delivered 0 lost 0\n"));
+              HasSubstr("imu0 delivered 3 missing 3\nimu_b delivered 0 lost 0\n"));
 }
 
 TEST_F(ViewsTest, HaveLateSamplesAmongTheOthersEachOnce) {
@@ -101,6 +101,8 @@ TEST_F(ViewsTest, HaveLateSamplesAmongTheOthersEachOnce) {
   EXPECT_FALSE(store.take_account(account));
   EXPECT_FALSE(store.write_items({4, 0, 2, samples({0, 10})}));
   EXPECT_FALSE(store.write_items({4, 4, 5, samples({40})}));
+  make();
+  EXPECT_THAT(read_file(folder_ / "session.txt"), HasSubstr("imu0 delivered 3 missing 2\n"));
   EXPECT_FALSE(store.write_late(wire::Items{4, 1, samples({10, 20, 30, 40})}));
   EXPECT_FALSE(store.write_late(wire::Items{4, 1, samples({10, 20, 30, 40})}));
   EXPECT_FALSE(store.write_late(wire::Items{4, 5, samples({50})}));
