@@ -23,6 +23,7 @@ int main(int argc, char** argv) {
            (int)image.camera, image.size);
     if (image.quality) printf(", quality %d", image.quality);
     if (image.whole_bytes) printf(", reduced from %" PRIu32, image.whole_bytes);
+    if (image.sample_count) printf(", %zu samples", image.sample_count);
     putchar('\n');
     fflush(stdout);
   }

@@ -36,6 +36,14 @@ extern "C" {
 enum orbbuf_camera { ORBBUF_MONO = 0, ORBBUF_LEFT = 1, ORBBUF_RIGHT = 2 };
 enum orbbuf_format { ORBBUF_PGM = 0, ORBBUF_JPEG = 1 };
 
+/* One reading of an inertial sensor. */
+struct orbbuf_sample {
+  char sensor[65];               /* its name, for example imu0 */
+  int64_t t_ns;                  /* nanoseconds since the epoch, on the clock of the images */
+  double angular_velocity[3];    /* rad/s */
+  double linear_acceleration[3]; /* m/s^2, gravity included */
+};
+
 /* One image. Of a stereo frame the left image comes first, then, with the same seq and t, the right
  * one. Pointers are valid until the next call. */
 struct orbbuf_image {
@@ -54,6 +62,10 @@ struct orbbuf_image {
   uint8_t quality;      /* of the JPEG that the robot sent, 1 to 100; 0: not known */
   uint32_t whole_bytes; /* of the JPEG that the robot reduced it from, of a stereo frame of both
                            images together; 0: not reduced, or not known */
+  /* All since the last image of this stream, up to this one, also across images that it has not.
+   * Those of each sensor are in the order of time. Of a stereo frame the left image has them. */
+  const struct orbbuf_sample* samples;
+  size_t sample_count;
 };
 
 struct orbbuf_reader {
@@ -62,6 +74,8 @@ struct orbbuf_reader {
   const char* error; /* why the last call returned -1: a constant */
   uint8_t* buffer;
   size_t capacity;
+  struct orbbuf_sample* samples;
+  size_t sample_count, sample_capacity;
   int has_last; /* the last image given, to know a repeat by */
   uint64_t last_seq;
   enum orbbuf_camera last_camera;
@@ -101,6 +115,7 @@ static inline int orbbuf_reader_follow(struct orbbuf_reader* reader, const char*
 static inline void orbbuf_reader_free(struct orbbuf_reader* reader) {
   if (reader->path && reader->in) fclose(reader->in);
   free(reader->buffer);
+  free(reader->samples);
   memset(reader, 0, sizeof *reader);
 }
 
@@ -135,6 +150,37 @@ static inline int orbbuf_parse_time_(const char* text, struct orbbuf_image* imag
   return 0;
 }
 
+/* "SENSOR=TIME,WX,WY,WZ,AX,AY,AZ". */
+static inline int orbbuf_parse_sample_(struct orbbuf_reader* reader, const char* line) {
+  const size_t name = strcspn(line, "=");
+  struct orbbuf_sample* sample;
+  char* end = NULL;
+  int i;
+  if (reader->sample_count == reader->sample_capacity) {
+    const size_t capacity = reader->sample_capacity ? 2 * reader->sample_capacity : 256;
+    if (capacity > ORBBUF_MAX_IMAGE / sizeof *sample)
+      return orbbuf_fail_(reader, "the image has too many samples");
+    sample = (struct orbbuf_sample*)realloc(reader->samples, capacity * sizeof *sample);
+    if (!sample) return orbbuf_fail_(reader, "out of memory");
+    reader->samples = sample;
+    reader->sample_capacity = capacity;
+  }
+  sample = &reader->samples[reader->sample_count];
+  memset(sample, 0, sizeof *sample);
+  if (name >= sizeof sample->sensor || line[name] != '=')
+    return orbbuf_fail_(reader, "a sample has no sensor");
+  memcpy(sample->sensor, line, name);
+  sample->t_ns = strtoll(line + name + 1, &end, 10);
+  for (i = 0; i < 6; ++i) {
+    const char* const begin = end + 1;
+    if (*end != ',') return orbbuf_fail_(reader, "a sample has too few numbers");
+    (i < 3 ? sample->angular_velocity : sample->linear_acceleration)[i % 3] = strtod(begin, &end);
+    if (end == begin) return orbbuf_fail_(reader, "a sample has too few numbers");
+  }
+  ++reader->sample_count;
+  return 0;
+}
+
 /* What one line tells of the image, bit by bit in *told: 1 its seq, 2 its t, 4 its session. */
 static inline int orbbuf_parse_line_(struct orbbuf_reader* reader, struct orbbuf_image* image,
                                      const char* line, int* told) {
@@ -155,6 +201,8 @@ static inline int orbbuf_parse_line_(struct orbbuf_reader* reader, struct orbbuf
     image->quality = (uint8_t)strtoul(line + 8, NULL, 10);
   } else if (strncmp(line, "whole=", 6) == 0) {
     image->whole_bytes = (uint32_t)strtoul(line + 6, NULL, 10);
+  } else if (strncmp(line, "imu", 3) == 0) {
+    return orbbuf_parse_sample_(reader, line);
   } else if (strcmp(line, "camera=left") == 0) {
     image->camera = ORBBUF_LEFT;
   } else if (strcmp(line, "camera=right") == 0) {
@@ -168,7 +216,7 @@ static inline int orbbuf_check_told_(struct orbbuf_reader* reader, int told) {
 }
 
 static inline int orbbuf_read_pgm_(struct orbbuf_reader* reader, struct orbbuf_image* image) {
-  char line[128];
+  char line[320];
   unsigned long width = 0, height = 0;
   int told = 0;
   if (!fgets(line, sizeof line, reader->in) || strcmp(line, "P5\n") != 0)
@@ -226,30 +274,39 @@ static inline int orbbuf_read_segment_(struct orbbuf_reader* reader, size_t* siz
   return 0;
 }
 
-/* The server's lines are the first segment, a comment. It stays in the file. */
+/* The lines of the comment that ends with the last byte by now. */
+static inline int orbbuf_parse_comment_(struct orbbuf_reader* reader, struct orbbuf_image* image,
+                                        size_t begin, size_t size, int* told) {
+  char line[320];
+  size_t end;
+  for (; begin < size; begin = end + 1) {
+    for (end = begin; end < size && reader->buffer[end] != '\n';) ++end;
+    if (end - begin >= sizeof line) return orbbuf_fail_(reader, "a line of the head is too long");
+    memcpy(line, reader->buffer + begin, end - begin);
+    line[end - begin] = '\0';
+    if (orbbuf_parse_line_(reader, image, line, told)) return -1;
+  }
+  return 0;
+}
+
+/* The server's lines are the first segment, a comment; more samples are in those that follow and
+ * begin with one. They stay in the file. */
 static inline int orbbuf_read_comment_(struct orbbuf_reader* reader, struct orbbuf_image* image,
                                        size_t* size) {
-  char line[128];
-  size_t begin = 0, end;
+  size_t begin = 0;
   int told = 0;
   if (orbbuf_next_byte_(reader, size) != 0xFF || orbbuf_next_byte_(reader, size) != 0xD8 ||
       orbbuf_next_byte_(reader, size) != 0xFF || orbbuf_next_byte_(reader, size) != 0xFE)
     return feof(reader->in) ? -1 : orbbuf_fail_(reader, "this is not where an image begins");
   if (orbbuf_read_segment_(reader, size, &begin)) return -1;
-  for (; begin < *size; begin = end + 1) {
-    for (end = begin; end < *size && reader->buffer[end] != '\n';) ++end;
-    if (end - begin >= sizeof line) return orbbuf_fail_(reader, "a line of the head is too long");
-    memcpy(line, reader->buffer + begin, end - begin);
-    line[end - begin] = '\0';
-    if (orbbuf_parse_line_(reader, image, line, &told)) return -1;
-  }
+  if (orbbuf_parse_comment_(reader, image, begin, *size, &told)) return -1;
   return orbbuf_check_told_(reader, told);
 }
 
 /* From marker to marker: a thumbnail within a segment has an end of its own that is not the
  * image's. */
 static inline int orbbuf_read_jpeg_(struct orbbuf_reader* reader, struct orbbuf_image* image) {
-  int byte, is_scan = 0;
+  int byte, is_scan = 0, is_head = 1, told = 0;
   size_t size = 0, begin;
   if (orbbuf_read_comment_(reader, image, &size)) return -1;
   for (;;) {
@@ -265,6 +322,9 @@ static inline int orbbuf_read_jpeg_(struct orbbuf_reader* reader, struct orbbuf_
       continue; /* in the scan; no length */
     is_scan = byte == 0xDA;
     if (orbbuf_read_segment_(reader, &size, &begin)) return -1;
+    is_head = is_head && byte == 0xFE && size - begin > 3 &&
+              memcmp(reader->buffer + begin, "imu", 3) == 0;
+    if (is_head && orbbuf_parse_comment_(reader, image, begin, size, &told)) return -1;
   }
   image->format = ORBBUF_JPEG;
   image->size = size;
@@ -293,6 +353,7 @@ static inline int orbbuf_read(struct orbbuf_reader* reader, struct orbbuf_image*
   int first, got;
   for (;;) {
     memset(image, 0, sizeof *image);
+    reader->sample_count = 0;
     if (!reader->in) return -1;
     first = getc(reader->in);
     if (first == EOF) {
@@ -303,6 +364,8 @@ static inline int orbbuf_read(struct orbbuf_reader* reader, struct orbbuf_image*
     }
     if (got == 1 && orbbuf_is_repeat_(reader, image)) continue;
     image->data = reader->buffer;
+    image->samples = reader->samples;
+    image->sample_count = reader->sample_count;
     if (got == 1 || !reader->path || !feof(reader->in)) return got;
     if (orbbuf_open_(reader)) return -1;
   }

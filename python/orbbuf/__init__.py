@@ -3,9 +3,9 @@
 
 from .capture import VideoCapture
 from .export import to_euroc, to_kitti, to_tum
-from .frame import Frame
+from .frame import Frame, Sample
 from .pipe import Pipe, PipeError
 from .session import Drop, Session, follow, sessions
 
-__all__ = ["Drop", "Frame", "Pipe", "PipeError", "Session", "VideoCapture", "follow", "sessions", "to_euroc",
+__all__ = ["Drop", "Frame", "Pipe", "PipeError", "Sample", "Session", "VideoCapture", "follow", "sessions", "to_euroc",
            "to_kitti", "to_tum"]

@@ -6,9 +6,18 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Optional, Union
+from typing import Any, NamedTuple, Optional, Union
 
 _PGM_HEAD = re.compile(rb"P5\n(?:#[^\n]*\n)*(\d+) (\d+)\n255\n")
+
+
+class Sample(NamedTuple):
+    """One reading of an inertial sensor."""
+
+    sensor: str  #: its name, for example imu0
+    time_ns: int  #: nanoseconds since the epoch, on the clock of the frames
+    angular_velocity: tuple[float, float, float]  #: rad/s
+    linear_acceleration: tuple[float, float, float]  #: m/s^2, gravity included
 
 
 @dataclass(frozen=True)
@@ -26,6 +35,7 @@ class Frame:
     whole_bytes: Optional[int] = None  #: size of the JPEG that the robot reduced it from; None: not reduced
     exposure_ms: Optional[float] = None  #: None: not known
     age: Optional[float] = None  #: of a live frame, seconds from its capture to the server's write
+    samples: tuple[Sample, ...] = field(default=(), repr=False)  #: of a live frame: all since the one before
     left: Union[bytes, Path] = field(default=b"", repr=False)
     right: Union[bytes, Path, None] = field(default=None, repr=False)
 

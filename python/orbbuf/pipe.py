@@ -10,11 +10,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, BinaryIO, Optional, Union
 
-from .frame import Frame
+from .frame import Frame, Sample
 from .session import PathLike, parse_seconds
 
 _MAX_IMAGE = 1 << 28  # longer images are an error, not a reason to take memory
-_MAX_LINE = 127
+_MAX_LINE = 319
 # After a JPEG's scan: the next marker that has a length, or is the end. 00, 01 and D0 to D7 are in the scan.
 _MARKER = re.compile(rb"\xff[^\x00\x01\xd0-\xd7\xff]")
 
@@ -87,7 +87,7 @@ class Pipe(Iterator[Frame]):
         first = self._read_image()
         if first is None:
             return None
-        image, notes = first
+        image, notes, samples = first
         right = None
         while notes.get("camera") == "left" and right is None:
             second = self._read_image()
@@ -98,7 +98,7 @@ class Pipe(Iterator[Frame]):
             elif self._path is None:
                 raise PipeError("a left image is not followed by its right one")
             else:  # the writer has gone between the two, and another one come
-                image, notes = second
+                image, notes, samples = second
         try:
             return Frame(
                 session=notes["session"],
@@ -108,23 +108,25 @@ class Pipe(Iterator[Frame]):
                 quality=int(notes.get("quality", 0)) or None,
                 whole_bytes=int(notes.get("whole", 0)) or None,
                 age=float(notes["age"]) if "age" in notes else None,
+                samples=samples,
                 left=image,
                 right=right,
             )
         except ValueError as error:
             raise PipeError(f"the image's head: {error}") from None
 
-    def _read_image(self) -> Optional[tuple[bytes, dict[str, str]]]:
+    def _read_image(self) -> Optional[tuple[bytes, dict[str, str], tuple[Sample, ...]]]:
         """The next image and what its head tells; None at the end."""
         if not self._buffer and not self._fill():
             return None
         lines, size = self._read_pgm() if self._buffer[:1] == b"P" else self._read_jpeg()
-        notes = dict(line.split("=", 1) for line in lines if "=" in line)
+        notes = dict(line.split("=", 1) for line in lines if "=" in line and not line.startswith("imu"))
+        samples = tuple(_sample(line) for line in lines if line.startswith("imu"))
         if not {"seq", "t", "session"} <= notes.keys():
             raise PipeError("the image has no seq, no t or no session")
         image = bytes(self._buffer[:size])
         del self._buffer[:size]
-        return image, notes
+        return image, notes, samples
 
     def _read_pgm(self) -> tuple[list[str], int]:
         lines: list[str] = []
@@ -149,6 +151,7 @@ class Pipe(Iterator[Frame]):
             raise PipeError("this is not where an image begins")
         at = self._segment(4)
         lines = self._buffer[6:at].decode("ascii", "replace").split("\n")
+        is_head = True  # comments that follow have more samples
         while True:
             self._need(at + 2)
             if self._buffer[at] != 0xFF:
@@ -159,7 +162,11 @@ class Pipe(Iterator[Frame]):
                 return lines, at
             if marker in (0xFF, 0x00, 0x01) or 0xD0 <= marker <= 0xD7:
                 continue
-            at = self._segment(at)
+            begin, at = at, self._segment(at)
+            if marker == 0xFE and is_head and self._buffer.startswith(b"imu", begin + 2):
+                lines += self._buffer[begin + 2 : at].decode("ascii", "replace").split("\n")
+            else:
+                is_head = False
             if marker == 0xDA:
                 at = self._scan(at)
 
@@ -203,3 +210,14 @@ class Pipe(Iterator[Frame]):
         chunk = read(1 << 16)
         self._buffer += chunk
         return bool(chunk)
+
+
+def _sample(line: str) -> Sample:
+    """What `SENSOR=TIME,WX,WY,WZ,AX,AY,AZ` says."""
+    sensor, _, fields = line.partition("=")
+    try:
+        time, *numbers = fields.split(",")
+        wx, wy, wz, ax, ay, az = map(float, numbers)
+        return Sample(sensor, int(time), (wx, wy, wz), (ax, ay, az))
+    except ValueError:
+        raise PipeError(f"a sample has not seven numbers: {line}") from None

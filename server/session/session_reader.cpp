@@ -421,6 +421,7 @@ std::optional<Error> FrameFollower::seek(Sequence first) {
   if (!begin) return begin.error();
   reader_.emplace(folder_, begin.value());
   given_.reset();
+  items_.clear();
   return std::nullopt;
 }
 
@@ -432,8 +433,15 @@ Result<FramePtr> FrameFollower::next(Sequence first) {
     const auto entry = reader_->next();
     if (!entry) return entry.error();
     if (!entry.value()) return FramePtr();
-    const auto* const recorded = std::get_if<RecordedFrame>(&entry.value()->record.body);
-    if (recorded == nullptr || recorded->is_late || recorded->sequence < first) continue;
+    const RecordBody& body = entry.value()->record.body;
+    const auto* const items = std::get_if<RecordedItems>(&body);
+    if (items != nullptr && items->stream >= wire::kFirstOther && !items->is_late) {
+      items_.push_back(*items);
+    }
+    const auto* const recorded = std::get_if<RecordedFrame>(&body);
+    if (recorded == nullptr || recorded->is_late) continue;
+    if (recorded->sequence < first) items_.clear();
+    if (recorded->sequence < first) continue;
     given_ = recorded->sequence;
     auto frame = read_images(folder_, *recorded);
     if (frame) return std::make_shared<const EncodedFrame>(std::move(frame).value());

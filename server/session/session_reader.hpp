@@ -6,6 +6,7 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "common/drop_record.hpp"
@@ -109,6 +110,9 @@ class FrameFollower {
   /// be read is passed over with a warning. Cost: the frame's images and 64 KiB of the journal at
   /// most; in the first call, and in one that goes back, one search for the segment.
   Result<FramePtr> next(Sequence first);
+  /// The items of other streams that the journal has before the frame of the last next(), behind
+  /// the frame before; without one, those behind the last frame.
+  std::vector<RecordedItems> take_items() { return std::exchange(items_, {}); }
 
  private:
   std::optional<Error> seek(Sequence first);
@@ -116,6 +120,7 @@ class FrameFollower {
   const std::filesystem::path folder_;
   std::optional<RecordReader> reader_;
   std::optional<Sequence> given_;  // the last frame that was handed out or passed over
+  std::vector<RecordedItems> items_;
 };
 
 }  // namespace orbbuf

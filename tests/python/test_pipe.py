@@ -37,6 +37,20 @@ class PipeTest(unittest.TestCase):
         self.assertEqual([frame.missed for frame in frames], [2, 0, 0, 0])
         self.assertIsNone(frame.image_right)
 
+    def test_samples_are_those_of_the_frame(self):
+        lines = [f"imu0={1000 + i},{i},-0.5,1e-3,0,0,9.81" for i in range(3)]
+        more = b"\xff\xfe" + (2 + len(lines[2])).to_bytes(2, "big") + lines[2].encode()
+        left = mjpeg(jpeg(1), notes(1, more=" ".join(lines[:2])))
+        at = 4 + int.from_bytes(left[4:6], "big")
+        images = [left[:at] + more + left[at:], pgm(bytes(16), 4, notes(2, more=" ".join(lines))), mjpeg(jpeg(3), notes(3))]
+        for size in (1, 1 << 20):
+            first, second, third = read_all(b"".join(images), size)
+            self.assertEqual(first.samples, second.samples)
+            self.assertEqual(first.samples[2], orbbuf.Sample("imu0", 1002, (2.0, -0.5, 1e-3), (0.0, 0.0, 9.81)))
+            self.assertEqual((len(first.samples), third.samples), (3, ()))
+        with self.assertRaisesRegex(orbbuf.PipeError, "seven numbers"):
+            read_all(mjpeg(jpeg(1), notes(1, more="imu0=1,2,3")))
+
     def test_pgms_are_read_whatever_the_pieces_they_come_in(self):
         pixels = bytes(range(256)) + b"P5\n" * 4
         images = [pgm(pixels, 4, notes(sequence)) for sequence in range(3)]
@@ -76,7 +90,7 @@ class PipeTest(unittest.TestCase):
             (good[:2] + b"\xff\xfe\x00\x01", "no length"),
             (pgm(b"1234", 2, notes(1)).replace(b"255", b"65535"), "8 bits"),
             (b"P5\n99999 99999\n255\n", "more than"),
-            (b"P5\n# " + b"x" * 200, "too long"),
+            (b"P5\n# " + b"x" * 400, "too long"),
         ):
             with self.assertRaisesRegex(orbbuf.PipeError, why):
                 read_all(stream)

@@ -46,6 +46,14 @@ class EventLoop : public testing::Test {
     return answer ? *answer : Error{"no answer"};
   }
 
+  std::optional<Error> write(FrameSink& sink, ItemsPtr items) {
+    std::optional<std::optional<Error>> answer;
+    sink.async_write_items(std::move(items),
+                           [&](const std::optional<Error>& error) { answer = error; });
+    EXPECT_TRUE(run_until([&] { return answer.has_value(); }));
+    return answer ? *answer : Error{"no answer"};
+  }
+
   /// All children have ended and have been reaped.
   static bool has_no_children() {
     return ::waitid(P_ALL, 0, nullptr, WEXITED | WNOHANG | WNOWAIT) != 0 && errno == ECHILD;

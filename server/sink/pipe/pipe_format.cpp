@@ -38,7 +38,23 @@ std::string head_lines(const EncodedFrame& frame, Camera camera, const PipeNote&
   if (frame.is_reduced()) lines += fmt::format("{}whole={}\n", prefix, frame.whole_bytes);
   if (note.missed > 0) lines += fmt::format("{}missed={}\n", prefix, note.missed);
   if (note.age) lines += fmt::format("{}age={:.3f}\n", prefix, to_seconds(*note.age));
-  return lines + fmt::format("{}session={}\n", prefix, note.session);
+  lines += fmt::format("{}session={}\n", prefix, note.session);
+  if (camera == Camera::kRight) return lines;
+  for (const std::string& sample : note.samples) lines.append(prefix).append(sample);
+  return lines;
+}
+
+/// Whole lines in each.
+void append_comments(Bytes& out, std::string_view lines) {
+  constexpr std::size_t kMostBytes = 65'000;
+  while (!lines.empty()) {
+    const auto end = lines.size() <= kMostBytes ? lines.size() : lines.rfind('\n', kMostBytes) + 1;
+    const std::size_t length = end + 2;  // of the segment, which includes these two bytes
+    out.insert(out.end(), {kMarker, kComment, static_cast<std::uint8_t>(length >> 8U),
+                           static_cast<std::uint8_t>(length)});
+    out.insert(out.end(), lines.begin(), lines.begin() + static_cast<std::ptrdiff_t>(end));
+    lines.remove_prefix(end);
+  }
 }
 
 /// All images of `frame`, each by `add(out, image, camera)`, which returns why it cannot.
@@ -76,12 +92,8 @@ Result<Bytes> to_mjpeg(const EncodedFrame& frame, const PipeNote& note) {
       return Error{"it does not begin and end as a JPEG does"};
     }
     const std::string lines = head_lines(frame, camera, note, "");
-    const std::size_t length = lines.size() + 2;  // of the segment, which includes these two bytes
-    out.reserve(out.size() + jpeg.size() + length + 2);
     std::copy_n(jpeg.begin(), 2, std::back_inserter(out));
-    out.insert(out.end(), {kMarker, kComment, static_cast<std::uint8_t>(length >> 8U),
-                           static_cast<std::uint8_t>(length)});
-    out.insert(out.end(), lines.begin(), lines.end());
+    append_comments(out, lines);
     out.insert(out.end(), jpeg.begin() + 2, jpeg.end());
     return std::nullopt;
   });

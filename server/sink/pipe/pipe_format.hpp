@@ -25,9 +25,12 @@ namespace orbbuf {
 ///   age=0.061          seconds from capture to here, by the clocks of robot and server; absent
 ///                      if that is a day or more, as of a replay with the times of its recording
 ///   session=ID
+///   imu0=TIME,WX,WY,WZ,AX,AY,AZ   a sample of the sensor imu0, as parse_euroc_line() reads it:
+///                      those since the last frame in this pipe, up to this one, in order; of
+///                      stereo frames the left image has them
 enum class PipeFormat : std::uint8_t {
   kPgm,    ///< binary P5 after binary P5, each line a comment of its own, after "# "
-  kMjpeg,  ///< JPEG after JPEG, the lines in a comment segment (COM) right after the first marker
+  kMjpeg,  ///< JPEG after JPEG, the lines in comment segments (COM) right after the first marker
 };
 
 /// What an image in a pipe tells beside its frame.
@@ -35,6 +38,7 @@ struct PipeNote {
   std::string session;
   std::uint64_t missed = 0;
   std::optional<std::chrono::nanoseconds> age;
+  std::vector<std::string> samples{};  ///< such lines, with their ends
 };
 
 /// Decodes: 2 to 3 ms for 1241x376, twice that for a pair. An error if an image does not.

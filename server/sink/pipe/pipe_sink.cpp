@@ -29,6 +29,7 @@ PipeSink::PipeSink(asio::io_context& main, asio::thread_pool& pool, const Sessio
       pool_(pool),
       label_(info.robot_id + " " + info.session_id),
       session_id_(info.session_id),
+      streams_(info.streams),
       reader_(std::move(reader)),
       format_(format),
       without_reader_(without_reader),
@@ -52,6 +53,11 @@ void PipeSink::async_write(FramePtr frame, Done done) {
   assert(!call_);
   call_ = Call{std::move(frame), std::move(done)};
   go_on();
+}
+
+void PipeSink::async_write_items(ItemsPtr items, Done done) {
+  add_samples(items->stream, items->payload, live_samples_);
+  asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
 }
 
 void PipeSink::cancel() {
@@ -138,6 +144,8 @@ void PipeSink::rewind() {
     if (place_ == Place::kLive) place_ = Place::kBehind;
   }
   sent_.clear();
+  samples_sent_ns_.clear();
+  followed_samples_.clear();
   written_bytes_ = 0;
   unread_bytes_.reset();
 }
@@ -169,7 +177,10 @@ void PipeSink::serve_call() {
   if (work_ == Work::kLive) return;
   if (reader_state_ == ReaderState::kClosed)
     return finish(Error{"write to " + reader_->name() + ": closed"});
-  if (call_->frame->sequence < next_) return finish(std::nullopt);  // read from the files already
+  if (call_->frame->sequence < next_) {  // read from the files already
+    live_samples_.clear();
+    return finish(std::nullopt);
+  }
   if (reader_state_ == ReaderState::kPresent && place_ == Place::kLive) return;
   if (without_reader_ == WithoutReader::kHold) {
     if (call_->is_cancelled) finish(Error{"write to " + reader_->name() + ": no reader"});
@@ -179,6 +190,7 @@ void PipeSink::serve_call() {
     if (place_ == Place::kLive) next_ = call_->frame->sequence;
     place_ = Place::kMissed;
   }
+  live_samples_.clear();  // a reader to come has others
   finish(std::nullopt);
 }
 
@@ -192,8 +204,16 @@ void PipeSink::catch_up() {
   }
   run_in_pool(
       main_, pool_,
-      [self = shared_from_this(), first = next_] { return self->follower_.next(first); },
-      [self = shared_from_this()](Result<FramePtr> frame) { self->on_followed(std::move(frame)); });
+      [self = shared_from_this(), first = next_] {
+        auto frame = self->follower_.next(first);
+        return std::pair(std::move(frame), self->follower_.take_items());
+      },
+      [self = shared_from_this()](auto followed) {
+        for (const RecordedItems& items : followed.second) {
+          self->add_samples(items.stream, items.payload, self->followed_samples_);
+        }
+        self->on_followed(std::move(followed.first));
+      });
 }
 
 void PipeSink::on_earlier(FramePtr frame) {
@@ -223,12 +243,42 @@ void PipeSink::send(const FramePtr& frame) {
       });
 }
 
-PipeNote PipeSink::note_of(const EncodedFrame& frame) const {
+void PipeSink::add_samples(wire::StreamId stream, const std::vector<std::uint8_t>& payload,
+                           std::deque<NamedSample>& samples) const {
+  const auto declared = std::ranges::find(streams_, stream, &wire::StreamDeclaration::id);
+  if (declared == streams_.end()) return;
+  const auto items = wire::parse_samples(payload);
+  if (!items) return;
+  for (const Sample& sample : items.value()) samples.push_back({declared->name, sample});
+  while (samples.size() > kMostSamples) samples.pop_front();
+}
+
+/// A reader that has caught up has some from the files that are live ones as well.
+void PipeSink::note_samples_sent() {
+  for (auto* const samples : {&followed_samples_, &live_samples_}) {
+    if (samples == &live_samples_ && work_ != Work::kLive) break;
+    for (const auto& [sensor, sample] : *samples) samples_sent_ns_[sensor] = sample.time_ns;
+    samples->clear();
+  }
+}
+
+PipeNote PipeSink::note_of(const EncodedFrame& frame) {
+  std::vector<std::string> samples;
+  auto sent_ns = samples_sent_ns_;
+  for (const auto* const waiting : {&followed_samples_, &live_samples_}) {
+    if (waiting == &live_samples_ && work_ != Work::kLive) break;
+    for (const auto& [sensor, sample] : *waiting) {
+      const auto [last, is_first] = sent_ns.try_emplace(sensor, sample.time_ns);
+      if (!is_first && sample.time_ns <= last->second) continue;
+      last->second = sample.time_ns;
+      samples.push_back(sensor + '=' + to_euroc_line(sample));
+    }
+  }
   std::uint64_t missed = 0;
   if (awaited_ && frame.sequence > *awaited_) missed = frame.sequence - *awaited_;
   const auto age = now_() - std::chrono::nanoseconds(frame.capture_time_ns);
   const bool is_of_today = std::chrono::abs(age) < std::chrono::hours(24);
-  return {session_id_, missed, is_of_today ? std::optional(age) : std::nullopt};
+  return {session_id_, missed, is_of_today ? std::optional(age) : std::nullopt, std::move(samples)};
 }
 
 void PipeSink::on_encoded(const FramePtr& frame, Result<Block> block) {
@@ -263,6 +313,7 @@ void PipeSink::write_block(const FramePtr& frame) {
 
 void PipeSink::note_sent(Sequence sequence) {
   constexpr std::uint64_t kMostInPipe = 1 << 20;  // as far as a reader without privileges may go
+  note_samples_sent();
   ++frames_read_;
   awaited_ = sequence + 1;
   sent_.push_back({sequence, written_bytes_});

@@ -10,6 +10,7 @@
 #include <deque>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -17,6 +18,7 @@
 
 #include "common/jpeg.hpp"
 #include "common/log.hpp"
+#include "common/sample.hpp"
 #include "server/session/earlier_frames.hpp"
 #include "server/session/session_info.hpp"
 #include "server/session/session_reader.hpp"
@@ -58,6 +60,11 @@ using WallClock = std::function<std::chrono::nanoseconds()>;
 /// Of a session that began elsewhere (KeptFrames::earlier, kCatchUp) the reader gets all from the
 /// beginning on, unless this server has frames of its own already.
 ///
+/// With a frame go the samples since the last one that this reader got, whatever has become of the
+/// frames between them; a first frame has those since the frame before it. Beyond
+/// kMostSamples the oldest are left out; late samples and those of a session's parts elsewhere are
+/// not part of the stream.
+///
 /// Drop records are not part of the stream. A frame that does not decode (mjpeg: is no JPEG) is
 /// skipped with a warning, both images of it.
 ///
@@ -65,6 +72,8 @@ using WallClock = std::function<std::chrono::nanoseconds()>;
 /// reading files run in the `files` pool, all else on `main`. The process must ignore SIGPIPE.
 class PipeSink final : public FrameSink, public std::enable_shared_from_this<PipeSink> {
  public:
+  static constexpr std::size_t kMostSamples = 600'000;  ///< ten minutes at 1 kHz
+
   /// kept: what a sink before this one keeps of the session; for kCatchUp only. Of a session that
   /// was there before this server was started, a FIFO's reader may have all or have lost the end of
   /// the last frame to the server's death: it is given that one again. `main` and `pool` outlive
@@ -79,6 +88,8 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   void start();
 
   void async_write(FramePtr frame, Done done) override;
+  bool takes_items() const override { return true; }
+  void async_write_items(ItemsPtr items, Done done) override;
   void cancel() override;
   void pass_on() override;
   /// Waits until the reader has caught up, or has left.
@@ -87,6 +98,10 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
 
  private:
   using Block = std::vector<std::uint8_t>;
+  struct NamedSample {
+    std::string sensor;
+    Sample sample;
+  };
 
   enum class ReaderState : std::uint8_t {
     kAwaited,  ///< asked for every second
@@ -123,7 +138,10 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   void on_earlier(FramePtr frame);
   void on_followed(Result<FramePtr> frame);
   void send(const FramePtr& frame);
-  PipeNote note_of(const EncodedFrame& frame) const;
+  void add_samples(wire::StreamId stream, const std::vector<std::uint8_t>& payload,
+                   std::deque<NamedSample>& samples) const;
+  PipeNote note_of(const EncodedFrame& frame);
+  void note_samples_sent();
   void on_encoded(const FramePtr& frame, Result<Block> block);
   void write_block(const FramePtr& frame);
   void note_sent(Sequence sequence);
@@ -135,6 +153,7 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   boost::asio::thread_pool& pool_;
   const std::string label_;
   const std::string session_id_;
+  const std::vector<wire::StreamDeclaration> streams_;
   const std::unique_ptr<PipeReader> reader_;
   const PipeFormat format_;
   const WithoutReader without_reader_;
@@ -161,6 +180,11 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
     Sequence sequence;
     std::uint64_t end;  // in bytes of the stream
   };
+  // Samples that no frame has taken to the reader: of the live stream, and of the files.
+  std::deque<NamedSample> live_samples_;
+  std::deque<NamedSample> followed_samples_;
+  std::map<std::string, std::int64_t> samples_sent_ns_;  // by sensor: the last one's time
+
   std::deque<Sent> sent_;  // frames of which some may still be in the pipe
   std::uint64_t written_bytes_ = 0;
   std::optional<std::uint64_t> unread_bytes_;  // it has left, and this in the pipe

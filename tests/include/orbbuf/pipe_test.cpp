@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fcntl.h>
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
 #include <orbbuf/pipe.h>
 #include <sys/inotify.h>
 #include <sys/stat.h>
@@ -9,6 +9,7 @@
 #include <memory>
 #include <thread>
 
+#include "common/sample.hpp"
 #include "common/unique_fd.hpp"
 #include "server/sink/pipe/pipe_format.hpp"
 #include "testing/temporary_folder.hpp"
@@ -106,6 +107,45 @@ TEST_F(OrbbufPipeTest, TellsTheQualityAndWhatAnImageWasReducedFrom) {
   }
 }
 
+TEST_F(OrbbufPipeTest, TellsTheSamplesBeforeAnImage) {
+  constexpr int kSamples = 3000;  // several comments
+  PipeNote with = note("s");
+  for (int i = 0; i < kSamples; ++i) {
+    const Sample sample{i, {i + 1e-17, -1.5, 0}, {0, 1.0 / 3, 9.81}};
+    with.samples.push_back((i % 2 == 0 ? "imu0=" : "imu_left=") + to_euroc_line(sample));
+  }
+  const auto pair = stereo_frame_ptr(jpeg_frame_ptr(8, 40, 30), jpeg_frame_ptr(9, 20, 10));
+  JpegCodec codec;
+  for (const std::string& stream :
+       {as_text(to_mjpeg(*pair, with).value()) + jpeg_of(*jpeg_frame_ptr(9, 20, 10)),
+        as_text(to_pgm(*pair, with, codec).value()) + pgm_of(*jpeg_frame_ptr(9, 20, 10))}) {
+    open(stream);
+    ASSERT_EQ(next(), 1) << reader_.error;
+    ASSERT_EQ(image_.sample_count, kSamples);
+    const orbbuf_sample& last = image_.samples[kSamples - 1];
+    EXPECT_STREQ(image_.samples[0].sensor, "imu0");
+    EXPECT_STREQ(last.sensor, "imu_left");
+    EXPECT_EQ(last.t_ns, kSamples - 1);
+    EXPECT_EQ(last.angular_velocity[0], kSamples - 1 + 1e-17);
+    EXPECT_EQ(last.angular_velocity[1], -1.5);
+    EXPECT_EQ(last.linear_acceleration[1], 1.0 / 3);
+    EXPECT_EQ(last.linear_acceleration[2], 9.81);
+    for (int i = 0; i < 2; ++i) {  // the right image, and the next one
+      ASSERT_EQ(next(), 1);
+      EXPECT_EQ(image_.sample_count, 0U);
+    }
+  }
+}
+
+TEST_F(OrbbufPipeTest, ASampleThatIsNoneIsAnError) {
+  for (const char* const sample : {"imu0=1,2,3,4,5,6\n", "imu0=1,2,3,4,5,6,x\n", "imu\n"}) {
+    PipeNote with = note("s");
+    with.samples.emplace_back(sample);
+    EXPECT_THAT(error(as_text(to_mjpeg(*jpeg_frame_ptr(8, 40, 30), with).value())),
+                testing::StartsWith("a sample has "));
+  }
+}
+
 TEST_F(OrbbufPipeTest, ReadsTheJpegsThatTheSinkWrites) {
   EncodedFrame mono = *jpeg_frame_ptr(7, 333, 222);
   // A thumbnail, with an end of its own, within a segment that programs may ignore.
@@ -176,7 +216,7 @@ TEST_F(OrbbufPipeTest, WhatIsNoPgmIsAnErrorThatSaysWhy) {
   EXPECT_EQ(error(head + "70000 2\n255\n"), "the image has no size");
   EXPECT_EQ(error(head + "1 1\n65535\nxx"), "the image has not 8 bits a pixel");
   EXPECT_EQ(error(head + "65535 65535\n255\n"), "the image is larger than ORBBUF_MAX_IMAGE");
-  EXPECT_EQ(error(head + std::string(200, '#') + "\n"), "a line of the head is too long");
+  EXPECT_EQ(error(head + std::string(400, '#') + "\n"), "a line of the head is too long");
 }
 
 TEST_F(OrbbufPipeTest, WhatIsNoJpegIsAnErrorThatSaysWhy) {
@@ -188,7 +228,7 @@ TEST_F(OrbbufPipeTest, WhatIsNoJpegIsAnErrorThatSaysWhy) {
   EXPECT_EQ(error(jpeg.substr(0, head) + "zz"), "a JPEG marker is missing");
   EXPECT_EQ(error(jpeg.substr(0, head) + std::string("\xFF\xE0\x00\x01", 4)),
             "a JPEG segment has no length");
-  EXPECT_EQ(error(std::string("\xFF\xD8\xFF\xFE\x00\xFF", 6) + std::string(253, 'x')),
+  EXPECT_EQ(error(std::string("\xFF\xD8\xFF\xFE\x01\x92", 6) + std::string(400, 'x')),
             "a line of the head is too long");
   EXPECT_EQ(error(std::string("\xFF\xD8\xFF\xFE\x00\x04x\n", 8)),
             "the image has no seq, no t or no session");

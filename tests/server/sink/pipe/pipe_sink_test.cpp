@@ -10,6 +10,7 @@
 #include <boost/asio/post.hpp>
 #include <utility>
 
+#include "server/session/session_store.hpp"
 #include "server/sink/pipe/child_process.hpp"
 #include "server/sink/pipe/fifo.hpp"
 #include "testing/captured_log.hpp"
@@ -34,6 +35,13 @@ std::string in_pipe(Sequence sequence, std::size_t bytes = 100, std::uint64_t mi
   const auto frame = jpeg_like_frame_ptr(sequence, bytes);
   const auto age = kNow - std::chrono::nanoseconds(frame->capture_time_ns);
   return as_text(to_mjpeg(*frame, {"session", missed, age}).value());
+}
+
+const SessionInfo kInertial{"robot", "session", "", {}, {{4, "imu0", "imu"}}};
+
+ItemsPtr sample_at(std::int64_t time_ns) {
+  const std::vector<Sample> one{{time_ns, {}, {}}};
+  return std::make_shared<wire::Items>(wire::Items{4, 0, wire::encode_samples(one)});
 }
 
 /// Frames 1 and 2 of a session that began elsewhere.
@@ -130,6 +138,63 @@ TEST_F(PipeSinkTest, MjpegIsOneJpegAfterTheOtherAndTellsWhatIsMissing) {
   EXPECT_FALSE(write(out, jpeg_like_frame_ptr(3, 50)));
   EXPECT_EQ(read(end, in_pipe(0).size() + in_pipe(3, 50, 2).size()),
             in_pipe(0) + in_pipe(3, 50, 2));
+}
+
+TEST_F(PipeSinkTest, SamplesGoWithTheNextFrameAlsoBehindOneThatIsSkipped) {
+  const UniqueFd end = reader();
+  auto& out =
+      sink(std::make_unique<Fifo>(fifo_), PipeFormat::kPgm, WithoutReader::kHold, kInertial);
+  for (const std::int64_t time_ns : {10, 20}) EXPECT_FALSE(write(out, sample_at(time_ns)));
+  EXPECT_FALSE(write(out, jpeg_like_frame_ptr(1)));  // does not decode
+  EXPECT_FALSE(write(out, sample_at(30)));
+  EXPECT_FALSE(write(out, jpeg_frame_ptr(2, 16, 16)));
+  EXPECT_FALSE(write(out, jpeg_frame_ptr(3, 16, 16)));
+  const std::string head =
+      "P5\n# seq=2\n# t=0.080000000\n# age=99.920\n# session=session\n# imu0=10,0,0,0,0,0,0\n"
+      "# imu0=20,0,0,0,0,0,0\n# imu0=30,0,0,0,0,0,0\n16 16\n255\n";
+  EXPECT_EQ(read(end, head.size()), head);
+  read(end, 256);
+  const std::string next = "P5\n# seq=3\n# t=0.120000000\n# age=99.880\n# session=session\n16 16\n";
+  EXPECT_EQ(read(end, next.size()), next);
+}
+
+TEST_F(PipeSinkTest, SamplesOfFramesFromTheFilesComeFromThere) {
+  auto store = SessionStore::open(folder_ / "kept", kInertial, Durability::kOff);
+  ASSERT_TRUE(store);
+  SessionStore& kept = *store.value();
+  auto& out = sink(std::make_unique<Fifo>(fifo_), PipeFormat::kPgm, WithoutReader::kCatchUp,
+                   kInertial, {folder_ / "kept", 0});
+  std::uint64_t number = 0;
+  const auto record = [&](std::int64_t time_ns) {
+    const ItemsPtr items = sample_at(time_ns);
+    EXPECT_FALSE(kept.write_items({4, number, number + 1, items->payload}));
+    ++number;
+    EXPECT_FALSE(write(out, items));
+  };
+  for (const Sequence sequence : {0U, 1U}) {  // without a reader
+    record(static_cast<std::int64_t>(10 * sequence));
+    EXPECT_FALSE(kept.write(*jpeg_frame_ptr(sequence, 16, 16), 0));
+    EXPECT_FALSE(write(out, jpeg_frame_ptr(sequence, 16, 16)));
+  }
+  record(20);
+  const UniqueFd end = reader();
+  const auto head = [](int sequence, const std::string& samples) {
+    return fmt::format(
+        "P5\n# seq={}\n# t=0.0{}0000000\n# age={}\n# session=session\n{}16 16\n255\n", sequence,
+        4 * sequence, sequence == 0 ? "100.000" : "99.960", samples);
+  };
+  for (const int sequence : {0, 1}) {
+    const auto expected = head(sequence, fmt::format("# imu0={},0,0,0,0,0,0\n", 10 * sequence));
+    EXPECT_EQ(read(end, expected.size()), expected);
+    read(end, 256);
+  }
+  record(30);
+  EXPECT_FALSE(kept.write(*jpeg_frame_ptr(2, 16, 16), 0));
+  EXPECT_FALSE(write(out, jpeg_frame_ptr(2, 16, 16)));
+  const std::string last =
+      "P5\n# seq=2\n# t=0.080000000\n# age=99.920\n# session=session\n"
+      "# imu0=20,0,0,0,0,0,0\n# imu0=30,0,0,0,0,0,0\n";
+  EXPECT_EQ(read(end, last.size()), last);
 }
 
 TEST_F(PipeSinkTest, AReplayWithTheTimesOfItsRecordingTellsNoAge) {
@@ -372,8 +437,14 @@ TEST_F(PipeSinkTest, ASessionThatIsPassedOnDoesNotWaitForItsReaderToCatchUp) {
   EXPECT_EQ(earlier_->asked.size(), 1U);
 }
 
-TEST_F(PipeSinkTest, OnlyFramesArePartOfTheStream) {
-  EXPECT_FALSE(fifo_sink(PipeFormat::kMjpeg).takes_items());
+TEST_F(PipeSinkTest, DropRecordsAreNoPartOfTheStream) {
+  const UniqueFd end = reader();
+  auto& out = fifo_sink(PipeFormat::kMjpeg);
+  const DropRecord drop{7, 0, DropReason::kBusy};
+  EXPECT_FALSE(write(out, ItemsPtr(std::make_shared<wire::Items>(
+                              wire::Items{wire::kDrops, 0, wire::encode_drops({&drop, 1})}))));
+  EXPECT_FALSE(write(out, jpeg_like_frame_ptr(0)));
+  EXPECT_EQ(read(end, in_pipe(0).size()), in_pipe(0));
 }
 
 }  // namespace
