@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <initializer_list>
 #include <iterator>
 #include <nlohmann/json.hpp>
@@ -97,6 +98,13 @@ Json robot_of(const RobotMetrics& robot, RobotMetrics::Time now) {
             {"late", robot.late()},
             {"late_total", robot.late_total()},
             {"reduced", robot.reduced()}};
+  for (const auto& [name, stream] : robot.streams()) {
+    json["streams"].push_back({{"name", name},
+                               {"samples", stream.samples},
+                               {"lost", stream.lost},
+                               {"rate", std::round(stream.rate.per_second(now) * 10) / 10},
+                               {"age_s", rounded(now - stream.newest)}});
+  }
   if (robot.quality() > 0) json["quality"] = robot.quality();
   if (const auto& held = robot.on_robot()) {
     json["on_robot"] = held->present;
@@ -243,6 +251,19 @@ MetricFamily family_of(const Metric& metric, const Metrics& metrics, RobotMetric
   return family;
 }
 
+MetricFamily family_of_streams(const char* name, const char* help, MetricType type,
+                               const Metrics& metrics,
+                               const std::function<double(const StreamMetrics&)>& ask) {
+  MetricFamily family{name, help, type, {}};
+  for (const auto& [id, robot] : metrics.robots()) {
+    for (const auto& [sensor, stream] : robot->streams()) {
+      family.metric.push_back(of_robot(*robot, type, ask(stream)));
+      family.metric.back().label.push_back({"stream", sensor});
+    }
+  }
+  return family;
+}
+
 MetricFamily sessions_of(const Metrics& metrics) {
   MetricFamily family{
       "orbbuf_session_info", "1: the robot's latest session", MetricType::Gauge, {}};
@@ -360,6 +381,15 @@ std::string to_prometheus(const Metrics& metrics, RobotMetrics::Time now) {
   std::vector<MetricFamily> families;
   families.push_back(sessions_of(metrics));
   for (const Metric& metric : kMetrics) families.push_back(family_of(metric, metrics, now));
+  families.push_back(family_of_streams(
+      "orbbuf_samples_total", "Samples taken from the robot in this session", MetricType::Counter,
+      metrics, [](const StreamMetrics& stream) { return static_cast<double>(stream.samples); }));
+  families.push_back(family_of_streams(
+      "orbbuf_samples_lost_total", "Samples that the robot left out", MetricType::Counter, metrics,
+      [](const StreamMetrics& stream) { return static_cast<double>(stream.lost); }));
+  families.push_back(family_of_streams(
+      "orbbuf_newest_sample_age_seconds", "Since the newest sample came", MetricType::Gauge,
+      metrics, [now](const StreamMetrics& stream) { return to_seconds(now - stream.newest); }));
   families.push_back(of_server("orbbuf_foxglove_viewers", "Foxglove's live connections",
                                MetricType::Gauge, metrics.viewers().open));
   families.push_back(of_server("orbbuf_foxglove_given_up_total",

@@ -287,8 +287,8 @@ void Session::on_sink_done(const std::optional<Error>& error) {
 
 /// All sinks have it.
 void Session::finish_job() {
-  position_ = job_->then;
   show_job();
+  position_ = job_->then;
   job_.reset();
   commit();
 }
@@ -307,7 +307,17 @@ void Session::show_job() const {
     metrics_->on_delivered(job_->frame);
   } else if (job_->items->stream == wire::kDrops) {
     metrics_->on_dropped(wire::parse_drops(job_->items->payload).value());
+  } else {
+    show_samples(*job_->items);
   }
+}
+
+/// Before the position moves behind them.
+void Session::show_samples(const wire::Items& items) const {
+  const auto stream = std::ranges::find(info_.streams, items.stream, &wire::StreamDeclaration::id);
+  if (stream == info_.streams.end()) return;
+  metrics_->on_samples(stream->name, job_->then[items.stream] - items.first,
+                       items.first - position_[items.stream]);
 }
 
 void Session::note_failure(const std::optional<Error>& error) {

@@ -168,6 +168,7 @@ class Session : public std::enable_shared_from_this<Session> {
   std::size_t next_sink(std::size_t sink) const;
   void finish_job();
   void show_job() const;
+  void show_samples(const wire::Items& items) const;
   void note();
   void show_losses() const;
   void note_failure(const std::optional<Error>& error);

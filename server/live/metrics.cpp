@@ -61,8 +61,6 @@ Row row_of(const RobotMetrics& robot, RobotMetrics::Time now) {
   return row;
 }
 
-constexpr std::chrono::seconds kCounting{1};
-
 }  // namespace
 
 void Timeline::on_heard(Time now, bool is_new) {
@@ -187,12 +185,7 @@ void RobotMetrics::on_delivered(FramePtr frame, Time now) {
   bytes_ += frame->jpeg.size();
   if (frame->is_reduced()) ++reduced_;
   quality_ = frame->quality;
-  if (now - counting_since_ >= kCounting) {
-    last_rate_ = frame_rate(now);
-    counting_since_ = now;
-    counted_ = 0;
-  }
-  ++counted_;
+  rate_.count(1, now);
   timeline_.on_heard(now, false);
   timeline_.on_delivered(frame->capture_time_ns, now);
   if (const auto watcher = watcher_.lock()) watcher->on_frame(*this, *frame);
@@ -206,6 +199,16 @@ void RobotMetrics::on_dropped(std::span<const DropRecord> records, Time now) {
     timeline_.on_dropped(record, now);
   }
   if (const auto watcher = watcher_.lock()) watcher->on_drops(*this, records);
+}
+
+void RobotMetrics::on_samples(const std::string& name, std::uint64_t samples, std::uint64_t lost,
+                              Time now) {
+  timeline_.on_heard(now, false);
+  StreamMetrics& stream = streams_[name];
+  stream.samples += samples;
+  stream.lost += lost;
+  stream.rate.count(samples, now);
+  stream.newest = now;
 }
 
 void RobotMetrics::on_late(bool is_present_session) {
@@ -234,11 +237,7 @@ std::string RobotMetrics::state() const {
   return is_connected_ ? "connected" : "disconnected";
 }
 
-double RobotMetrics::frame_rate(Time now) const {
-  if (ended_) return 0;
-  const std::chrono::duration<double> time = now - counting_since_;
-  return time < kCounting ? last_rate_ : counted_ / time.count();
-}
+double RobotMetrics::frame_rate(Time now) const { return ended_ ? 0 : rate_.per_second(now); }
 
 std::shared_ptr<RobotMetrics> Metrics::begin(const SessionInfo& info) {
   auto metrics = std::make_shared<RobotMetrics>(info, keep_frames_, watcher_);

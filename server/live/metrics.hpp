@@ -83,6 +83,40 @@ class Timeline {
 
 class RobotMetrics;
 
+/// So many a second: counted over a second, and the result holds for the next.
+class EventRate {
+ public:
+  using Time = std::chrono::steady_clock::time_point;
+
+  void count(std::uint64_t events, Time now) {
+    if (now - since_ >= kCounting) {
+      last_ = per_second(now);
+      since_ = now;
+      counted_ = 0;
+    }
+    counted_ += events;
+  }
+  double per_second(Time now) const {
+    const std::chrono::duration<double> time = now - since_;
+    return time < kCounting ? last_ : static_cast<double>(counted_) / time.count();
+  }
+
+ private:
+  static constexpr std::chrono::seconds kCounting{1};
+
+  Time since_{};
+  std::uint64_t counted_ = 0;
+  double last_ = 0;
+};
+
+/// What came of a stream of samples, since this session began on this server.
+struct StreamMetrics {
+  std::uint64_t samples = 0;
+  std::uint64_t lost = 0;  ///< numbers that the robot left out; some may come late
+  EventRate rate;
+  EventRate::Time newest{};  ///< when it came
+};
+
 /// Is told what the metrics are, as it happens. All calls are on `main`.
 class MetricsWatcher {
  public:
@@ -113,6 +147,9 @@ class RobotMetrics {
   /// The sinks have taken it.
   void on_delivered(FramePtr frame, Time now = Clock::now());
   void on_dropped(std::span<const DropRecord> records, Time now = Clock::now());
+  /// Samples of the stream `name`, behind `lost` that never came.
+  void on_samples(const std::string& name, std::uint64_t samples, std::uint64_t lost,
+                  Time now = Clock::now());
   /// Of those that the sinks have taken: given up since, for the readers of one of them.
   void on_lost(std::uint64_t total) { lost_ = total; }
   /// A frame that its session's live stream had passed over has arrived, of this session or an
@@ -159,6 +196,8 @@ class RobotMetrics {
     friend bool operator==(const OnRobot&, const OnRobot&) = default;
   };
   const std::optional<OnRobot>& on_robot() const { return on_robot_; }
+  /// By name.
+  const std::map<std::string, StreamMetrics>& streams() const { return streams_; }
   /// Frames a second, of the last second or two.
   double frame_rate(Time now) const;
 
@@ -192,10 +231,8 @@ class RobotMetrics {
   Time report_time_{};
   FramePtr newest_;
   Timeline timeline_;
-  // Frames are counted over a second, and the result holds for the next.
-  Time counting_since_{};
-  std::uint32_t counted_ = 0;
-  double last_rate_ = 0;
+  EventRate rate_;
+  std::map<std::string, StreamMetrics> streams_;
 };
 
 /// Programs that show what the robots send (FoxgloveServer).

@@ -123,5 +123,20 @@ TEST(Metrics, OfRobotsThatAreGoneTheLongestGoneIsForgottenFirst) {
   EXPECT_EQ(metrics.robots().size(), 3U) << "those that are here are shown, however many";
 }
 
+TEST(RobotMetricsSamples, AreCountedByTheirStream) {
+  RobotMetrics robot({"r", "s", ""});
+  const RobotMetrics::Time begin{std::chrono::hours(1)};
+  for (int i = 0; i <= 100; ++i) {
+    robot.on_samples("imu0", 20, i == 50 ? 3 : 0, begin + i * std::chrono::milliseconds(20));
+  }
+  robot.on_samples("imu1", 1, 0, begin);
+  ASSERT_EQ(robot.streams().size(), 2U);
+  const StreamMetrics& stream = robot.streams().at("imu0");
+  EXPECT_EQ(stream.samples, 2020U);
+  EXPECT_EQ(stream.lost, 3U);
+  EXPECT_EQ(stream.newest, begin + std::chrono::seconds(2));
+  EXPECT_NEAR(stream.rate.per_second(stream.newest), 1000, 50);
+}
+
 }  // namespace
 }  // namespace orbbuf
