@@ -47,7 +47,8 @@ class FrameSink {
   /// and then, not each report.
   virtual void note(const SessionClosing& /*reported*/) {}
 
-  /// Frames that it answered as taken and then gave up, for readers that must not hold the stream.
+  /// Frames, and messages with samples, that it answered as taken and then gave up, for readers
+  /// that must not hold the stream.
   virtual std::uint64_t lost() const { return 0; }
 
   /// Stops waiting for a reader: a call that has not begun to write ends soon, with an

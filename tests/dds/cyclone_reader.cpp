@@ -53,6 +53,19 @@ void keep_info(Received& received, const std::string& base, const void* message)
                 text.size());
 }
 
+void keep_imu(Received& received, const std::string& base, const void* message) {
+  const auto& imu = *static_cast<const sensor_msgs_msg_dds__Imu_*>(message);
+  const auto& [wx, wy, wz] = imu.angular_velocity;
+  const auto& [ax, ay, az] = imu.linear_acceleration;
+  std::string text = imu.header.frame_id;
+  for (const double value : {wx, wy, wz, ax, ay, az, imu.orientation_covariance[0]}) {
+    text += " " + std::to_string(value);
+  }
+  text += "\n";
+  received.keep(base, imu.header.stamp.sec, imu.header.stamp.nanosec, ".imu", text.data(),
+                text.size());
+}
+
 class Reader {
  public:
   Reader(const char* folder, std::string mode)
@@ -68,6 +81,7 @@ class Reader {
     add_topic(base, "image_raw/compressed", sensor_msgs_msg_dds__CompressedImage__desc, keep_image);
     if (mode_ != "reliable") return;
     add_topic(base, "image_raw", sensor_msgs_msg_dds__Image__desc, keep_raw);
+    add_topic(base, "imu0", sensor_msgs_msg_dds__Imu__desc, keep_imu);
   }
 
   [[noreturn]] void run() {

@@ -92,7 +92,7 @@ read_with() { # NAME PROGRAM MODE BASE...
   until_true "$1 is ready" says "$1" ready
 }
 for mode in reliable best-effort; do
-  read_with "cyclone-$mode" orbbuf-dds-reader "$mode" mono_1 ros_2/left ros_2/right
+  read_with "cyclone-$mode" orbbuf-dds-reader "$mode" mono_1 ros_2/left ros_2/right inertial
   [ $mode = best-effort ] || reliable=${pids[-1]}
   read_with "fast-$mode" orbbuf-fast-dds-reader "$mode" mono_1 ros_2/left ros_2/right
 done
@@ -121,6 +121,25 @@ for reader in "${readers[@]}"; do
   [ "$count" -ge 250 ] || fail "$reader: $count of $frames frames"
 done
 grep -q 'mono-1: ROS 2 allows .* publishing on /mono_1' "$work/server.log" || fail 'the changed name is not logged'
+
+# Samples beside frames: each once, with its stamp and its values.
+awk 'BEGIN { for (i = 0; i < 1000; ++i) printf "%.0f,%d,0.5,-1,0,%d,9.81\n", i * 5e6 + 1, i, -i }' >"$work/samples.csv"
+capture inertial 7 100 50 "stream.imu0.path=$work/samples.csv"
+wait "${pids[-1]}" || fail "inertial ended with $?"
+session=$(session_of inertial)
+samples=$(grep -vc '^#' "$session/imu0/data.csv")
+has_samples() { # READER: as many, and the right values
+  local time x name
+  [ "$(find "$work/$1/inertial" -name '*.imu' | wc -l)" -eq "$samples" ] || return 1
+  while IFS=, read -r time x _; do
+    printf -v name '%d.%09d.imu' $((time / 1000000000)) $((time % 1000000000))
+    [ "$(cat "$work/$1/inertial/$name")" = \
+      "inertial $x.000000 0.500000 -1.000000 0.000000 $([ "$x" -eq 0 ] || echo -n -)$x.000000 9.810000 -1.000000" ] || return 1
+  done < <(grep -v '^#' "$session/imu0/data.csv")
+}
+[ "$samples" -ge 300 ] || fail "only $samples samples"
+until_true 'all samples' has_samples cyclone-reliable
+echo "dds: inertial/imu0: $samples samples, each with its stamp and its values"
 
 # Stereo, each image with its calibration and its pixels; a late reader gets the last calibration.
 capture a 3 100 100 source.realtime=false

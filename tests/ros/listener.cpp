@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // A subscriber that keeps what it hears: `orbbuf-ros-listener FOLDER BASE...` writes each
 // BASE/image_raw/compressed as FOLDER/BASE/SECONDS.jpg, and each BASE/camera_info as
-// SECONDS.info beside it. Says `receiving TOPIC` at the first message of each.
+// SECONDS.info beside it, and each message of BASE/imu0 as SECONDS.imu. Says `receiving TOPIC` at
+// the first message of each.
 #include <ros/ros.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/CompressedImage.h>
+#include <sensor_msgs/Imu.h>
 
 #include <cstdio>
 #include <filesystem>
@@ -30,6 +32,20 @@ class Listener {
           const std::string bytes(image->data.begin(), image->data.end());
           keep(base, image->header, image->format == "jpeg" ? ".jpg" : ".unknown", bytes);
           say(images);
+        }));
+    constexpr std::uint32_t kQueuedSamples = 10'000;
+    const std::string samples = base + "/imu0";
+    subscribers_.push_back(handle_.subscribe<sensor_msgs::Imu>(
+        samples, kQueuedSamples, [this, base, samples](const sensor_msgs::ImuConstPtr& imu) {
+          std::string text = imu->header.frame_id;
+          for (const double value :
+               {imu->angular_velocity.x, imu->angular_velocity.y, imu->angular_velocity.z,
+                imu->linear_acceleration.x, imu->linear_acceleration.y, imu->linear_acceleration.z,
+                imu->orientation_covariance[0]}) {
+            text += " " + std::to_string(value);
+          }
+          keep(base, imu->header, ".imu", text + "\n");
+          say(samples);
         }));
     const std::string infos = base + "/camera_info";
     subscribers_.push_back(handle_.subscribe<sensor_msgs::CameraInfo>(

@@ -50,11 +50,11 @@ end_server() {
 serve server
 camera='camera.calibration="RadTan 100 101 80 60 -0.1 0.01 0.001 -0.001\n160 120\nnone\n160 120\n0.1\n"'
 
-capture() { # ID SEED FRAMES
+capture() { # ID SEED FRAMES [SETTING]
   "$build/daemon/orbbufd" --set "robot.id=$1" --set "link.server=$address" --set "$camera" \
     --set source.kind=generated --set source.width=160 --set source.height=120 --set source.fps=50 \
     --set source.realtime=false --set "source.seed=$2" --set "source.frames=$3" \
-    >"$work/robot-$1.log" 2>&1 || fail "$1 ended with $?"
+    ${4+--set "$4"} >"$work/robot-$1.log" 2>&1 || fail "$1 ended with $?"
 }
 capture_pairs() { # ID LEFT RIGHT
   "$build/daemon/orbbufd" --set "robot.id=$1" --set "link.server=$address" --set "$camera" \
@@ -94,7 +94,7 @@ kill -CONT "$master"
 
 serve server-again
 mkdir "$work/received"
-start listener "$build/tests/orbbuf-ros-listener" "$work/received" /mono_1 /ros_2/left /ros_2/right
+start listener "$build/tests/orbbuf-ros-listener" "$work/received" /mono_1 /ros_2/left /ros_2/right /inertial
 for topic in {/mono_1,/ros_2/left,/ros_2/right}/{image_raw/compressed,camera_info}; do
   for ((try = 0; ; ++try)); do # a publisher's first messages are gone before it is found
     grep -sqx "receiving $topic" "$work/listener.log" && break
@@ -128,6 +128,34 @@ for side in '/mono_1 mono-1 images 0.000000 mono_1' '/ros_2/left 2 images 0.0000
   done
   echo "ros: $base: 100 frames, each with its stamp, its bytes and its calibration"
 done
+
+# Samples beside frames: each once, with its stamp and its values.
+awk 'BEGIN { for (i = 0; i < 1000; ++i) printf "%.0f,%d,0.5,-1,0,%d,9.81\n", i * 5e6 + 1, i, -i }' >"$work/samples.csv"
+for ((try = 0; ; ++try)); do
+  grep -sqx 'receiving /inertial/imu0' "$work/listener.log" && break
+  [ $try -lt 10 ] || fail 'no samples come'
+  capture inertial 7 100 "stream.imu0.path=$work/samples.csv"
+done
+rm -f "$work/received/inertial"/*
+capture inertial 7 100 "stream.imu0.path=$work/samples.csv"
+session=$(last_session inertial)
+samples=$(grep -vc '^#' "$session/imu0/data.csv")
+has_samples() {
+  local time x name
+  [ "$(find "$work/received/inertial" -name '*.imu' | wc -l)" -eq "$samples" ] || return 1
+  while IFS=, read -r time x _; do
+    printf -v name '%d.%09d.imu' $((time / 1000000000)) $((time % 1000000000))
+    [ "$(cat "$work/received/inertial/$name")" = \
+      "inertial $x.000000 0.500000 -1.000000 0.000000 $([ "$x" -eq 0 ] || echo -n -)$x.000000 9.810000 -1.000000" ] || return 1
+  done < <(grep -v '^#' "$session/imu0/data.csv")
+}
+[ "$samples" -ge 300 ] || fail "only $samples samples"
+SECONDS=0
+until has_samples; do
+  [ $SECONDS -lt 10 ] || fail 'the samples received are not those in data.csv'
+  sleep 0.2
+done
+echo "ros: /inertial/imu0: $samples samples, each with its stamp and its values"
 
 # Pairs of raw images through an outage: queues of 100 get all, spread over some time.
 capture long-a 3 1000

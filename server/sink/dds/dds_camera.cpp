@@ -21,6 +21,7 @@ using Qos = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
 constexpr dds_duration_t kLongestWrite = DDS_MSECS(100);
 constexpr std::int32_t kDepth = 256;  // messages that a slow reader may still get
 constexpr std::int32_t kRawDepth = 16;
+constexpr std::int32_t kSampleDepth = 60'000;
 /// Cyclone has a writer wait while readers lack so many bytes; the depths are the limit here. And
 /// it sends by multicast what several readers want: then what is sent again for a slow one costs a
 /// good one images, which come again 0.1 s later.
@@ -107,6 +108,12 @@ sensor_msgs_msg_dds__CameraInfo_ message_of(const CameraInfo& camera,
   return info;
 }
 
+std::optional<Error> write_message(dds_entity_t writer, const void* message) {
+  const dds_return_t status = dds_write(writer, message);
+  if (status != DDS_RETCODE_OK) return Error{dds_strretcode(-status)};
+  return std::nullopt;
+}
+
 }  // namespace
 
 DdsParticipant::DdsParticipant() {
@@ -145,12 +152,6 @@ DdsCamera::DdsCamera(const DdsParticipant& participant, const std::string& base,
 
 DdsCamera::~DdsCamera() { dds_delete(publisher_); }
 
-std::optional<Error> DdsCamera::write(int writer, const void* message) {
-  const dds_return_t status = dds_write(writer, message);
-  if (status != DDS_RETCODE_OK) return Error{dds_strretcode(-status)};
-  return std::nullopt;
-}
-
 std::optional<Error> DdsCamera::publish(std::int64_t time_ns, std::span<const std::uint8_t> jpeg,
                                         const CameraInfo* camera) {
   sensor_msgs_msg_dds__CompressedImage_ image{};
@@ -160,9 +161,9 @@ std::optional<Error> DdsCamera::publish(std::int64_t time_ns, std::span<const st
   image.data = bytes_of(jpeg);
   if (camera != nullptr) {
     const auto info = message_of(*camera, image.header);
-    if (auto error = write(info_, &info)) return error;
+    if (auto error = write_message(info_, &info)) return error;
   }
-  return write(compressed_, &image);
+  return write_message(compressed_, &image);
 }
 
 std::optional<Error> DdsCamera::publish_raw(std::int64_t time_ns, const GrayImage& gray) {
@@ -174,13 +175,40 @@ std::optional<Error> DdsCamera::publish_raw(std::int64_t time_ns, const GrayImag
   image.encoding = encoding.data();
   image.step = image.width;
   image.data = bytes_of(gray.pixels);
-  return write(raw_, &image);
+  return write_message(raw_, &image);
 }
 
 bool DdsCamera::has_raw_reader() const {
   dds_publication_matched_status_t matched{};
   return dds_get_publication_matched_status(raw_, &matched) == DDS_RETCODE_OK &&
          matched.current_count > 0;
+}
+
+DdsImu::DdsImu(const DdsParticipant& participant, const std::string& topic, std::string frame_id)
+    : frame_id_(std::move(frame_id)),
+      publisher_(require(dds_create_publisher(participant.entity(), nullptr, nullptr),
+                         "make a publisher")) {
+  try {
+    writer_ = make_writer(participant, publisher_, sensor_msgs_msg_dds__Imu__desc, "rt/" + topic,
+                          kSampleDepth, false);
+  } catch (...) {
+    dds_delete(publisher_);
+    throw;
+  }
+}
+
+DdsImu::~DdsImu() { dds_delete(publisher_); }
+
+std::optional<Error> DdsImu::publish(const Sample& sample) {
+  sensor_msgs_msg_dds__Imu_ imu{};
+  imu.header = header_of(sample.time_ns, frame_id_);
+  imu.orientation.w = 1;
+  imu.orientation_covariance[0] = -1;
+  const auto& [x, y, z] = sample.angular_velocity;
+  imu.angular_velocity = {x, y, z};
+  const auto& [ax, ay, az] = sample.linear_acceleration;
+  imu.linear_acceleration = {ax, ay, az};
+  return write_message(writer_, &imu);
 }
 
 }  // namespace orbbuf

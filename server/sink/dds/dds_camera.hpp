@@ -9,6 +9,7 @@
 
 #include "common/error.hpp"
 #include "common/jpeg.hpp"
+#include "common/sample.hpp"
 #include "server/calibration/camera_info.hpp"
 
 namespace orbbuf {
@@ -57,13 +58,30 @@ class DdsCamera {
   bool has_raw_reader() const;
 
  private:
-  static std::optional<Error> write(int writer, const void* message);
-
   const std::string frame_id_;
   int publisher_;  // owns the writers
   int compressed_ = 0;
   int raw_ = 0;
   int info_ = 0;
+};
+
+/// The ROS 2 topic of an inertial sensor, sensor_msgs/msg/Imu: without orientation, which the first
+/// element of its covariance says, and with unknown covariances. Reliable; keeps the last minute at
+/// 1 kHz. Otherwise as DdsCamera.
+class DdsImu {
+ public:
+  /// topic: as ROS 2 writes it, without a first slash. Throws std::runtime_error.
+  DdsImu(const DdsParticipant& participant, const std::string& topic, std::string frame_id);
+  ~DdsImu();
+  DdsImu(const DdsImu&) = delete;
+  DdsImu& operator=(const DdsImu&) = delete;
+
+  std::optional<Error> publish(const Sample& sample);
+
+ private:
+  const std::string frame_id_;
+  int publisher_;  // owns the writer
+  int writer_ = 0;
 };
 
 }  // namespace orbbuf

@@ -1,20 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/sink/dds/dds_sink.hpp"
 
+#include <algorithm>
 #include <atomic>
 #include <boost/asio/post.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <chrono>
 #include <cstddef>
 #include <exception>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <thread>
 #include <utility>
+#include <vector>
 
 #include "common/jpeg.hpp"
 #include "common/log.hpp"
+#include "common/sample.hpp"
 #include "server/calibration/camera_info.hpp"
 #include "server/sink/dds/dds_camera.hpp"
 #include "server/sink/losses.hpp"
@@ -58,7 +62,8 @@ class Topics {
         session_(info.robot_id + " " + info.session_id),
         name_(ros_name(info.robot_id)),
         frame_id_(ros_frame_id(frame_id, name_)),
-        cameras_(calibrated_cameras(info.calibration, session_ + ": published")) {
+        cameras_(calibrated_cameras(info.calibration, session_ + ": published")),
+        streams_(info.streams) {
     if (name_ != info.robot_id) {
       log_info("{}: ROS 2 allows letters, digits and _ in a topic's name: publishing on /{}",
                info.robot_id, name_);
@@ -75,7 +80,10 @@ class Topics {
     if (is_stereo) right_ = std::make_unique<DdsCamera>(participant, name_ + "/right", frame_id_);
     if (is_stereo) warn_without_baseline(cameras_, session_);
   }
-  void open() { open(cameras_.right.has_value()); }
+  void open() {
+    for (const wire::StreamDeclaration& stream : streams_) open(stream);
+    open(cameras_.right.has_value());
+  }
 
   std::optional<Error> publish(const EncodedFrame& frame) {
     open(frame.is_stereo());
@@ -85,9 +93,29 @@ class Topics {
     return error;
   }
 
+  std::optional<Error> publish(const wire::Items& items) {
+    const auto stream = std::ranges::find(streams_, items.stream, &wire::StreamDeclaration::id);
+    const auto samples = wire::parse_samples(items.payload);
+    if (stream == streams_.end() || !samples) return std::nullopt;
+    DdsImu& imu = open(*stream);
+    for (const Sample& sample : samples.value()) {
+      if (auto error = imu.publish(sample)) return error;
+    }
+    return std::nullopt;
+  }
+
   Losses losses;
 
  private:
+  DdsImu& open(const wire::StreamDeclaration& stream) {
+    auto& imu = imus_[stream.id];
+    if (!imu) {
+      imu = std::make_unique<DdsImu>(the_dds()->participant, name_ + "/" + ros_name(stream.name),
+                                     frame_id_);
+    }
+    return *imu;
+  }
+
   static std::optional<Error> publish(DdsCamera& camera, std::int64_t time_ns,
                                       std::span<const std::uint8_t> jpeg,
                                       const std::optional<CameraInfo>& info) {
@@ -102,16 +130,19 @@ class Topics {
   const std::string name_;
   const std::string frame_id_;
   const CalibratedCameras cameras_;
+  const std::vector<wire::StreamDeclaration> streams_;
+  std::map<wire::StreamId, std::unique_ptr<DdsImu>> imus_;
   std::unique_ptr<DdsCamera> left_;   // or the only one
   std::unique_ptr<DdsCamera> right_;  // null: not stereo
 };
 
 /// On `dds`. DDS's errors are reasons of losses, whatever they are.
-void publish(Topics& topics, const EncodedFrame& frame) {
+template <class Message>
+void publish(Topics& topics, const Message& message) {
   std::this_thread::sleep_until(the_dds()->begin);
   if (the_dds()->is_over()) return topics.losses.add("the server stops");
   try {
-    if (const auto error = topics.publish(frame)) topics.losses.add(error->text);
+    if (const auto error = topics.publish(message)) topics.losses.add(error->text);
   } catch (const std::exception& error) {
     topics.losses.add(error.what());
   }
@@ -135,23 +166,34 @@ class DdsSink final : public FrameSink {
   DdsSink& operator=(const DdsSink&) = delete;
 
   void async_write(FramePtr frame, Done done) override {
-    Dds& dds = *the_dds();
     const std::size_t bytes = frame->jpeg.size();
-    if (dds.waiting_bytes + bytes <= kMostQueuedBytes) {
-      dds.waiting_bytes += bytes;
-      asio::post(dds.thread, [&dds, bytes, topics = topics_, frame = std::move(frame)] {
-        publish(*topics, *frame);
-        dds.waiting_bytes -= bytes;
-      });
-    } else {
-      topics_->losses.add("64 MiB of frames wait for DDS");
-    }
+    publish_later(std::move(frame), bytes);
+    asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
+  }
+
+  bool takes_items() const override { return true; }
+  void async_write_items(ItemsPtr items, Done done) override {
+    const std::size_t bytes = items->payload.size();
+    if (items->stream >= wire::kFirstOther) publish_later(std::move(items), bytes);
     asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
   }
 
   std::uint64_t lost() const override { return topics_->losses.count(); }
 
  private:
+  template <class Message>
+  void publish_later(Message message, std::size_t bytes) {
+    Dds& dds = *the_dds();
+    if (dds.waiting_bytes + bytes > kMostQueuedBytes) {
+      return topics_->losses.add("64 MiB of frames wait for DDS");
+    }
+    dds.waiting_bytes += bytes;
+    asio::post(dds.thread, [&dds, bytes, topics = topics_, message = std::move(message)] {
+      publish(*topics, *message);
+      dds.waiting_bytes -= bytes;
+    });
+  }
+
   asio::io_context& main_;
   std::shared_ptr<Topics> topics_;  // shared with what waits on `dds`
 };

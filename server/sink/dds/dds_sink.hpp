@@ -18,6 +18,7 @@ void begin_dds();
 /// topics of DdsCamera: /ROBOT/..., or /ROBOT/left/... and /ROBOT/right/... of stereo frames, with
 /// the name that ros_name() makes of the robot's id. `frame_id`, as ros_frame_id() takes it, is of
 /// all messages.
+/// The samples of a sensor go to /ROBOT/NAME, DdsImu, before the first newer frame.
 /// The topics exist from the session's begin to its end. A calibration with a baseline tells that
 /// it is stereo; without one the first frame does, and the topics may change with it.
 ///

@@ -6,6 +6,7 @@
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
+#include <sensor_msgs/Imu.h>
 #include <sensor_msgs/image_encodings.h>
 
 #include <algorithm>
@@ -20,6 +21,7 @@ namespace orbbuf {
 namespace {
 
 constexpr std::int64_t kNsPerSecond = 1'000'000'000;
+constexpr std::uint32_t kSampleQueue = 60'000;  // a minute at 1 kHz
 
 /// ROS counts seconds from 1970 on in 32 bits, and throws beyond.
 ros::Time stamp_of(std::int64_t time_ns) {
@@ -101,9 +103,17 @@ class RosNode::Topics {
   }
   const CameraTopics& of(const std::string& base) const { return cameras_.at(base); }
 
+  const Topic& imu(const std::string& name) {
+    const auto known = imus_.find(name);
+    if (known != imus_.end()) return known->second;
+    return imus_.emplace(name, Topic::advertise<sensor_msgs::Imu>(handle_, name, kSampleQueue))
+        .first->second;
+  }
+
  private:
   ros::NodeHandle handle_;
   std::map<std::string, CameraTopics> cameras_;  // by the topics' base
+  std::map<std::string, Topic> imus_;
 };
 
 RosNode::RosNode() = default;
@@ -152,6 +162,23 @@ bool RosNode::publish(const std::string& base, const std::string& frame_id, cons
   compressed.format = "jpeg";
   compressed.data.assign(image.jpeg, image.jpeg + image.jpeg_bytes);
   return topics.compressed.publish(compressed) && is_whole;
+}
+
+void RosNode::advertise_imu(const std::string& topic) { topics_->imu(topic); }
+
+bool RosNode::publish(const std::string& topic, const std::string& frame_id, const RosImu& imu) {
+  sensor_msgs::Imu message;
+  message.header.stamp = stamp_of(imu.time_ns);
+  message.header.frame_id = frame_id;
+  message.orientation.w = 1;
+  message.orientation_covariance[0] = -1;  // there is none
+  message.angular_velocity.x = imu.angular_velocity[0];
+  message.angular_velocity.y = imu.angular_velocity[1];
+  message.angular_velocity.z = imu.angular_velocity[2];
+  message.linear_acceleration.x = imu.linear_acceleration[0];
+  message.linear_acceleration.y = imu.linear_acceleration[1];
+  message.linear_acceleration.z = imu.linear_acceleration[2];
+  return topics_->imu(topic).publish(message);
 }
 
 /// Without a master nothing of roscpp is called that would wait for one.

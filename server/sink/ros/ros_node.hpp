@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -19,6 +20,13 @@ struct RosImage {
   std::uint32_t width_px = 0;            ///< of `pixels`
   std::uint32_t height_px = 0;
   const CameraInfo* camera = nullptr;  ///< null: unknown
+};
+
+/// A sample of an inertial sensor, as sensor_msgs/Imu has it.
+struct RosImu {
+  std::int64_t time_ns = 0;
+  std::array<double, 3> angular_velocity{};
+  std::array<double, 3> linear_acceleration{};
 };
 
 /// roscpp as this process uses it. A file of its own, and in C++17, since ROS 1's messages do not
@@ -51,6 +59,10 @@ class RosNode {
   /// To all three topics of BASE, as far as `image` has something for them. False: a subscriber had
   /// not taken `queue` messages of one, so that roscpp gives up the oldest.
   bool publish(const std::string& base, const std::string& frame_id, const RosImage& image);
+
+  /// To the topic of that name, which is made if it is new; else as publish().
+  bool publish(const std::string& topic, const std::string& frame_id, const RosImu& imu);
+  void advertise_imu(const std::string& topic);
 
  private:
   class Topics;

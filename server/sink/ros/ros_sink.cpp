@@ -19,6 +19,7 @@
 
 #include "common/jpeg.hpp"
 #include "common/log.hpp"
+#include "common/sample.hpp"
 #include "server/calibration/camera_info.hpp"
 #include "server/sink/losses.hpp"
 #include "server/sink/pace.hpp"
@@ -66,17 +67,26 @@ class Stream : public std::enable_shared_from_this<Stream> {
         session_(info.robot_id + " " + info.session_id),
         topic_("/" + ros_name(info.robot_id)),
         frame_id_(ros_frame_id(settings.frame_id, ros_name(info.robot_id))),
-        cameras_(calibrated_cameras(info.calibration, session_ + ": published")) {}
+        cameras_(calibrated_cameras(info.calibration, session_ + ": published")),
+        streams_(info.streams) {}
 
-  void add(FramePtr frame) {
+  /// One of the two.
+  struct Message {
+    FramePtr frame;
+    ItemsPtr items;  // of a stream of samples
+
+    std::size_t bytes() const { return frame ? frame->jpeg.size() : items->payload.size(); }
+  };
+
+  void add(Message message) {
     if (first_arrival_ == Clock::time_point{}) first_arrival_ = Clock::now();
-    frames_.push_back(std::move(frame));
+    messages_.push_back(std::move(message));
     if (the_ros().busy.insert(shared_from_this()).second) publish_due();
   }
 
   /// Gives up what waits. The caller removes it from `busy`.
   void end() {
-    for (; !frames_.empty(); pop()) losses.add("the server stops");
+    for (; !messages_.empty(); pop()) losses.add("the server stops");
     timer_.cancel();
   }
 
@@ -91,45 +101,55 @@ class Stream : public std::enable_shared_from_this<Stream> {
   };
 
   void publish_due() {
-    while (!frames_.empty()) {
-      const EncodedFrame& frame = *frames_.front();
+    while (!messages_.empty()) {
+      const auto& [frame, items] = messages_.front();
       const auto now = Clock::now();
-      const auto due = due_time(frame, now);
+      const auto due = due_time(frame.get(), now);
       if (due > now) {
         timer_.expires_at(due);
         return timer_.async_wait([self = shared_from_this()](boost::system::error_code error) {
           if (!error) self->publish_due();
         });
       }
-      publish(frame);
-      pace_.published(frame, now);
+      if (frame) {
+        publish(*frame);
+        pace_.published(*frame, now);
+      } else {
+        publish(*items);
+      }
       pop();
     }
     the_ros().busy.erase(shared_from_this());
   }
 
   void pop() {
-    the_ros().waiting_bytes -= frames_.front()->jpeg.size();
-    frames_.pop_front();
+    the_ros().waiting_bytes -= messages_.front().bytes();
+    messages_.pop_front();
   }
 
-  Clock::time_point due_time(const EncodedFrame& frame, Clock::time_point now) {
+  /// frame: null for samples, which wait for the frames before them only.
+  Clock::time_point due_time(const EncodedFrame* frame, Clock::time_point now) {
     if (!is_begun_) {
       const auto last_look = first_arrival_ + settings_.wait_for_subscriber;
-      const bool is_awaited = !has_subscribers(frame);
+      const auto first = std::ranges::find_if(
+          messages_, [](const Message& each) { return each.frame != nullptr; });
+      const bool is_awaited = first == messages_.end() || !has_subscribers(*first->frame);
       if (is_awaited && now < last_look) return std::min(now + kLookForSubscriber, last_look);
       is_begun_ = true;
       if (is_awaited) log_info("{}: ros: publishing without a subscriber", session_);
     }
-    return the_ros().waiting_bytes > kMostPacedBytes ? now : pace_.due(frame);
+    const bool is_paced = frame != nullptr && the_ros().waiting_bytes <= kMostPacedBytes;
+    return is_paced ? pace_.due(*frame) : now;
   }
 
   bool has_subscribers(const EncodedFrame& frame) const {
     RosNode& node = the_ros().node;
-    return node.is_connected() && std::ranges::all_of(images(frame), [&](const Image& image) {
-             node.advertise(image.base, settings_.queue);
-             return node.has_image_subscriber(image.base);
-           });
+    if (!node.is_connected()) return false;
+    for (const wire::StreamDeclaration& stream : streams_) node.advertise_imu(topic_of(stream));
+    return std::ranges::all_of(images(frame), [&](const Image& image) {
+      node.advertise(image.base, settings_.queue);
+      return node.has_image_subscriber(image.base);
+    });
   }
 
   std::vector<Image> images(const EncodedFrame& frame) const {
@@ -163,6 +183,25 @@ class Stream : public std::enable_shared_from_this<Stream> {
     if (!problem.empty()) losses.add(problem);
   }
 
+  std::string topic_of(const wire::StreamDeclaration& stream) const {
+    return topic_ + "/" + ros_name(stream.name);
+  }
+
+  void publish(const wire::Items& items) {
+    RosNode& node = the_ros().node;
+    const auto stream = std::ranges::find(streams_, items.stream, &wire::StreamDeclaration::id);
+    const auto samples = wire::parse_samples(items.payload);
+    if (stream == streams_.end() || !samples) return;
+    if (!node.is_connected()) return losses.add("no master");
+    const std::string topic = topic_of(*stream);
+    bool is_whole = true;
+    for (const Sample& each : samples.value()) {
+      const RosImu imu{each.time_ns, each.angular_velocity, each.linear_acceleration};
+      is_whole = node.publish(topic, frame_id_, imu) && is_whole;
+    }
+    if (!is_whole) losses.add("a subscriber of " + topic + " is slow");
+  }
+
   /// Those that have a subscriber. If one cannot be decoded then none is, and the reason returned.
   static std::string decode(std::vector<Image>& images) {
     for (Image& image : images) {
@@ -182,7 +221,8 @@ class Stream : public std::enable_shared_from_this<Stream> {
   const std::string topic_;
   const std::string frame_id_;
   const CalibratedCameras cameras_;
-  std::deque<FramePtr> frames_;
+  const std::vector<wire::StreamDeclaration> streams_;
+  std::deque<Message> messages_;
   Pace pace_{settings_.pace};
   asio::steady_timer timer_{the_ros().thread};
   Clock::time_point first_arrival_;
@@ -196,20 +236,29 @@ class RosSink final : public FrameSink {
       : main_(main), stream_(std::make_shared<Stream>(info, settings)) {}
 
   void async_write(FramePtr frame, Done done) override {
-    Ros& ros = the_ros();
-    const std::size_t bytes = frame->jpeg.size();
-    if (ros.waiting_bytes + bytes <= kMostWaitingBytes) {
-      ros.waiting_bytes += bytes;
-      asio::post(ros.thread, [stream = stream_, frame = std::move(frame)] { stream->add(frame); });
-    } else {
-      stream_->losses.add("64 MiB of frames wait for ROS");
-    }
+    publish_later({std::move(frame), nullptr});
+    asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
+  }
+
+  bool takes_items() const override { return true; }
+  void async_write_items(ItemsPtr items, Done done) override {
+    if (items->stream >= wire::kFirstOther) publish_later({nullptr, std::move(items)});
     asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
   }
 
   std::uint64_t lost() const override { return stream_->losses.count(); }
 
  private:
+  void publish_later(Stream::Message message) {
+    Ros& ros = the_ros();
+    if (ros.waiting_bytes + message.bytes() > kMostWaitingBytes) {
+      return stream_->losses.add("64 MiB of frames wait for ROS");
+    }
+    ros.waiting_bytes += message.bytes();
+    asio::post(ros.thread,
+               [stream = stream_, message = std::move(message)] { stream->add(message); });
+  }
+
   asio::io_context& main_;
   const std::shared_ptr<Stream> stream_;  // shared with what waits on `ros`
 };

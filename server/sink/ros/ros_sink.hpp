@@ -29,6 +29,8 @@ struct RosSettings {
 ///   /ROBOT/camera_info           sensor_msgs/CameraInfo with each, if the robot sent a camera.txt
 ///                                with another lens than FOV
 ///   /ROBOT/left/..., /ROBOT/right/...   the same of stereo frames
+///   /ROBOT/NAME                  sensor_msgs/Imu, the samples of the sensor NAME, before the first
+///                                newer frame
 ///
 /// which is what image_transport looks for. ROBOT is what ros_name() makes of the robot's id. Both
 /// images of a pair are decoded before either is published. The topics stay until this process

@@ -117,6 +117,24 @@ void append(Bytes& bytes, int value, int count) {
   }
 }
 
+TEST_F(DdsCameraTest, ASampleHasTheBytesOfRos2) {
+  DdsImu imu(*participant_, "robot/imu0", "cam");
+  const auto reader = read(sensor_msgs_msg_dds__Imu__desc, "rt/robot/imu0");
+  EXPECT_FALSE(imu.publish({kTimeNs, {1, 2, 0}, {0, 1, 2}}));
+  Bytes rest;
+  append(rest, 0, 3);  // orientation
+  append(rest, 1, 1);
+  rest.insert(rest.end(), {0, 0, 0, 0, 0, 0, 0xF0, 0xBF});  // -1: there is none
+  append(rest, 0, 8);
+  for (const int value : {1, 2, 0}) append(rest, value, 1);
+  append(rest, 0, 9);
+  for (const int value : {0, 1, 2}) append(rest, value, 1);
+  append(rest, 0, 9);
+  Bytes expected = with_header(0, {});
+  expected.insert(expected.end(), rest.begin(), rest.end());
+  EXPECT_EQ(take(reader), expected);
+}
+
 TEST_F(DdsCameraTest, ACameraInfoHasTheBytesOfRos2) {
   const auto reader = read(sensor_msgs_msg_dds__CameraInfo__desc, "rt/robot/camera_info");
   const CameraInfo camera = small_camera();
