@@ -262,6 +262,8 @@ TEST_F(SessionStoresTest, StoppingMakesTheViewsOfSessionsWithoutALiveStream) {
   EXPECT_THAT(listed("earlier"), ElementsAre(0));
   stores_.stop();
   EXPECT_TRUE(run_until([&] { return listed("earlier").size() == 2; }));
+  files_.join();
+  run_ready();  // the answer, before its strand's threads go
 }
 
 }  // namespace
