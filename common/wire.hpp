@@ -276,8 +276,7 @@ std::array<std::uint8_t, kHeaderBytes + kFrameMetaBytes> encode_frame_head(
     const EncodedFrame& frame);
 
 /// What the parts of a late frame make up: the session's id as a text, a Type, the CRC-32 of what
-/// follows,
-/// and the body of a message of that type: frame or items.
+/// follows, and the body of a message of that type: frame or items.
 std::vector<std::uint8_t> encode_late_record(std::string_view session_id,
                                              const EncodedFrame& frame);
 std::vector<std::uint8_t> encode_late_record(std::string_view session_id, const Items& items);

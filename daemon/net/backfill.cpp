@@ -17,8 +17,7 @@ using Seconds = BackfillPace::Seconds;
 constexpr double kPart = 1.0 / 16;      // of a new observation in the means
 constexpr double kLongestInterval = 4;  // intervals that one observation counts for
 constexpr Seconds kAheadOfFree{0.002};  // how far before the link is free to write
-constexpr double kShortestGuard =
-    1.0 / 10;  // of the interval: what is written may take longer than it should
+constexpr double kShortestGuard = 0.1;  // of the interval: what is written may take longer
 constexpr Seconds kUnknownInterval{1};
 constexpr Seconds kLongestTurn{0.25};  // without live frames
 

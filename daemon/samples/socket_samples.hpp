@@ -16,9 +16,9 @@ class SocketSamples final : public SampleSource {
  public:
   static constexpr std::size_t kMaxDatagramBytes = std::size_t{64} << 10U;
 
-  /// Listens at once; a socket that a dead orbbufd has left behind is replaced. Whoever may enter
-  /// its folder may write to it. Throws std::runtime_error, `NAME: listen on PATH: why`,
-  /// also if another process listens there.
+  /// Listens at once; a socket that a dead orbbufd has left behind is replaced. Every user who may
+  /// enter its folder may write to it. Throws std::runtime_error, `NAME: listen on PATH: why`, also
+  /// if another process listens there.
   SocketSamples(boost::asio::io_context& main, const SampleStreamSettings& settings, Take take);
   ~SocketSamples() override;
   SocketSamples(const SocketSamples&) = delete;

@@ -74,6 +74,14 @@ class Samples : public ::testing::Test {
             "stream.imu0.path=" + (folder_ / "data.csv").string()};
   }
 
+  /// In place of sent_: of the time of day, as frames in real time are.
+  std::vector<Sample> write_samples_from_now() const {
+    const std::chrono::nanoseconds now = std::chrono::system_clock::now().time_since_epoch();
+    auto samples = make_samples(now.count());
+    write_samples(folder_ / "data.csv", samples);
+    return samples;
+  }
+
   const TemporaryFolder folder_;
   const std::vector<Sample> sent_ = make_samples();
 };
@@ -113,9 +121,7 @@ TEST_F(Samples, OfADriverArriveOnceThroughItsSocket) {
 }
 
 TEST_F(Samples, ArriveOnceThroughAnOutageAndAServerThatIsKilled) {
-  const std::chrono::nanoseconds now = std::chrono::system_clock::now().time_since_epoch();
-  const auto sent = make_samples(now.count());  // as the frames have the time of day
-  write_samples(folder_ / "data.csv", sent);
+  const auto sent = write_samples_from_now();
   Server server(folder_ / "out");
   Process robot(robot_command(kRobot, server.address(), settings()));
   ASSERT_TRUE(robot.wait_for_lines("] captured ", 2)) << robot.output();
@@ -135,9 +141,7 @@ TEST_F(Samples, ArriveOnceThroughAnOutageAndAServerThatIsKilled) {
 /// What waited in its memory comes with the next start, as samples of the session that captured
 /// them.
 TEST_F(Samples, OfARobotThatIsKilledInAnOutageComeLate) {
-  const std::chrono::nanoseconds now = std::chrono::system_clock::now().time_since_epoch();
-  const auto sent = make_samples(now.count());  // as the frames have the time of day
-  write_samples(folder_ / "data.csv", sent);
+  const auto sent = write_samples_from_now();
   Server server(folder_ / "out");
   Process robot(robot_command(kRobot, server.address(), settings()));
   ASSERT_TRUE(robot.wait_for_lines("] captured ", 2)) << robot.output();
