@@ -232,6 +232,8 @@ class Account:
 
     def examine(self, bench, session):
         """What must not be."""
+        if self.folder.exists() and not (self.folder / "session.txt").exists():  # killed with the server
+            subprocess.run([bench.build / "server/orbbuf-server", "views", self.folder], capture_output=True, check=True)
         for number in sorted((self.delivered | self.named)):
             if number >= session.opened:
                 self.problems.append(f"frame {number} was not captured")
