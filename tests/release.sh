@@ -14,7 +14,7 @@ done
 mkdir -p build
 work=$(mktemp -d "$PWD/build/release.XXXXXX")
 trap 'rm -rf --one-file-system "$work"' EXIT
-codename=$(. /etc/os-release && echo "$VERSION_CODENAME")
+codename=${1-$(. /etc/os-release && echo "$VERSION_CODENAME")}
 
 export GNUPGHOME=$work/gnupg
 mkdir -m 700 "$GNUPGHOME"
