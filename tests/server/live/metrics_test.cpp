@@ -127,15 +127,31 @@ TEST(RobotMetricsSamples, AreCountedByTheirStream) {
   RobotMetrics robot({"r", "s", ""});
   const RobotMetrics::Time begin{std::chrono::hours(1)};
   for (int i = 0; i <= 100; ++i) {
-    robot.on_samples("imu0", 20, i == 50 ? 3 : 0, begin + i * std::chrono::milliseconds(20));
+    const std::uint64_t expected = 20 * i + (i > 50 ? 3 : 0);
+    robot.on_samples("imu0", expected, expected + (i == 50 ? 3 : 0), 20,
+                     begin + i * std::chrono::milliseconds(20));
   }
-  robot.on_samples("imu1", 1, 0, begin);
+  robot.on_samples("imu1", 0, 0, 1, begin);
   ASSERT_EQ(robot.streams().size(), 2U);
   const StreamMetrics& stream = robot.streams().at("imu0");
   EXPECT_EQ(stream.samples, 2020U);
   EXPECT_EQ(stream.lost, 3U);
-  EXPECT_EQ(stream.newest, begin + std::chrono::seconds(2));
+  EXPECT_EQ(stream.age(begin + std::chrono::seconds(3)), std::chrono::seconds(1));
   EXPECT_NEAR(stream.rate.per_second(stream.newest), 1000, 50);
+}
+
+TEST(RobotMetricsSamples, ThoseThatTheRobotReportsAndAreNotHereWait) {
+  RobotMetrics robot({"r", "s", "", {}, {{4, "imu0", "imu"}}});
+  wire::Report report;
+  report.captured_items[4] = 50;
+  robot.on_report(report);
+  const StreamMetrics& stream = robot.streams().at("imu0");
+  EXPECT_EQ(stream.waiting(), 50U);
+  EXPECT_FALSE(stream.age(RobotMetrics::Clock::now()));
+  robot.on_samples("imu0", 0, 10, 30);
+  EXPECT_EQ(stream.waiting(), 10U);
+  robot.on_samples("imu0", 40, 40, 20);
+  EXPECT_EQ(stream.waiting(), 0U) << "the report is older";
 }
 
 }  // namespace
