@@ -81,6 +81,14 @@ void add_timeline(Json& json, const RobotMetrics& robot, std::uint64_t since_ms,
     seconds.push_back(Json::array(
         {second.second, second.delivered, second.dropped, similarity, second.delay_ms}));
   }
+  for (std::size_t i = 0; const auto& [name, stream] : robot.streams()) {
+    Json& news = json["streams"][i++]["seconds"] = Json::array();
+    for (const SampleSecond& second : stream.seconds) {
+      if (to_ms(second.changed) < since_ms) continue;
+      news.push_back(Json::array({second.second, second.samples, second.lost,
+                                  std::lround(second.fastest_turn), second.longest_gap_ms}));
+    }
+  }
   json["now"] = rounded(timeline.robot_time(robot.ended_at().value_or(now)));
   json["outages"] = std::move(outages);
   json["seconds"] = std::move(seconds);

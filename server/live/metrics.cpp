@@ -4,6 +4,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <numbers>
 #include <vector>
 
 #include "common/decimal.hpp"
@@ -222,14 +224,42 @@ void RobotMetrics::on_dropped(std::span<const DropRecord> records, Time now) {
 }
 
 void RobotMetrics::on_samples(const std::string& name, std::uint64_t expected, std::uint64_t first,
-                              std::uint64_t samples, Time now) {
+                              std::span<const Sample> samples, Time now) {
   timeline_.on_heard(now, false);
   StreamMetrics& stream = streams_[name];
-  stream.next = first + samples;
-  stream.samples += samples;
+  stream.next = first + samples.size();
+  stream.samples += samples.size();
   stream.lost += first - expected;
-  stream.rate.count(samples, now);
+  stream.rate.count(samples.size(), now);
   stream.newest = now;
+  for (std::uint64_t lost = first - expected; const Sample& sample : samples) {
+    note(stream, sample, std::exchange(lost, 0), now);
+  }
+}
+
+/// The robot's clock may have been set: then the seconds before no longer mean anything.
+void RobotMetrics::note(StreamMetrics& stream, const Sample& sample, std::uint64_t lost, Time now) {
+  constexpr double kFastest = 1e6;
+  const std::int64_t time_ns = std::clamp(sample.time_ns, -kLatest, kLatest);
+  const std::int64_t second_of = split_seconds(time_ns).seconds;
+  auto& seconds = stream.seconds;
+  std::int64_t gap_ns = seconds.empty() ? 0 : time_ns - stream.newest_time_ns;
+  if (gap_ns < 0 || (!seconds.empty() && second_of >= seconds.back().second + Timeline::kSeconds)) {
+    seconds.clear();
+    gap_ns = 0;
+  }
+  stream.newest_time_ns = time_ns;
+  if (seconds.empty() || seconds.back().second != second_of) seconds.push_back({second_of});
+  while (seconds.front().second <= second_of - Timeline::kSeconds) seconds.pop_front();
+  SampleSecond& second = seconds.back();
+  ++second.samples;
+  second.lost += static_cast<std::uint32_t>(lost);
+  second.longest_gap_ms =
+      std::max(second.longest_gap_ms, static_cast<std::uint32_t>(gap_ns / 1'000'000));
+  const auto& [x, y, z] = sample.angular_velocity;
+  second.fastest_turn = std::max(second.fastest_turn,
+                                 std::min(std::hypot(x, y, z) * 180 / std::numbers::pi, kFastest));
+  second.changed = now;
 }
 
 void RobotMetrics::on_late(bool is_present_session) {

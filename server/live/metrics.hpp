@@ -17,6 +17,7 @@
 #include "common/drop_record.hpp"
 #include "common/event_rate.hpp"
 #include "common/frame.hpp"
+#include "common/sample.hpp"
 #include "common/seconds.hpp"
 #include "common/wire.hpp"
 #include "server/session/session_info.hpp"
@@ -85,6 +86,16 @@ class Timeline {
 
 class RobotMetrics;
 
+/// The samples that were captured in one second.
+struct SampleSecond {
+  std::int64_t second = 0;  ///< by the robot's clock
+  std::uint32_t samples = 0;
+  std::uint32_t lost = 0;            ///< numbers left out before one of them
+  std::uint32_t longest_gap_ms = 0;  ///< before one of them
+  double fastest_turn = 0;           ///< degrees per second
+  std::chrono::steady_clock::time_point changed{};
+};
+
 /// What came of a stream of samples, since this session began on this server.
 struct StreamMetrics {
   std::uint64_t captured = 0;  ///< as the robot reports: of the whole session
@@ -92,7 +103,9 @@ struct StreamMetrics {
   std::uint64_t samples = 0;
   std::uint64_t lost = 0;  ///< numbers that the robot left out; some may come late
   EventRate rate{};
-  EventRate::Time newest{};  ///< when it came, if `samples` > 0
+  EventRate::Time newest{};            ///< when it came, if `samples` > 0
+  std::int64_t newest_time_ns = 0;     ///< by the robot's clock
+  std::deque<SampleSecond> seconds{};  ///< the last Timeline::kSeconds, the oldest first
 
   /// On the robot, to be sent; of a report that is older than the samples, none.
   std::uint64_t waiting() const { return captured - std::min(captured, next); }
@@ -129,10 +142,10 @@ class RobotMetrics {
   /// The sinks have taken it.
   void on_delivered(FramePtr frame, Time now = Clock::now());
   void on_dropped(std::span<const DropRecord> records, Time now = Clock::now());
-  /// So many samples of the stream `name`, from the number `first` on; those from `expected` to it
-  /// never came.
+  /// Samples of the stream `name`, from the number `first` on; those from `expected` to it never
+  /// came.
   void on_samples(const std::string& name, std::uint64_t expected, std::uint64_t first,
-                  std::uint64_t samples, Time now = Clock::now());
+                  std::span<const Sample> samples, Time now = Clock::now());
   /// Of those that the sinks have taken: given up since, for the readers of one of them.
   void on_lost(std::uint64_t total) { lost_ = total; }
   /// A frame that its session's live stream had passed over has arrived, of this session or an
@@ -193,6 +206,7 @@ class RobotMetrics {
 
  private:
   void tell_state() const;
+  static void note(StreamMetrics& stream, const Sample& sample, std::uint64_t lost, Time now);
 
   const SessionInfo info_;
   const bool keeps_frame_;

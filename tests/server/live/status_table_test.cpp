@@ -47,8 +47,8 @@ TEST(StatusTable, HasALineForEachStreamOfSamples) {
   wire::Report report;
   report.captured_items[4] = 470;
   robot->on_report(report, begin);
-  robot->on_samples("imu0", 0, 0, 250, begin);
-  robot->on_samples("imu0", 250, 260, 200, begin + std::chrono::seconds(1));
+  robot->on_samples("imu0", 0, 0, std::vector<Sample>(250), begin);
+  robot->on_samples("imu0", 250, 260, std::vector<Sample>(200), begin + std::chrono::seconds(1));
   EXPECT_THAT(to_table(metrics, begin + std::chrono::milliseconds(1003)),
               EndsWith("\n\n"
                        "ROBOT  STREAM    SAMPLES/S   AGE  CAPTURED  DELIVERED  WAITING  LOST\n"
