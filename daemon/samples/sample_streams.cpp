@@ -13,6 +13,15 @@
 
 namespace orbbuf {
 
+std::unique_ptr<SampleSource> make_sample_source(boost::asio::io_context& main,
+                                                 const SampleStreamSettings& settings,
+                                                 SampleSource::Take take) {
+  if (settings.kind == "socket") {
+    return std::make_unique<SocketSamples>(main, settings, std::move(take));
+  }
+  return std::make_unique<EurocSamples>(settings.path, std::move(take));
+}
+
 SampleStreams::SampleStreams(boost::asio::io_context& main,
                              const std::vector<SampleStreamSettings>& settings,
                              std::function<void()> on_due)
@@ -22,12 +31,8 @@ SampleStreams::SampleStreams(boost::asio::io_context& main,
   for (const SampleStreamSettings& each : settings) {
     Stream& stream = streams_.emplace_back(
         Stream{{id++, each.name, std::string(wire::kSampleCodec)}, SampleQueue(each.memory_bytes)});
-    const auto take = [this, &stream](const Sample& sample) { this->take(stream, sample); };
-    if (each.kind == "socket") {
-      stream.source = std::make_unique<SocketSamples>(main, each, take);
-    } else {
-      stream.source = std::make_unique<EurocSamples>(each.path, take);
-    }
+    stream.source = make_sample_source(
+        main, each, [this, &stream](const Sample& sample) { take(stream, sample); });
   }
 }
 

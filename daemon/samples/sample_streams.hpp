@@ -15,6 +15,11 @@
 
 namespace orbbuf {
 
+/// Of the stream's kind. Throws std::runtime_error, saying what cannot be opened and why.
+std::unique_ptr<SampleSource> make_sample_source(boost::asio::io_context& main,
+                                                 const SampleStreamSettings& settings,
+                                                 SampleSource::Take take);
+
 /// All `[stream.NAME]` of a session, as numbered streams of the link: sources, queues, messages.
 /// Thread-bound to `main`.
 class SampleStreams {
