@@ -159,6 +159,7 @@ std::vector<std::uint8_t> encode_drops(std::span<const DropRecord> records) {
 std::vector<std::uint8_t> encode(const Report& report) {
   Message message(Type::kStats);
   fields(message, report);
+  put_position(message, report.captured_items);
   return std::move(message).take();
 }
 

@@ -170,6 +170,7 @@ struct Report {
   std::int64_t clock_offset_ns = 0;
   /// Frames that were to be sent reduced and were sent as they are: their JPEG could not be read.
   std::uint64_t irreducible = 0;
+  Position captured_items{};  ///< of the streams from kFirstOther on: behind the newest
 
   friend bool operator==(const Report&, const Report&) = default;
 };

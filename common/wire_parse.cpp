@@ -308,6 +308,7 @@ Parsed<Report> parse_stats(const Header& header, std::span<const std::uint8_t> b
   Body in(header, body);
   Report report;
   wire::fields(in.reader(), report);
+  report.captured_items = in.take_position();
   return in.finish(report);
 }
 

@@ -42,11 +42,12 @@ void Health::tell(const wire::Report& report, const Sender& sender) {
     return static_cast<double>(to - std::min(from, to)) / seconds;
   };
   const auto spooled = sender.spooled();
-  service_.status(
-      fmt::format("{:.1f} frames/s captured, {:.1f} delivered; buffer {} of {}{}; link {}",
-                  rate(before.captured, stats.captured),
-                  rate(before.acknowledged, stats.acknowledged), stats.waiting, report.capacity,
-                  spooled ? fmt::format("; spool {}", *spooled) : "", describe(sender.link())));
+  const auto samples = sender.samples().stats();
+  service_.status(fmt::format(
+      "{:.1f} frames/s captured, {:.1f} delivered; buffer {} of {}{}; link {}{}{}",
+      rate(before.captured, stats.captured), rate(before.acknowledged, stats.acknowledged),
+      stats.waiting, report.capacity, spooled ? fmt::format("; spool {}", *spooled) : "",
+      describe(sender.link()), samples.empty() ? "" : "; ", samples));
 }
 
 void Health::feed_if_moving() {

@@ -26,7 +26,7 @@ daemon/record: common common/journal
 daemon/samples: common
 daemon/net: common common/net daemon/buffer daemon/record daemon/samples
 daemon/settings: common daemon/buffer daemon/capture daemon/image daemon/net daemon/record daemon/samples
-daemon: common daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/net daemon/settings daemon/capture/list_cameras daemon/capture/make_source
+daemon: common daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/net daemon/samples daemon/settings daemon/capture/list_cameras daemon/capture/make_source
 server/fleet/fleet_settings: common common/net
 server/runtime: common
 server/calibration: common

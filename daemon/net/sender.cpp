@@ -231,6 +231,7 @@ std::chrono::nanoseconds Sender::measure_round_trip() const {
 std::vector<std::uint8_t> Sender::next_report() {
   auto report = reporter_.take(Clock::now(), buffer_.report());
   report.clock_offset_ns = clock_offset_.count();
+  report.captured_items = samples_.captured();
   return wire::encode(report);
 }
 
@@ -262,13 +263,15 @@ void Sender::report_each_second() {
   reporter_.look(Clock::now(), stats, link_.progress());
   collect(true);
   const auto spooled = this->spooled();
+  const auto samples = samples_.stats();
   log_info(
-      "captured {} skipped {} failed {} dropped {} acknowledged {} waiting {} in flight {}{}{}",
+      "captured {} skipped {} failed {} dropped {} acknowledged {} waiting {} in flight {}{}{}{}{}",
       stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged, stats.waiting,
       stats.in_flight, spooled ? fmt::format(" spooled {}", *spooled) : "",
       !link_.is_connected() ? ", no connection"
       : link_.is_stalled()  ? ", stalled"
-                            : "");
+                            : "",
+      samples.empty() ? "" : "; ", samples);
   wake();
   note_progress();
 }

@@ -51,6 +51,7 @@ class Sender final : private ServerLink::Owner {
   const ServerLink& link() const { return link_; }
   /// Frames that the record holds; nothing if it keeps none.
   std::optional<std::uint64_t> spooled() const;
+  const SampleStreams& samples() const { return samples_; }
   void reload_tls() { link_.reload_tls(); }
 
   /// No more frames will come: delivers what waits, for at most drain_timeout, gives up the rest by

@@ -13,6 +13,15 @@
 
 namespace orbbuf {
 
+std::unique_ptr<SampleSource> make_sample_source(boost::asio::io_context& main,
+                                                 const SampleStreamSettings& settings,
+                                                 SampleSource::Take take) {
+  if (settings.kind == "socket") {
+    return std::make_unique<SocketSamples>(main, settings, std::move(take));
+  }
+  return std::make_unique<EurocSamples>(settings.path, std::move(take));
+}
+
 SampleStreams::SampleStreams(boost::asio::io_context& main,
                              const std::vector<SampleStreamSettings>& settings,
                              std::function<void()> on_due)
@@ -22,18 +31,17 @@ SampleStreams::SampleStreams(boost::asio::io_context& main,
   for (const SampleStreamSettings& each : settings) {
     Stream& stream = streams_.emplace_back(
         Stream{{id++, each.name, std::string(wire::kSampleCodec)}, SampleQueue(each.memory_bytes)});
-    const auto take = [this, &stream](const Sample& sample) { this->take(stream, sample); };
-    if (each.kind == "socket") {
-      stream.source = std::make_unique<SocketSamples>(main, each, take);
-    } else {
-      stream.source = std::make_unique<EurocSamples>(each.path, take);
-    }
+    stream.source = make_sample_source(
+        main, each, [this, &stream](const Sample& sample) { take(stream, sample); });
   }
 }
 
 void SampleStreams::take(Stream& stream, const Sample& sample) {
   const bool was_due = is_due(stream);
-  if (!stream.queue.push(sample) && !std::exchange(stream.is_disorder_logged, true)) {
+  if (stream.queue.push(sample)) {
+    stream.newest = EventRate::Clock::now();
+    stream.rate.count(1, stream.newest);
+  } else if (!std::exchange(stream.is_disorder_logged, true)) {
     log_warn("{}: a sample is not newer than the one before: ignored, and so are others like it",
              stream.declaration.name);
   }
@@ -116,7 +124,9 @@ bool SampleStreams::is_settled() const {
 std::vector<SampleStreams::Progress> SampleStreams::record(
     const std::function<bool(const wire::Items&)>& keep, const SendLate& send_late) {
   std::vector<Progress> all;
-  for (auto& [declaration, queue, source, is_taken, is_disorder_logged, lost_logged] : streams_) {
+  for (Stream& stream : streams_) {
+    const wire::StreamDeclaration& declaration = stream.declaration;
+    SampleQueue& queue = stream.queue;
     for (;;) {
       const auto [first, samples] = queue.unrecorded();
       if (samples.empty()) break;
@@ -137,13 +147,24 @@ void SampleStreams::put_ends(wire::Position& position) const {
   }
 }
 
-std::string SampleStreams::stats() const {
+wire::Position SampleStreams::captured() const {
+  wire::Position position;
+  for (const Stream& stream : streams_) {
+    position[stream.declaration.id] = stream.queue.captured();
+  }
+  return position;
+}
+
+std::string SampleStreams::stats(EventRate::Time now) const {
   std::string text;
   for (const Stream& stream : streams_) {
     const SampleQueue& queue = stream.queue;
     text += fmt::format("{}{} captured {} = delivered {} + late {} + waiting {} + lost {}",
-                        text.empty() ? "" : ", ", stream.declaration.name, queue.captured(),
+                        text.empty() ? "" : "; ", stream.declaration.name, queue.captured(),
                         queue.delivered(), queue.late(), queue.waiting(), queue.lost());
+    if (!stream.source || queue.captured() == 0) continue;
+    const auto age = std::chrono::duration_cast<std::chrono::milliseconds>(now - stream.newest);
+    text += fmt::format(", {:.1f}/s, newest {} ms old", stream.rate.per_second(now), age.count());
   }
   return text;
 }

@@ -9,10 +9,16 @@
 #include <string>
 #include <vector>
 
+#include "common/event_rate.hpp"
 #include "daemon/samples/sample_queue.hpp"
 #include "daemon/samples/sample_source.hpp"
 
 namespace orbbuf {
+
+/// Of the stream's kind. Throws std::runtime_error, saying what cannot be opened and why.
+std::unique_ptr<SampleSource> make_sample_source(boost::asio::io_context& main,
+                                                 const SampleStreamSettings& settings,
+                                                 SampleSource::Take take);
 
 /// All `[stream.NAME]` of a session, as numbered streams of the link: sources, queues, messages.
 /// Thread-bound to `main`.
@@ -63,14 +69,18 @@ class SampleStreams {
                                const SendLate& send_late);
   /// Sets in a bye's position how far the streams reach.
   void put_ends(wire::Position& position) const;
-  /// For the log: `imu0 captured 2000 = delivered 1990 + late 0 + waiting 10 + lost 0`, one after
-  /// the other.
-  std::string stats() const;
+  /// For a report: how many of each were captured.
+  wire::Position captured() const;
+  /// For the log: `imu0 captured 2000 = delivered 1990 + late 0 + waiting 10 + lost 0`, and until
+  /// stop() `, 200.0/s, newest 3 ms old`; with `; ` between streams.
+  std::string stats(EventRate::Time now = EventRate::Clock::now()) const;
 
  private:
   struct Stream {
     wire::StreamDeclaration declaration;
     SampleQueue queue;
+    EventRate rate{};
+    EventRate::Time newest{};  // when it came
     std::unique_ptr<SampleSource> source{};
     bool is_taken = true;
     bool is_disorder_logged = false;

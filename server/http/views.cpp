@@ -81,6 +81,14 @@ void add_timeline(Json& json, const RobotMetrics& robot, std::uint64_t since_ms,
     seconds.push_back(Json::array(
         {second.second, second.delivered, second.dropped, similarity, second.delay_ms}));
   }
+  for (std::size_t i = 0; const auto& [name, stream] : robot.streams()) {
+    Json& news = json["streams"][i++]["seconds"] = Json::array();
+    for (const SampleSecond& second : stream.seconds) {
+      if (to_ms(second.changed) < since_ms) continue;
+      news.push_back(Json::array({second.second, second.samples, second.lost,
+                                  std::lround(second.fastest_turn), second.longest_gap_ms}));
+    }
+  }
   json["now"] = rounded(timeline.robot_time(robot.ended_at().value_or(now)));
   json["outages"] = std::move(outages);
   json["seconds"] = std::move(seconds);
@@ -99,11 +107,14 @@ Json robot_of(const RobotMetrics& robot, RobotMetrics::Time now) {
             {"late_total", robot.late_total()},
             {"reduced", robot.reduced()}};
   for (const auto& [name, stream] : robot.streams()) {
-    json["streams"].push_back({{"name", name},
-                               {"samples", stream.samples},
-                               {"lost", stream.lost},
-                               {"rate", std::round(stream.rate.per_second(now) * 10) / 10},
-                               {"age_s", rounded(now - stream.newest)}});
+    Json& each = json["streams"].emplace_back();
+    each = {{"name", name},
+            {"captured", stream.captured},
+            {"samples", stream.samples},
+            {"waiting", stream.waiting()},
+            {"lost", stream.lost},
+            {"rate", std::round(stream.rate.per_second(now) * 10) / 10}};
+    if (const auto age = stream.age(now)) each["age_s"] = rounded(*age);
   }
   if (robot.quality() > 0) json["quality"] = robot.quality();
   if (const auto& held = robot.on_robot()) {
@@ -257,6 +268,7 @@ MetricFamily family_of_streams(const char* name, const char* help, MetricType ty
   MetricFamily family{name, help, type, {}};
   for (const auto& [id, robot] : metrics.robots()) {
     for (const auto& [sensor, stream] : robot->streams()) {
+      if (stream.samples == 0) continue;
       family.metric.push_back(of_robot(*robot, type, ask(stream)));
       family.metric.back().label.push_back({"stream", sensor});
     }
@@ -387,6 +399,9 @@ std::string to_prometheus(const Metrics& metrics, RobotMetrics::Time now) {
   families.push_back(family_of_streams(
       "orbbuf_samples_lost_total", "Samples that the robot left out", MetricType::Counter, metrics,
       [](const StreamMetrics& stream) { return static_cast<double>(stream.lost); }));
+  families.push_back(family_of_streams(
+      "orbbuf_robot_waiting_samples", "On the robot, to be sent", MetricType::Gauge, metrics,
+      [](const StreamMetrics& stream) { return static_cast<double>(stream.waiting()); }));
   families.push_back(family_of_streams(
       "orbbuf_newest_sample_age_seconds", "Since the newest sample came", MetricType::Gauge,
       metrics, [now](const StreamMetrics& stream) { return to_seconds(now - stream.newest); }));

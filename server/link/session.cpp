@@ -316,8 +316,8 @@ void Session::show_job() const {
 void Session::show_samples(const wire::Items& items) const {
   const auto stream = std::ranges::find(info_.streams, items.stream, &wire::StreamDeclaration::id);
   if (stream == info_.streams.end()) return;
-  metrics_->on_samples(stream->name, job_->then[items.stream] - items.first,
-                       items.first - position_[items.stream]);
+  metrics_->on_samples(stream->name, position_[items.stream], items.first,
+                       wire::parse_samples(items.payload).value());
 }
 
 void Session::note_failure(const std::optional<Error>& error) {

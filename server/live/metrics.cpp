@@ -4,7 +4,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
+#include <cmath>
+#include <numbers>
 #include <vector>
 
 #include "common/decimal.hpp"
@@ -21,9 +22,7 @@ constexpr std::uint64_t kMostParts = 2 * Timeline::kSeconds;
 /// Differences of times up to that can be subtracted, too. It is the year 2067.
 constexpr std::int64_t kLatest = std::numeric_limits<std::int64_t>::max() / 3;
 
-constexpr std::size_t kColumns = 17;
-constexpr std::size_t kWords = 3;  // at the left of their columns; numbers are at the right
-using Row = std::array<std::string, kColumns>;
+using Row = std::vector<std::string>;
 
 std::string to_text(std::optional<std::chrono::nanoseconds> age) {
   if (!age) return "-";
@@ -36,7 +35,7 @@ Row row_of(const RobotMetrics& robot, RobotMetrics::Time now) {
   Row row{robot.info().robot_id, robot.info().session_id, robot.state(),
           fmt::format("{:.1f}", robot.frame_rate(now)),
           robot.is_ended() ? "-" : to_text(robot.timeline().age(now))};
-  std::fill(row.begin() + 5, row.end(), std::string(1, '-'));
+  row.resize(17, "-");
   row[13] = std::to_string(robot.late());
   if (robot.quality() > 0) row[15] = std::to_string(robot.quality());
   row[16] = std::to_string(robot.reduced());
@@ -59,6 +58,24 @@ Row row_of(const RobotMetrics& robot, RobotMetrics::Time now) {
   row[11] = std::to_string(stats.skipped);
   row[12] = std::to_string(stats.failed);
   return row;
+}
+
+/// The first `words` columns are at the left, numbers are at the right.
+std::string to_table(const std::vector<Row>& rows, std::size_t words) {
+  std::vector<std::size_t> widths(rows.front().size());
+  for (const Row& row : rows) {
+    for (std::size_t i = 0; i < row.size(); ++i) widths[i] = std::max(widths[i], row[i].size());
+  }
+  std::string table;
+  for (const Row& row : rows) {
+    for (std::size_t i = 0; i < row.size(); ++i) {
+      if (i > 0) table += "  ";
+      table += i < words ? fmt::format("{:<{}}", row[i], widths[i])
+                         : fmt::format("{:>{}}", row[i], widths[i]);
+    }
+    table += '\n';
+  }
+  return table;
 }
 
 }  // namespace
@@ -141,24 +158,26 @@ TimelineSecond* Timeline::second_of(std::int64_t capture_time_ns, bool is_in_ord
 }
 
 std::string to_table(const Metrics& metrics, RobotMetrics::Time now) {
-  std::vector<Row> rows{{"ROBOT", "SESSION", "STATE", "FRAMES/S", "AGE", "BUFFER", "LINK",
-                         "ROUND TRIP", "CAPTURED", "DELIVERED", "DROPPED", "SKIPPED", "FAILED",
-                         "LATE", "ON ROBOT", "QUALITY", "REDUCED"}};
-  for (const auto& [id, robot] : metrics.robots()) rows.push_back(row_of(*robot, now));
-  std::array<std::size_t, kColumns> widths{};
-  for (const Row& row : rows) {
-    for (std::size_t i = 0; i < kColumns; ++i) widths[i] = std::max(widths[i], row[i].size());
-  }
-  std::string table;
-  for (const Row& row : rows) {
-    for (std::size_t i = 0; i < kColumns; ++i) {
-      if (i > 0) table += "  ";
-      table += i < kWords ? fmt::format("{:<{}}", row[i], widths[i])
-                          : fmt::format("{:>{}}", row[i], widths[i]);
+  std::vector<Row> robots{{"ROBOT", "SESSION", "STATE", "FRAMES/S", "AGE", "BUFFER", "LINK",
+                           "ROUND TRIP", "CAPTURED", "DELIVERED", "DROPPED", "SKIPPED", "FAILED",
+                           "LATE", "ON ROBOT", "QUALITY", "REDUCED"}};
+  std::vector<Row> streams{
+      {"ROBOT", "STREAM", "SAMPLES/S", "AGE", "CAPTURED", "DELIVERED", "WAITING", "LOST"}};
+  for (const auto& [id, robot] : metrics.robots()) {
+    robots.push_back(row_of(*robot, now));
+    for (const auto& [name, stream] : robot->streams()) {
+      const bool is_over = robot->is_ended();
+      streams.push_back({id, name, fmt::format("{:.1f}", is_over ? 0 : stream.rate.per_second(now)),
+                         is_over ? "-" : to_text(stream.age(now)), std::to_string(stream.captured),
+                         std::to_string(stream.samples), std::to_string(stream.waiting()),
+                         std::to_string(stream.lost)});
     }
-    table += '\n';
   }
-  return table;
+  return to_table(robots, 3) + (streams.size() > 1 ? '\n' + to_table(streams, 2) : "");
+}
+
+std::optional<nanoseconds> StreamMetrics::age(EventRate::Time now) const {
+  return samples > 0 ? std::optional<nanoseconds>(now - newest) : std::nullopt;
 }
 
 void RobotMetrics::on_connected(Time now) {
@@ -177,6 +196,9 @@ void RobotMetrics::on_report(const wire::Report& report, Time now) {
   report_ = report;
   report_time_ = now;
   timeline_.on_heard(now, false);
+  for (const wire::StreamDeclaration& stream : info_.streams) {
+    streams_[stream.name].captured = report.captured_items[stream.id];
+  }
   tell_state();
 }
 
@@ -201,14 +223,43 @@ void RobotMetrics::on_dropped(std::span<const DropRecord> records, Time now) {
   if (const auto watcher = watcher_.lock()) watcher->on_drops(*this, records);
 }
 
-void RobotMetrics::on_samples(const std::string& name, std::uint64_t samples, std::uint64_t lost,
-                              Time now) {
+void RobotMetrics::on_samples(const std::string& name, std::uint64_t expected, std::uint64_t first,
+                              std::span<const Sample> samples, Time now) {
   timeline_.on_heard(now, false);
   StreamMetrics& stream = streams_[name];
-  stream.samples += samples;
-  stream.lost += lost;
-  stream.rate.count(samples, now);
+  stream.next = first + samples.size();
+  stream.samples += samples.size();
+  stream.lost += first - expected;
+  stream.rate.count(samples.size(), now);
   stream.newest = now;
+  for (std::uint64_t lost = first - expected; const Sample& sample : samples) {
+    note(stream, sample, std::exchange(lost, 0), now);
+  }
+}
+
+/// The robot's clock may have been set: then the seconds before no longer mean anything.
+void RobotMetrics::note(StreamMetrics& stream, const Sample& sample, std::uint64_t lost, Time now) {
+  constexpr double kFastest = 1e6;
+  const std::int64_t time_ns = std::clamp(sample.time_ns, -kLatest, kLatest);
+  const std::int64_t second_of = split_seconds(time_ns).seconds;
+  auto& seconds = stream.seconds;
+  std::int64_t gap_ns = seconds.empty() ? 0 : time_ns - stream.newest_time_ns;
+  if (gap_ns < 0 || (!seconds.empty() && second_of >= seconds.back().second + Timeline::kSeconds)) {
+    seconds.clear();
+    gap_ns = 0;
+  }
+  stream.newest_time_ns = time_ns;
+  if (seconds.empty() || seconds.back().second != second_of) seconds.push_back({second_of});
+  while (seconds.front().second <= second_of - Timeline::kSeconds) seconds.pop_front();
+  SampleSecond& second = seconds.back();
+  ++second.samples;
+  second.lost += static_cast<std::uint32_t>(lost);
+  second.longest_gap_ms =
+      std::max(second.longest_gap_ms, static_cast<std::uint32_t>(gap_ns / 1'000'000));
+  const auto& [x, y, z] = sample.angular_velocity;
+  second.fastest_turn = std::max(second.fastest_turn,
+                                 std::min(std::hypot(x, y, z) * 180 / std::numbers::pi, kFastest));
+  second.changed = now;
 }
 
 void RobotMetrics::on_late(bool is_present_session) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -14,7 +15,9 @@
 #include <utility>
 
 #include "common/drop_record.hpp"
+#include "common/event_rate.hpp"
 #include "common/frame.hpp"
+#include "common/sample.hpp"
 #include "common/seconds.hpp"
 #include "common/wire.hpp"
 #include "server/session/session_info.hpp"
@@ -83,38 +86,30 @@ class Timeline {
 
 class RobotMetrics;
 
-/// So many a second: counted over a second, and the result holds for the next.
-class EventRate {
- public:
-  using Time = std::chrono::steady_clock::time_point;
-
-  void count(std::uint64_t events, Time now) {
-    if (now - since_ >= kCounting) {
-      last_ = per_second(now);
-      since_ = now;
-      counted_ = 0;
-    }
-    counted_ += events;
-  }
-  double per_second(Time now) const {
-    const std::chrono::duration<double> time = now - since_;
-    return time < kCounting ? last_ : static_cast<double>(counted_) / time.count();
-  }
-
- private:
-  static constexpr std::chrono::seconds kCounting{1};
-
-  Time since_{};
-  std::uint64_t counted_ = 0;
-  double last_ = 0;
+/// The samples that were captured in one second.
+struct SampleSecond {
+  std::int64_t second = 0;  ///< by the robot's clock
+  std::uint32_t samples = 0;
+  std::uint32_t lost = 0;            ///< numbers left out before one of them
+  std::uint32_t longest_gap_ms = 0;  ///< before one of them
+  double fastest_turn = 0;           ///< degrees per second
+  std::chrono::steady_clock::time_point changed{};
 };
 
 /// What came of a stream of samples, since this session began on this server.
 struct StreamMetrics {
+  std::uint64_t captured = 0;  ///< as the robot reports: of the whole session
+  std::uint64_t next = 0;      ///< behind the newest one here
   std::uint64_t samples = 0;
   std::uint64_t lost = 0;  ///< numbers that the robot left out; some may come late
-  EventRate rate;
-  EventRate::Time newest{};  ///< when it came
+  EventRate rate{};
+  EventRate::Time newest{};            ///< when it came, if `samples` > 0
+  std::int64_t newest_time_ns = 0;     ///< by the robot's clock
+  std::deque<SampleSecond> seconds{};  ///< the last Timeline::kSeconds, the oldest first
+
+  /// On the robot, to be sent; of a report that is older than the samples, none.
+  std::uint64_t waiting() const { return captured - std::min(captured, next); }
+  std::optional<std::chrono::nanoseconds> age(EventRate::Time now) const;
 };
 
 /// Is told what the metrics are, as it happens. All calls are on `main`.
@@ -147,9 +142,10 @@ class RobotMetrics {
   /// The sinks have taken it.
   void on_delivered(FramePtr frame, Time now = Clock::now());
   void on_dropped(std::span<const DropRecord> records, Time now = Clock::now());
-  /// Samples of the stream `name`, behind `lost` that never came.
-  void on_samples(const std::string& name, std::uint64_t samples, std::uint64_t lost,
-                  Time now = Clock::now());
+  /// Samples of the stream `name`, from the number `first` on; those from `expected` to it never
+  /// came.
+  void on_samples(const std::string& name, std::uint64_t expected, std::uint64_t first,
+                  std::span<const Sample> samples, Time now = Clock::now());
   /// Of those that the sinks have taken: given up since, for the readers of one of them.
   void on_lost(std::uint64_t total) { lost_ = total; }
   /// A frame that its session's live stream had passed over has arrived, of this session or an
@@ -196,7 +192,7 @@ class RobotMetrics {
     friend bool operator==(const OnRobot&, const OnRobot&) = default;
   };
   const std::optional<OnRobot>& on_robot() const { return on_robot_; }
-  /// By name.
+  /// By name, once the robot has reported.
   const std::map<std::string, StreamMetrics>& streams() const { return streams_; }
   /// Frames a second, of the last second or two.
   double frame_rate(Time now) const;
@@ -210,6 +206,7 @@ class RobotMetrics {
 
  private:
   void tell_state() const;
+  static void note(StreamMetrics& stream, const Sample& sample, std::uint64_t lost, Time now);
 
   const SessionInfo info_;
   const bool keeps_frame_;
@@ -269,7 +266,8 @@ class Metrics {
   Robots robots_;
 };
 
-/// The metrics for a terminal: a heading, and a line for each robot.
+/// The metrics for a terminal: a heading, and a line for each robot; and likewise for each stream
+/// of samples, if there is one.
 std::string to_table(const Metrics& metrics, RobotMetrics::Time now);
 
 }  // namespace orbbuf

@@ -85,6 +85,8 @@ inline std::map<std::string, Bytes> sample_messages() {
   welcome.has_heartbeat = true;
   Ack ack{{7, 3}, 9};
   ack.position[kMostStreams - 1] = 2;
+  Report report{{21, 1, 2, 3, 4, 5, 6}, 25, 80'000, 1'000'000, 40'000, -2, 7};
+  report.captured_items[4] = 9;
   return {{"hello", encode(hello)},
           {"welcome", encode(welcome)},
           {"frame", encode_whole(reduced_frame())},
@@ -94,7 +96,7 @@ inline std::map<std::string, Bytes> sample_messages() {
           {"account", encode(Items{kAccounts, 0, encode_account(sample_account())})},
           {"other",
            encode(Items{4, 0x0102030405060708, bytes_of(std::string_view("\0\1one item", 10))})},
-          {"stats", encode(Report{{21, 1, 2, 3, 4, 5, 6}, 25, 80'000, 1'000'000, 40'000, -2, 7})},
+          {"stats", encode(report)},
           {"bye", encode(Bye{{8, 4}})},
           {"error", encode(ErrorMessage{ErrorCode::kVersion, "no version in common"})}};
 }

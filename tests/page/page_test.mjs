@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // node page_test.mjs ORBBUFD ORBBUF_SERVER FOLDER: see page.sh.
 import assert from "node:assert/strict";
-import { mkdtempSync, rmSync } from "node:fs";
+import { mkdtempSync, rmSync, writeFileSync } from "node:fs";
 import net from "node:net";
 import { tmpdir } from "node:os";
 import path from "node:path";
@@ -97,14 +97,42 @@ async function watch() {
   await page.waitForFunction((src) => document.querySelector("img").getAttribute("src") !== src, first);
 }
 
+/** 200 a second from now on, but for 150 ms; for a second of them the sensor turns at 86 degrees per second. */
+function writeSamples(file) {
+  const begin = BigInt(Date.now()) * 1000000n;
+  const lines = [];
+  for (let ms = 0; ms < 300000; ms += 5) {
+    if (ms > 3000 && ms < 3155) continue;
+    lines.push(`${begin + BigInt(ms) * 1000000n},0,0,${ms >= 2000 && ms < 3000 ? 1.5 : 0.01},0,0,9.81\n`);
+  }
+  writeFileSync(file, lines.join(""));
+}
+
+/** Each sensor has a line, and a picture that is drawn. */
+async function samplesAreShown() {
+  const sensor = page.locator('article[data-robot="front"] .streams');
+  await sensor.locator("p").filter({ hasText:
+    /^imu0: (19|20)\d\.\d\/s, longest gap 155 ms, newest \d+ ms, \d+ wait, 0 lost$/ }).waitFor();
+  const canvas = sensor.locator("canvas");
+  assert.match(await canvas.getAttribute("aria-label"),
+    /^imu0, last two minutes: [1-9]\d+ samples, 0 lost, turns of up to 86 °\/s$/);
+  const drawn = await canvas.evaluate((at) =>
+    at.getContext("2d").getImageData(0, 0, at.width, at.height).data.filter((byte, i) => i % 4 === 3 && byte > 0).length);
+  assert.ok(drawn > 200, `${drawn} pixels`);
+  assert.equal(await page.locator('article[data-robot="rear"] .streams').textContent(), "");
+}
+
 async function stream() {
+  const samples = `${work}/imu.csv`;
+  writeSamples(samples);
   const robots = ["front", "rear"].map((id) => new Program(orbbufd, set({ "robot.id": id,
     "link.server": `127.0.0.1:${link.at}`, "buffer.policy": "uniform", "buffer.capacity": 15,
-    "source.frames": 100000 })));
+    "source.frames": 100000, ...(id === "front" && { "stream.imu0.kind": "euroc", "stream.imu0.path": samples }) })));
   await page.waitForSelector('article[data-robot="front"] .badge.connected');
   await watch();
   await picture("live-light", "light", 1280);
   await sleep(5000);
+  await samplesAreShown();
   link.cut();
   await page.waitForSelector('article[data-robot="front"] .badge.disconnected');
   await picture("outage-light", "light", 1280);
@@ -112,11 +140,12 @@ async function stream() {
   await link.open();
   await page.waitForSelector('article[data-robot="front"] .badge.connected');
   await sleep(4000);
+  await samplesAreShown(); // those of the outage came, too
   await picture("after-light", "light", 1280);
   await picture("after-dark", "dark", 1280);
   await picture("phone-light", "light", 360, 740);
   await picture("phone-dark", "dark", 360, 740);
-  const label = await page.locator('article[data-robot="front"] canvas').getAttribute("aria-label");
+  const label = await page.locator('article[data-robot="front"] > canvas').getAttribute("aria-label");
   assert.match(label, /, [1-9]\d* dropped, [1-9]\d* outages/);
   for (const robot of robots) await robot.stop();
   return robots[0];

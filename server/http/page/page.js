@@ -46,12 +46,13 @@ function paper(canvas) {
 }
 
 // bins: [{ at, delivered, dropped, similarity }], `at` from 0 to 1 exclusive, each 1 / count wide.
-// outages: [[from, to]] on the same scale. marks: [[at, text]] below.
-function draw(canvas, { bins, count, outages, marks }) {
+// outages: [[from, to]] on the same scale. marks: [[at, text]] below. The dots are bin.similarity, in units, the scale
+// at least so many.
+function draw(canvas, { bins, count, outages = [], marks = [], unit = "matches", least = 100 }) {
   const { context, width, height } = paper(canvas);
   const colours = getComputedStyle(document.documentElement);
   const colour = (name) => colours.getPropertyValue(name);
-  const bottom = height - 15;
+  const bottom = height - (marks.length > 0 ? 15 : 1);
   const similar = bins.filter((bin) => bin.similarity >= 0);
   const above = similar.length > 0 ? 0.45 : 0.12; // of the height: for the similarity
   const top = above * bottom;
@@ -70,7 +71,7 @@ function draw(canvas, { bins, count, outages, marks }) {
     context.fillStyle = colour("--dropped");
     context.fillRect(x, bottom - (bin.delivered + bin.dropped) * scale, bar, bin.dropped * scale);
   }
-  const largest = Math.max(100, ...similar.map((bin) => bin.similarity));
+  const largest = Math.max(least, ...similar.map((bin) => bin.similarity));
   for (const bin of similar) {
     const x = bin.at * width + bar / 2, y = top - 4 - (bin.similarity / largest) * (top - 9);
     context.beginPath();
@@ -91,11 +92,24 @@ function draw(canvas, { bins, count, outages, marks }) {
   }
   if (similar.length > 0) {
     context.textAlign = "left";
-    context.fillText(`${largest} matches`, 2, 11);
+    context.fillText(`${largest} ${unit}`, 2, 11);
   }
 }
 
 /* The live page */
+
+// What came of each second: { delivered, dropped, similarity, delay } by the second, of the last two minutes.
+function remember(seconds, news, end) {
+  for (const [second, delivered, dropped, similarity, delay] of news) {
+    seconds.set(second, { delivered, dropped, similarity, delay });
+  }
+  for (const second of seconds.keys()) {
+    if (second < end - kTimelineSeconds - 1 || second > end + kTimelineSeconds) seconds.delete(second);
+  }
+}
+
+const total = (bins, name) => bins.reduce((sum, bin) => sum + bin[name], 0);
+const largestOf = (bins, name) => bins.reduce((most, bin) => Math.max(most, bin[name]), 0);
 
 class Card {
   constructor(robot) {
@@ -106,6 +120,7 @@ class Card {
     this.robot = robot;
     this.session = null;
     this.seconds = new Map();
+    this.streams = new Map(); // of samples: { text, canvas, seconds } by name
     this.isVisible = false;
     this.isLoading = false;
     this.shown = -1;
@@ -120,16 +135,14 @@ class Card {
     if (now.session !== this.session) {
       this.session = now.session;
       this.seconds.clear();
+      this.streams.clear();
+      this.root.querySelector(".streams").replaceChildren();
       const link = put(this.root, "session", now.session);
       link.href = path("sessions", this.robot, now.session);
     }
-    for (const [second, delivered, dropped, similarity, delay] of now.seconds) {
-      this.seconds.set(second, { delivered, dropped, similarity, delay });
-    }
-    for (const second of this.seconds.keys()) {
-      if (second < now.now - kTimelineSeconds - 1 || second > now.now + kTimelineSeconds) this.seconds.delete(second);
-    }
+    remember(this.seconds, now.seconds, now.now);
     this.showStats(now);
+    for (const stream of now.streams ?? []) this.showStream(stream, now);
     this.redraw();
     this.refresh();
   }
@@ -159,21 +172,40 @@ class Card {
     put(this.root, "buffer", report ? `${report.waiting} of ${report.capacity}` : "–", report ? report.waiting : "");
   }
 
+  showStream(now, { now: end, state }) {
+    let stream = this.streams.get(now.name);
+    if (!stream) {
+      stream = { text: element("p"), canvas: element("canvas"), seconds: new Map() };
+      stream.canvas.role = "img";
+      this.streams.set(now.name, stream);
+      this.root.querySelector(".streams").append(stream.text, stream.canvas);
+    }
+    remember(stream.seconds, now.seconds, end);
+    const gap = duration(largestOf([...stream.seconds.values()], "delay") / 1000);
+    const isOver = state === "ended" || now.age_s === undefined;
+    stream.text.textContent = `${now.name}: ${now.rate.toFixed(1)}/s, longest gap ${gap}, ` +
+      `newest ${isOver ? "–" : duration(now.age_s)}, ${now.waiting} wait, ${now.lost} lost`;
+    stream.text.classList.toggle("bad", !isOver && now.age_s > 1.5);
+  }
+
   redraw() {
     if (!this.isVisible || !this.stats) return;
     const end = this.stats.now, begin = end - kTimelineSeconds;
-    const bins = [];
-    let delivered = 0, dropped = 0;
-    for (const [second, bin] of this.seconds) {
-      bins.push({ at: (second - begin) / kTimelineSeconds, ...bin });
-      delivered += bin.delivered;
-      dropped += bin.dropped;
-    }
+    const binsOf = (seconds) =>
+      [...seconds].map(([second, bin]) => ({ at: (second - begin) / kTimelineSeconds, ...bin }));
+    const bins = binsOf(this.seconds);
     const outages = this.stats.outages
       .map(([from, to]) => [(from - begin) / kTimelineSeconds, ((to ?? end) - begin) / kTimelineSeconds])
       .filter(([, to]) => to > 0);
-    this.canvas.ariaLabel = `last two minutes: ${delivered} delivered, ${dropped} dropped, ${outages.length} outages`;
+    this.canvas.ariaLabel = `last two minutes: ${total(bins, "delivered")} delivered, ` +
+      `${total(bins, "dropped")} dropped, ${outages.length} outages`;
     draw(this.canvas, { bins, count: kTimelineSeconds, outages, marks: [[0, "–2 min"], [0.5, "–1 min"], [1, "now"]] });
+    for (const [name, { canvas, seconds }] of this.streams) {
+      const samples = binsOf(seconds);
+      canvas.ariaLabel = `${name}, last two minutes: ${total(samples, "delivered")} samples, ` +
+        `${total(samples, "dropped")} lost, turns of up to ${largestOf(samples, "similarity")} °/s`;
+      draw(canvas, { bins: samples, count: kTimelineSeconds, unit: "°/s", least: 10 });
+    }
   }
 
   // One request at a time; a few pictures a second where few are in sight.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/samples/sample_streams.hpp"
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
 
 #include <fstream>
 
@@ -60,6 +60,11 @@ TEST_F(SampleStreamsTest, ABatchIsDueOnceItIsTwentyMillisecondsLong) {
   EXPECT_EQ(due_, 1);
   EXPECT_FALSE(streams.take_batch().empty());
   EXPECT_TRUE(streams.take_message(20'000'000).empty());
+  EXPECT_EQ(streams.captured()[4], 21U);
+  const auto second = EventRate::Clock::now() + std::chrono::seconds(1);
+  EXPECT_THAT(
+      streams.stats(second),
+      testing::MatchesRegex("imu0 captured 21 = .*lost 0, [0-9.]+/s, newest [0-9]+ ms old"));
   streams.stop();
   streams.on_frame(100'000'000);
   EXPECT_EQ(streams.stats(), "imu0 captured 21 = delivered 0 + late 0 + waiting 21 + lost 0");
@@ -99,6 +104,7 @@ TEST_F(SampleStreamsTest, WhatTheRecordLostIsNotLate) {
   streams.record(keep, send_late);
   streams.on_frame(6);
   streams.record(keep, send_late);
+  streams.stop();
   EXPECT_EQ(streams.stats(), "imu0 captured 7 = delivered 0 + late 1 + waiting 4 + lost 2");
 }
 
@@ -111,8 +117,9 @@ TEST_F(SampleStreamsTest, AStreamThatTheServerDoesNotTakeHoldsNothingUp) {
   streams_->put_ends(position);
   streams_->on_ack(position);
   EXPECT_TRUE(streams_->is_settled());
+  streams_->stop();
   EXPECT_EQ(streams_->stats(),
-            "imu0 captured 4 = delivered 4 + late 0 + waiting 0 + lost 0, "
+            "imu0 captured 4 = delivered 4 + late 0 + waiting 0 + lost 0; "
             "imu1 captured 4 = delivered 0 + late 0 + waiting 4 + lost 0");
 }
 

@@ -171,9 +171,12 @@ TEST_F(HttpServerTest, QualityAndReducedFramesAreShownAndCounted) {
   EXPECT_THAT(json(), Not(HasSubstr("\"quality\":")));
   EXPECT_THAT(prometheus(), Not(HasSubstr("orbbuf_frame_quality")));
   EXPECT_THAT(prometheus(), HasSubstr("orbbuf_frames_reduced_total{robot=\"r\"} 0\n"));
-  robot->on_samples("imu0", 20, 3);
-  EXPECT_THAT(json(), HasSubstr(R"("streams":[{"name":"imu0","samples":20,"lost":3,"rate":)"));
-  EXPECT_THAT(prometheus(), HasSubstr("orbbuf_samples_total{robot=\"r\",stream=\"imu0\"} 20\n"));
+  robot->on_samples("imu0", 0, 3, std::vector<Sample>{{2'000'000'000, {0, 0, 1}, {}}});
+  EXPECT_THAT(json(), HasSubstr(R"("streams":[{"name":"imu0","captured":0,"samples":1,"waiting":0,)"
+                                R"("lost":3,"rate":)"));
+  EXPECT_THAT(json(), HasSubstr(R"("seconds":[[2,1,3,57,0]])"));
+  EXPECT_THAT(to_json(*robot, RobotMetrics::Time()), Not(HasSubstr("\"seconds\":")));
+  EXPECT_THAT(prometheus(), HasSubstr("orbbuf_samples_total{robot=\"r\",stream=\"imu0\"} 1\n"));
   robot->on_delivered(std::make_shared<EncodedFrame>(reduced_frame(0)));
   EXPECT_THAT(json(), AllOf(HasSubstr(R"("reduced":1,)"), HasSubstr(R"("quality":30,)")));
   EXPECT_THAT(prometheus(), HasSubstr("orbbuf_frames_reduced_total{robot=\"r\"} 1\n"));

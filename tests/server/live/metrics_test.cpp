@@ -127,15 +127,61 @@ TEST(RobotMetricsSamples, AreCountedByTheirStream) {
   RobotMetrics robot({"r", "s", ""});
   const RobotMetrics::Time begin{std::chrono::hours(1)};
   for (int i = 0; i <= 100; ++i) {
-    robot.on_samples("imu0", 20, i == 50 ? 3 : 0, begin + i * std::chrono::milliseconds(20));
+    const std::uint64_t expected = 20 * i + (i > 50 ? 3 : 0);
+    robot.on_samples("imu0", expected, expected + (i == 50 ? 3 : 0), std::vector<Sample>(20),
+                     begin + i * std::chrono::milliseconds(20));
   }
-  robot.on_samples("imu1", 1, 0, begin);
+  robot.on_samples("imu1", 0, 0, std::vector<Sample>(1), begin);
   ASSERT_EQ(robot.streams().size(), 2U);
   const StreamMetrics& stream = robot.streams().at("imu0");
   EXPECT_EQ(stream.samples, 2020U);
   EXPECT_EQ(stream.lost, 3U);
-  EXPECT_EQ(stream.newest, begin + std::chrono::seconds(2));
+  EXPECT_EQ(stream.age(begin + std::chrono::seconds(3)), std::chrono::seconds(1));
   EXPECT_NEAR(stream.rate.per_second(stream.newest), 1000, 50);
+}
+
+TEST(RobotMetricsSamples, ThoseThatTheRobotReportsAndAreNotHereWait) {
+  RobotMetrics robot({"r", "s", "", {}, {{4, "imu0", "imu"}}});
+  wire::Report report;
+  report.captured_items[4] = 50;
+  robot.on_report(report);
+  const StreamMetrics& stream = robot.streams().at("imu0");
+  EXPECT_EQ(stream.waiting(), 50U);
+  EXPECT_FALSE(stream.age(RobotMetrics::Clock::now()));
+  robot.on_samples("imu0", 0, 10, std::vector<Sample>(30));
+  EXPECT_EQ(stream.waiting(), 10U);
+  robot.on_samples("imu0", 40, 40, std::vector<Sample>(20));
+  EXPECT_EQ(stream.waiting(), 0U) << "the report is older";
+}
+
+TEST(RobotMetricsSamples, EachSecondTellsItsLongestGapAndFastestTurn) {
+  constexpr std::int64_t kMs = 1'000'000;
+  RobotMetrics robot({"r", "s", ""});
+  const std::vector<Sample> samples{{500 * kMs, {}, {}},
+                                    {510 * kMs, {0, 0, 1}, {}},
+                                    {1200 * kMs, {0, 3, 4}, {}},
+                                    {1210 * kMs, {1e300, 0, 0}, {}}};
+  robot.on_samples("imu0", 0, 7, samples);
+  const auto& seconds = robot.streams().at("imu0").seconds;
+  ASSERT_EQ(seconds.size(), 2U);
+  EXPECT_EQ(seconds[0].samples, 2U);
+  EXPECT_EQ(seconds[0].lost, 7U);
+  EXPECT_EQ(seconds[0].longest_gap_ms, 10U);
+  EXPECT_NEAR(seconds[0].fastest_turn, 57.3, 0.01);
+  EXPECT_EQ(seconds[1].lost, 0U);
+  EXPECT_EQ(seconds[1].longest_gap_ms, 690U);
+  EXPECT_EQ(seconds[1].fastest_turn, 1e6) << "whatever a robot claims";
+  for (std::int64_t second = 2; second < 300; ++second) {
+    robot.on_samples("imu0", 11, 11, std::vector<Sample>{{second * 1000 * kMs, {}, {}}});
+  }
+  EXPECT_EQ(seconds.size(), std::size_t{Timeline::kSeconds});
+  EXPECT_EQ(seconds.front().second, 180);
+  for (const std::int64_t time : {std::numeric_limits<std::int64_t>::max(), std::int64_t{0},
+                                  std::numeric_limits<std::int64_t>::min()}) {
+    robot.on_samples("imu0", 12, 12, std::vector<Sample>{{time, {}, {}}});
+    ASSERT_EQ(seconds.size(), 1U) << "the clock was set";
+    EXPECT_EQ(seconds[0].longest_gap_ms, 0U);
+  }
 }
 
 }  // namespace

@@ -9,6 +9,7 @@
 namespace orbbuf::test {
 namespace {
 
+using testing::EndsWith;
 using testing::HasSubstr;
 using testing::MatchesRegex;
 
@@ -36,6 +37,23 @@ TEST(StatusTable, TellsTheNewestQualityAndHowManyFramesAreReduced) {
     robot->on_delivered(std::make_shared<EncodedFrame>(reduced_frame(i)), RobotMetrics::Time());
   }
   EXPECT_THAT(to_table(metrics, RobotMetrics::Time()), HasSubstr("       30        2\n"));
+}
+
+TEST(StatusTable, HasALineForEachStreamOfSamples) {
+  const RobotMetrics::Time begin{std::chrono::hours(1)};
+  Metrics metrics(8);
+  const auto robot =
+      metrics.begin({"tb3", "s1", "", {}, {{4, "imu0", "imu"}, {5, "imu_rear", "imu"}}});
+  wire::Report report;
+  report.captured_items[4] = 470;
+  robot->on_report(report, begin);
+  robot->on_samples("imu0", 0, 0, std::vector<Sample>(250), begin);
+  robot->on_samples("imu0", 250, 260, std::vector<Sample>(200), begin + std::chrono::seconds(1));
+  EXPECT_THAT(to_table(metrics, begin + std::chrono::milliseconds(1003)),
+              EndsWith("\n\n"
+                       "ROBOT  STREAM    SAMPLES/S   AGE  CAPTURED  DELIVERED  WAITING  LOST\n"
+                       "tb3    imu0          250.0  3 ms       470        450       10    10\n"
+                       "tb3    imu_rear        0.0     -         0          0        0     0\n"));
 }
 
 TEST(StatusTable, HasItsHeadingWithoutRobots) {
