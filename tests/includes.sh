@@ -12,6 +12,7 @@ allowed() {
 common:
 common/journal: common
 common/net: common
+common/dds:
 daemon/mailbox: common
 daemon/buffer: common
 daemon/capture: common
@@ -42,7 +43,7 @@ server/sink: common server/session
 server/sink/pipe: common server/runtime server/session server/sink
 server/sink/losses: common
 server/sink/ros_name:
-server/sink/dds: common server/calibration server/session server/sink server/sink/losses server/sink/ros_name
+server/sink/dds: common common/dds server/calibration server/session server/sink server/sink/losses server/sink/ros_name
 server/sink/ros: common server/calibration server/session server/sink server/sink/losses server/sink/ros_name
 server/sink/make_sinks: common server/runtime server/session server/sink server/sink/pipe server/sink/dds server/sink/ros
 server/settings: common common/net server/fleet/fleet_settings server/live server/retention server/sink/make_sinks
