@@ -13,15 +13,17 @@ common:
 common/journal: common
 common/net: common
 common/dds:
+daemon/topics: common common/dds
 daemon/mailbox: common
 daemon/buffer: common
 daemon/capture: common
 daemon/capture/libcamera: common daemon/capture
 daemon/capture/replay: common daemon/capture
+daemon/capture/ros2: common daemon/topics daemon/capture
 daemon/capture/stereo: common daemon/capture
 daemon/capture/v4l2: common daemon/capture
 daemon/capture/list_cameras: daemon/capture/libcamera daemon/capture/v4l2
-daemon/capture/make_source: daemon/capture daemon/capture/libcamera daemon/capture/replay daemon/capture/stereo daemon/capture/v4l2
+daemon/capture/make_source: daemon/capture daemon/capture/libcamera daemon/capture/replay daemon/capture/ros2 daemon/capture/stereo daemon/capture/v4l2
 daemon/image: common daemon/buffer daemon/capture
 daemon/record: common common/journal
 daemon/samples: common
