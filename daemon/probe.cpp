@@ -196,6 +196,10 @@ std::string suggest(const Settings& settings, const ProbeResult& result) {
   } else if (source.kind == "libcamera") {
     text += fmt::format("camera = {}\nformat = \"{}\"\n", in_toml(source.camera), source.format);
   }
+  if (!source.topic.empty()) text += fmt::format("topic = {}\n", in_toml(source.topic));
+  if (!source.topic_right.empty()) {
+    text += fmt::format("topic_right = {}\n", in_toml(source.topic_right));
+  }
   if (!source.path.empty()) text += fmt::format("path = {}\n", in_toml(source.path.string()));
   if (!source.path_right.empty()) {
     text += fmt::format("path_right = {}\n", in_toml(source.path_right.string()));

@@ -70,6 +70,10 @@ void read_source(ConfigReader& config, SourceSettings& source) {
   if (is_file && source.path.empty()) {
     config.fail("source.path", "required for source.kind = \"" + source.kind + "\"");
   }
+  config.read("source.topic", source.topic);
+  if (source.kind == "ros2" && source.topic.empty()) {
+    config.fail("source.topic", "required for source.kind = \"ros2\"");
+  }
   config.read("source.device", source.device);
   config.read("source.camera", source.camera);
   config.read("source.format", source.format, kSourceFormats);
@@ -95,6 +99,7 @@ void read_source(ConfigReader& config, SourceSettings& source) {
 void read_stereo(ConfigReader& config, SourceSettings& source) {
   config.read("source.path_right", source.path_right);
   config.read("source.device_right", source.device_right);
+  config.read("source.topic_right", source.topic_right);
   source.is_side_by_side = config.choice("source.stereo", "none", kStereo) == "side-by-side";
   const auto require = [&](const char* key, bool is_set, std::string_view kind) {
     if (!is_set) return;
@@ -105,8 +110,12 @@ void read_stereo(ConfigReader& config, SourceSettings& source) {
   };
   require("source.path_right", !source.path_right.empty(), "folder");
   require("source.device_right", !source.device_right.empty(), "v4l2");
+  require("source.topic_right", !source.topic_right.empty(), "ros2");
   if (!source.device_right.empty() && source.device_right == source.device) {
     config.fail("source.device_right", "must not be the same camera as source.device");
+  }
+  if (!source.topic_right.empty() && source.topic_right == source.topic) {
+    config.fail("source.topic_right", "must not be the same topic as source.topic");
   }
   const bool has_width = source.kind == "generated" || source.kind == "v4l2";
   if (source.is_side_by_side && has_width && source.width_px % 2 != 0) {

@@ -12,15 +12,18 @@ allowed() {
 common:
 common/journal: common
 common/net: common
+common/dds:
+daemon/topics: common common/dds
 daemon/mailbox: common
 daemon/buffer: common
 daemon/capture: common
 daemon/capture/libcamera: common daemon/capture
 daemon/capture/replay: common daemon/capture
+daemon/capture/ros2: common daemon/topics daemon/capture
 daemon/capture/stereo: common daemon/capture
 daemon/capture/v4l2: common daemon/capture
 daemon/capture/list_cameras: daemon/capture/libcamera daemon/capture/v4l2
-daemon/capture/make_source: daemon/capture daemon/capture/libcamera daemon/capture/replay daemon/capture/stereo daemon/capture/v4l2
+daemon/capture/make_source: daemon/capture daemon/capture/libcamera daemon/capture/replay daemon/capture/ros2 daemon/capture/stereo daemon/capture/v4l2
 daemon/image: common daemon/buffer daemon/capture
 daemon/record: common common/journal
 daemon/samples: common
@@ -42,7 +45,7 @@ server/sink: common server/session
 server/sink/pipe: common server/runtime server/session server/sink
 server/sink/losses: common
 server/sink/ros_name:
-server/sink/dds: common server/calibration server/session server/sink server/sink/losses server/sink/ros_name
+server/sink/dds: common common/dds server/calibration server/session server/sink server/sink/losses server/sink/ros_name
 server/sink/ros: common server/calibration server/session server/sink server/sink/losses server/sink/ros_name
 server/sink/make_sinks: common server/runtime server/session server/sink server/sink/pipe server/sink/dds server/sink/ros
 server/settings: common common/net server/fleet/fleet_settings server/live server/retention server/sink/make_sinks

@@ -20,6 +20,9 @@
 #ifdef ORBBUF_LIBCAMERA
 #include "daemon/capture/libcamera/libcamera_stream.hpp"
 #endif
+#ifdef ORBBUF_DAEMON_DDS
+#include "daemon/capture/ros2/ros2_source.hpp"
+#endif
 #ifdef ORBBUF_V4L2
 #include "daemon/capture/v4l2/v4l2_stream.hpp"
 #endif
@@ -74,6 +77,19 @@ Source open_libcamera([[maybe_unused]] const Settings& settings) {
 #endif
 }
 
+Source open_ros2([[maybe_unused]] const Settings& settings) {
+#ifdef ORBBUF_DAEMON_DDS
+  auto left = std::make_unique<Ros2Source>(settings.topic, settings.color);
+  if (settings.topic_right.empty()) return left;
+  auto right = std::make_unique<Ros2Source>(settings.topic_right, settings.color);
+  const std::chrono::nanoseconds frame_time(nominal_time_ns(1, settings.fps));
+  return std::make_unique<StereoSource>(std::move(left), std::move(right), frame_time / 2);
+#else
+  throw std::runtime_error(
+      "cannot read a ROS 2 topic: orbbufd was built without DDS (cmake -DORBBUF_WITH_DDS=ON)");
+#endif
+}
+
 constexpr std::array kKinds = {
     Kind{"generated", false,
          [](const Settings& s) -> Source { return std::make_unique<SceneSource>(s); }},
@@ -82,6 +98,7 @@ constexpr std::array kKinds = {
     Kind{"video", false, open_video},
     Kind{"v4l2", true, open_v4l2},
     Kind{"libcamera", true, open_libcamera},
+    Kind{"ros2", true, open_ros2},
 };
 static_assert(std::ranges::equal(kKinds, kSourceKinds, {}, &Kind::name));
 

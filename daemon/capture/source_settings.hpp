@@ -21,6 +21,8 @@ struct SourceSettings {
   std::string device = "/dev/video0";  ///< v4l2: the camera's node
   std::string device_right;            ///< v4l2: the right camera's node; empty: not stereo
   std::string camera = "0";            ///< libcamera: its id, or its place in libcamera's list
+  std::string topic;                   ///< ros2: the images, `/camera/image_raw/compressed`
+  std::string topic_right;             ///< ros2: the right images; empty: not stereo
   bool is_side_by_side = false;        ///< every image is a left and a right one, side by side
   std::string format = "auto";  ///< cameras: one of kCameraFormats, or "auto" (camera_formats.hpp)
   std::map<std::string, double>
@@ -37,7 +39,7 @@ struct SourceSettings {
 };
 
 /// Every kind of source, by its name in the configuration.
-inline constexpr std::array<std::string_view, 5> kSourceKinds = {"generated", "folder", "video",
-                                                                 "v4l2", "libcamera"};
+inline constexpr std::array<std::string_view, 6> kSourceKinds = {"generated", "folder",    "video",
+                                                                 "v4l2",      "libcamera", "ros2"};
 
 }  // namespace orbbuf

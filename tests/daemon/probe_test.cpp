@@ -90,6 +90,11 @@ TEST(Probe, TheSuggestionCapturesTheSame) {
   settings.source.device = settings.source.device_right = "/dev/v4l/by-id/\\x";
   EXPECT_THAT(suggest(settings, {.fps = 20}), HasSubstr("device = \"/dev/v4l/by-id/\\\\x\"\n"));
   EXPECT_THAT(suggest(settings, {.fps = 20}), HasSubstr("_right = \"/dev/v4l/by-id/\\\\x\"\n"));
+  settings.source.kind = "ros2";
+  settings.source.topic = "/left/image_raw";
+  settings.source.topic_right = "/right/image_raw";
+  EXPECT_THAT(suggest(settings, {.fps = 20}),
+              HasSubstr("topic = \"/left/image_raw\"\ntopic_right = \"/right/image_raw\"\n"));
 }
 
 TEST(Probe, TheMeasuredRateIsSuggested) {

@@ -35,6 +35,8 @@ TEST(Settings, SampleFileHoldsEveryKeyWithItsDefault) {
   EXPECT_EQ(sample.source.kind, fallback.source.kind);
   EXPECT_EQ(sample.source.path, fallback.source.path);
   EXPECT_EQ(sample.source.path_right, fallback.source.path_right);
+  EXPECT_EQ(sample.source.topic, fallback.source.topic);
+  EXPECT_EQ(sample.source.topic_right, fallback.source.topic_right);
   EXPECT_EQ(sample.source.device, fallback.source.device);
   EXPECT_EQ(sample.source.device_right, fallback.source.device_right);
   EXPECT_EQ(sample.source.is_side_by_side, fallback.source.is_side_by_side);
@@ -140,6 +142,7 @@ TEST(Settings, EveryValueReachesItsPlace) {
 }
 
 TEST(Settings, ACameraNeedsNoPath) {
+  EXPECT_EQ(with({"source.kind=ros2", "source.topic=/camera/image"}).source.topic, "/camera/image");
   const Settings s = with({"source.kind=v4l2", "source.device=/dev/video2", "source.format=MJPG",
                            "source.controls.exposure_auto=1"});
   EXPECT_EQ(s.source.device, "/dev/video2");
@@ -194,6 +197,9 @@ TEST(Settings, StereoIsTwoFoldersTwoCamerasOrSideBySide) {
         "source.device_right: must not be the same camera as source.device");
   names(why({"source.kind=v4l2", "source.device_right=/dev/video2", "source.stereo=side-by-side"}),
         "source.device_right: cannot be combined with source.stereo = \"side-by-side\"");
+  names(why({"source.topic_right=/r"}), "valid only for source.kind = \"ros2\"");
+  names(why({"source.kind=ros2", "source.topic=/l", "source.topic_right=/l"}),
+        "source.topic_right: must not be the same topic as source.topic");
   names(why({"source.stereo=side-by-side", "source.width=641"}), "source.width: must be even");
   names(why({"source.stereo=both"}), "source.stereo: ");
 }
@@ -201,6 +207,7 @@ TEST(Settings, StereoIsTwoFoldersTwoCamerasOrSideBySide) {
 TEST(Settings, WhatCannotBeIsRefusedByName) {
   names(why({"robot.id=../etc"}), "robot.id: ");
   names(why({"source.kind=folder"}), "source.path: required for source.kind = \"folder\"");
+  names(why({"source.kind=ros2"}), "source.topic: required for source.kind = \"ros2\"");
   names(why({"source.kind=kinect"}), "source.kind: ");
   names(why({"source.format=YUV"}), "one of auto, GREY, NV12, YUV420, YUYV, UYVY, BGR24");
   names(why({"features.pixels=3"}), "features.pixels");

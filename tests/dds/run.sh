@@ -58,8 +58,8 @@ capture() { # ID SEED FRAMES RATE [SETTING]
     --set source.width=160 --set source.height=120 --set "source.fps=$4" --set "source.seed=$2" \
     --set "source.frames=$3" ${5+--set "$5"}
 }
-session_of() { find "$work/data/$1" -mindepth 1 -maxdepth 1 -printf '%T@ %p\n' | sort -n | tail -n 1 | cut -d' ' -f2; }
-has_frames() { [ "$(cat "$work/data/$1"/*/times.txt 2>/dev/null | wc -l)" -ge "$2" ]; } # ROBOT COUNT
+session_of() { find "$work"/data*/"$1" -mindepth 1 -maxdepth 1 -printf '%T@ %p\n' | sort -n | tail -n 1 | cut -d' ' -f2; }
+has_frames() { [ "$(cat "$work"/data*/"$1"/*/times.txt 2>/dev/null | wc -l)" -ge "$2" ]; } # ROBOT COUNT
 
 # received READER BASE SESSION FOLDER: how many of the session's frames it has, byte for byte.
 received() {
@@ -197,4 +197,40 @@ kill -CONT "$reliable"
 metrics >"$work/metrics.log"
 grep -q 'orbbuf_unpublished_frames_total{robot="mono-1"} 0' "$work/metrics.log" || fail 'frames were not published'
 echo "dds: a reader that stopped: $(wc -l <"$session/times.txt") of 300 frames recorded, and all of them at another reader"
+
+# The robot's own topics: a second robot reads what this server publishes, and sends it to a second server, through an
+# outage. Each image arrives with its bytes and its stamp.
+start relay-server "$build/server/orbbuf-server" --set listen.address=127.0.0.1:0 --set "files.path=$work/data-2"
+until_true 'the second server listens' says relay-server 'listening on'
+relay_address=$(sed -n 's/.*listening on //p' "$work/relay-server.log" | head -n 1)
+start relay "${robot[@]}" --set robot.id=relay --set "link.server=$relay_address" --set source.kind=ros2 \
+  --set source.topic=/origin/image_raw/compressed
+relay=${pids[-1]}
+until_true 'the second robot is there' says relay-server 'relay'
+capture origin 8 500 50 "$camera"
+origin=${pids[-1]}
+until_true 'topics arrive' has_frames relay 100
+nft add rule inet link input tcp dport "${relay_address##*:}" drop
+sleep 2 # the outage
+nft flush chain inet link input
+wait "$origin" || fail "origin ended with $?"
+session=$(session_of origin)
+has_last() { grep -sqF "$(tail -n 1 "$session/times.txt" | cut -d' ' -f2)" "$work"/data-2/relay/*/times.txt; }
+until_true 'the last image arrives' has_last
+kill -TERM "$relay"
+wait "$relay" || fail "the second robot ended with $?"
+copy=$(session_of relay)
+# same_as_sent: each of its frames is one of the origin's; how many the origin has from its first one on.
+same_as_sent() {
+  awk -v from="$session" -v to="$copy" '
+    NR == FNR { number[$2] = $1; order[$2] = ++sent; next }
+    !($2 in number) { print "no such stamp: " $2 >"/dev/stderr"; exit 1 }
+    FNR == 1 { first = order[$2] }
+    { printf "cmp %s/images/%06d.jpg %s/images/%06d.jpg\n", from, number[$2], to, $1 | "sh -e >&2" }
+    END { if (close("sh -e >&2") != 0) exit 1; print sent - first + 1 }' "$session/times.txt" "$copy/times.txt"
+}
+sent=$(same_as_sent) || fail 'the images of the second robot are not those of its topic'
+has_all "$copy" "$sent" || fail "the second robot has not the $sent images of its topic"
+[ "$sent" -ge 450 ] || fail "the second robot read only $sent images"
+echo "dds: a robot's own topic: $(wc -l <"$copy/times.txt") of $sent images, each with its stamp and its bytes, through an outage"
 end_server

@@ -6,10 +6,7 @@
 #include <ros_messages.h>  // made of ros_messages.idl by idlc
 
 #include <algorithm>
-#include <charconv>
-#include <cstdlib>
 #include <memory>
-#include <stdexcept>
 #include <string_view>
 #include <utility>
 
@@ -22,32 +19,7 @@ constexpr dds_duration_t kLongestWrite = DDS_MSECS(100);
 constexpr std::int32_t kDepth = 256;  // messages that a slow reader may still get
 constexpr std::int32_t kRawDepth = 16;
 constexpr std::int32_t kSampleDepth = 60'000;
-/// Cyclone has a writer wait while readers lack so many bytes; the depths are the limit here. And
-/// it sends by multicast what several readers want: then what is sent again for a slow one costs a
-/// good one images, which come again 0.1 s later.
-constexpr std::string_view kApartConfig =
-    "<Internal><Watermarks><WhcHigh>1GB</WhcHigh><WhcHighInit>1GB</WhcHighInit></Watermarks>"
-    "</Internal><General><AllowMulticast>spdp</AllowMulticast></General>";
 constexpr std::int64_t kNsPerSecond = 1'000'000'000;
-
-dds_domainid_t domain_id() {
-  const char* text = std::getenv("ROS_DOMAIN_ID");
-  if (text == nullptr || *text == '\0') return 0;
-  constexpr dds_domainid_t kMost = 232;  // beyond, its ports are above 65535
-  const std::string_view digits(text);
-  dds_domainid_t id = 0;
-  const auto [end, failed] = std::from_chars(digits.begin(), digits.end(), id);
-  if (failed != std::errc() || end != digits.end() || id > kMost) {
-    throw std::runtime_error(
-        fmt::format("dds: ROS_DOMAIN_ID is \"{}\"; set a number from 0 to {}", text, kMost));
-  }
-  return id;
-}
-
-dds_entity_t require(dds_entity_t entity, std::string_view attempt) {
-  if (entity >= 0) return entity;
-  throw std::runtime_error(fmt::format("dds: cannot {}: {}", attempt, dds_strretcode(-entity)));
-}
 
 /// What ROS 2's default readers ask for: with XCDR1, whatever Cyclone would choose. KEEP_LAST: with
 /// KEEP_ALL a slow reader would delay all others.
@@ -70,12 +42,12 @@ dds_entity_t make_writer(const DdsParticipant& participant, dds_entity_t publish
                                 DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED);
   }
   const dds_entity_t topic =
-      require(dds_create_topic(participant.entity(), &type, name.c_str(), nullptr, nullptr),
-              "make the topic " + name);
+      require_dds(dds_create_topic(participant.entity(), &type, name.c_str(), nullptr, nullptr),
+                  "make the topic " + name);
   dds_qset_writer_data_lifecycle(qos.get(), false);
   const dds_entity_t writer = dds_create_writer(publisher, topic, qos.get(), nullptr);
   dds_delete(topic);  // the writer keeps it
-  return require(writer, "write to the topic " + name);
+  return require_dds(writer, "write to the topic " + name);
 }
 
 /// Nothing of a message is changed by writing it; C has no const sequences.
@@ -116,24 +88,11 @@ std::optional<Error> write_message(dds_entity_t writer, const void* message) {
 
 }  // namespace
 
-DdsParticipant::DdsParticipant() {
-  constexpr std::string_view kAttempt =
-      "join the domain (see CYCLONEDDS_URI and the network interfaces)";
-  const char* const uri = std::getenv("CYCLONEDDS_URI");
-  const std::string config = fmt::format("{},{}", kApartConfig, uri != nullptr ? uri : "");
-  domain_ = require(dds_create_domain(domain_id(), config.c_str()), kAttempt);
-  entity_ = dds_create_participant(domain_id(), nullptr, nullptr);
-  if (entity_ < 0) dds_delete(domain_);
-  require(entity_, kAttempt);
-}
-
-DdsParticipant::~DdsParticipant() { dds_delete(domain_); }
-
 DdsCamera::DdsCamera(const DdsParticipant& participant, const std::string& base,
                      std::string frame_id)
     : frame_id_(std::move(frame_id)),
-      publisher_(require(dds_create_publisher(participant.entity(), nullptr, nullptr),
-                         "make a publisher")) {
+      publisher_(require_dds(dds_create_publisher(participant.entity(), nullptr, nullptr),
+                             "make a publisher")) {
   const auto writer = [&](const dds_topic_descriptor_t& type, std::string_view name,
                           std::int32_t depth, bool is_latched) {
     return make_writer(participant, publisher_, type, fmt::format("rt/{}/{}", base, name), depth,
@@ -186,8 +145,8 @@ bool DdsCamera::has_raw_reader() const {
 
 DdsImu::DdsImu(const DdsParticipant& participant, const std::string& topic, std::string frame_id)
     : frame_id_(std::move(frame_id)),
-      publisher_(require(dds_create_publisher(participant.entity(), nullptr, nullptr),
-                         "make a publisher")) {
+      publisher_(require_dds(dds_create_publisher(participant.entity(), nullptr, nullptr),
+                             "make a publisher")) {
   try {
     writer_ = make_writer(participant, publisher_, sensor_msgs_msg_dds__Imu__desc, "rt/" + topic,
                           kSampleDepth, false);

@@ -7,30 +7,13 @@
 #include <span>
 #include <string>
 
+#include "common/dds/dds_participant.hpp"
 #include "common/error.hpp"
 #include "common/jpeg.hpp"
 #include "common/sample.hpp"
 #include "server/calibration/camera_info.hpp"
 
 namespace orbbuf {
-
-/// This process as other DDS programs see it. Cyclone DDS runs threads of its own.
-class DdsParticipant {
- public:
-  /// In the domain $ROS_DOMAIN_ID (without it 0); $CYCLONEDDS_URI configures Cyclone DDS. Throws
-  /// std::runtime_error if there is no network interface, or one of these is wrong.
-  DdsParticipant();
-  /// Waits up to 1 s (Cyclone's LingerDuration) for readers that lack messages.
-  ~DdsParticipant();
-  DdsParticipant(const DdsParticipant&) = delete;
-  DdsParticipant& operator=(const DdsParticipant&) = delete;
-
-  int entity() const { return entity_; }
-
- private:
-  int domain_;
-  int entity_;
-};
 
 /// The ROS 2 topics of one camera:
 ///

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/dds/dds_participant.hpp"
+
+#include <dds/dds.h>
+#include <fmt/core.h>
+
+#include <charconv>
+#include <cstdlib>
+#include <stdexcept>
+#include <string>
+#include <system_error>
+
+namespace orbbuf {
+namespace {
+
+/// Cyclone has a writer wait while readers lack so many bytes; the depths are the limit here. And
+/// it sends by multicast what several readers want: then what is sent again for a slow one costs a
+/// good one images, which come again 0.1 s later.
+constexpr std::string_view kApartConfig =
+    "<Internal><Watermarks><WhcHigh>1GB</WhcHigh><WhcHighInit>1GB</WhcHighInit></Watermarks>"
+    "</Internal><General><AllowMulticast>spdp</AllowMulticast></General>";
+
+dds_domainid_t configured_domain_id() {
+  const char* text = std::getenv("ROS_DOMAIN_ID");
+  if (text == nullptr || *text == '\0') return 0;
+  constexpr dds_domainid_t kMost = 232;  // beyond, its ports are above 65535
+  const std::string_view digits(text);
+  dds_domainid_t id = 0;
+  const auto [end, failed] = std::from_chars(digits.begin(), digits.end(), id);
+  if (failed != std::errc() || end != digits.end() || id > kMost) {
+    throw std::runtime_error(
+        fmt::format("dds: ROS_DOMAIN_ID is \"{}\"; set a number from 0 to {}", text, kMost));
+  }
+  return id;
+}
+
+}  // namespace
+
+int require_dds(int entity, std::string_view attempt) {
+  if (entity >= 0) return entity;
+  throw std::runtime_error(fmt::format("dds: cannot {}: {}", attempt, dds_strretcode(-entity)));
+}
+
+DdsParticipant::DdsParticipant() : domain_id_(configured_domain_id()) {
+  constexpr std::string_view kAttempt =
+      "join the domain (see CYCLONEDDS_URI and the network interfaces)";
+  const char* const uri = std::getenv("CYCLONEDDS_URI");
+  const std::string config = fmt::format("{},{}", kApartConfig, uri != nullptr ? uri : "");
+  domain_ = require_dds(dds_create_domain(domain_id_, config.c_str()), kAttempt);
+  entity_ = dds_create_participant(domain_id_, nullptr, nullptr);
+  if (entity_ < 0) dds_delete(domain_);
+  require_dds(entity_, kAttempt);
+}
+
+DdsParticipant::~DdsParticipant() { dds_delete(domain_); }
+
+}  // namespace orbbuf

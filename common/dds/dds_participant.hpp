@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <string_view>
+
+namespace orbbuf {
+
+/// This process as other DDS programs see it. Cyclone DDS runs threads of its own.
+class DdsParticipant {
+ public:
+  /// In the domain $ROS_DOMAIN_ID (without it 0); $CYCLONEDDS_URI configures Cyclone DDS. Throws
+  /// std::runtime_error if there is no network interface, or one of these is wrong, or the process
+  /// has a participant in the domain already.
+  DdsParticipant();
+  /// Waits up to 1 s (Cyclone's LingerDuration) for readers that lack messages.
+  ~DdsParticipant();
+  DdsParticipant(const DdsParticipant&) = delete;
+  DdsParticipant& operator=(const DdsParticipant&) = delete;
+
+  int entity() const { return entity_; }
+  std::uint32_t domain_id() const { return domain_id_; }
+
+ private:
+  std::uint32_t domain_id_;
+  int domain_;
+  int entity_;
+};
+
+/// `entity`, which a call of Cyclone DDS returned. Throws std::runtime_error, `dds: cannot ATTEMPT:
+/// why`, if it is an error.
+int require_dds(int entity, std::string_view attempt);
+
+}  // namespace orbbuf

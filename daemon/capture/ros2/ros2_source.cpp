@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/capture/ros2/ros2_source.hpp"
+
+#include <fmt/format.h>
+#include <poll.h>
+#include <ros_messages.h>  // made of ros_messages.idl by idlc
+#include <sys/eventfd.h>
+
+#include <algorithm>
+#include <array>
+#include <stdexcept>
+#include <string_view>
+#include <utility>
+
+#include "common/error.hpp"
+#include "common/seconds.hpp"
+#include "common/watched_thread.hpp"
+#include "daemon/capture/camera_unpack.hpp"
+
+namespace orbbuf {
+namespace {
+
+using CompressedImage = sensor_msgs_msg_dds__CompressedImage_;
+using Image = sensor_msgs_msg_dds__Image_;
+
+constexpr int kDepth = 32;  // a second of a camera
+constexpr std::uint32_t kMaxTopicSidePx = 65535;
+
+struct Encoding {
+  std::string_view name;
+  CameraFormat format;
+  std::size_t bytes_per_pixel;
+};
+constexpr std::array<Encoding, 9> kEncodings = {{{"mono8", CameraFormat::kGrey, 1},
+                                                 {"8UC1", CameraFormat::kGrey, 1},
+                                                 {"bgr8", CameraFormat::kBgr24, 3},
+                                                 {"8UC3", CameraFormat::kBgr24, 3},
+                                                 {"rgb8", CameraFormat::kRgb24, 3},
+                                                 {"yuv422", CameraFormat::kUyvy, 2},
+                                                 {"uyvy", CameraFormat::kUyvy, 2},
+                                                 {"yuv422_yuy2", CameraFormat::kYuyv, 2},
+                                                 {"yuyv", CameraFormat::kYuyv, 2}}};
+
+std::span<const std::uint8_t> bytes_of(const dds_sequence_octet& data) {
+  return {data._buffer, data._length};
+}
+
+std::int64_t time_of(const std_msgs_msg_dds__Header_& header) {
+  return header.stamp.sec * 1'000'000'000LL + header.stamp.nanosec;
+}
+
+RawFrame defect(std::string text) {
+  RawFrame frame;
+  frame.defect = std::move(text);
+  return frame;
+}
+
+RawFrame frame_of_jpeg(const CompressedImage& image, std::shared_ptr<const void> lease) {
+  const auto data = bytes_of(image.data);
+  if (data.size() < 2 || data[0] != 0xFF || data[1] != 0xD8) {
+    return defect(fmt::format("the compressed image is not a JPEG; its format is \"{}\"",
+                              printable(image.format)));
+  }
+  RawFrame frame;
+  frame.format = PixelFormat::kJpeg;
+  frame.data = data;
+  frame.lease = std::move(lease);
+  return frame;
+}
+
+RawFrame frame_of_pixels(const Image& image, bool color) {
+  const auto* const encoding =
+      std::ranges::find(kEncodings, std::string_view(image.encoding), &Encoding::name);
+  if (encoding == kEncodings.end()) {
+    return defect(fmt::format(
+        "cannot read images with the encoding \"{}\"; use mono8, bgr8, rgb8 or yuv422, or the "
+        "topic of the compressed images",
+        printable(image.encoding)));
+  }
+  const bool has_size = image.width >= 1 && image.width <= kMaxTopicSidePx && image.height >= 1 &&
+                        image.height <= kMaxTopicSidePx &&
+                        image.step >= image.width * encoding->bytes_per_pixel;
+  if (!has_size) {
+    return defect(fmt::format("the image of {}x{} px has rows of {} bytes, which cannot be",
+                              image.width, image.height, image.step));
+  }
+  const CameraMode mode{.format = encoding->format,
+                        .width_px = static_cast<int>(image.width),
+                        .height_px = static_cast<int>(image.height),
+                        .stride_bytes = image.step,
+                        .color = color};
+  return unpack(mode, bytes_of(image.data));
+}
+
+UniqueFd make_stop_event() {
+  UniqueFd event(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC));
+  if (!event) throw_system_error("cannot create an eventfd");
+  return event;
+}
+
+}  // namespace
+
+Ros2Source::Ros2Source(const std::string& topic, bool color, std::chrono::nanoseconds patience)
+    : is_color_(color),
+      patience_(patience),
+      stop_event_(make_stop_event()),
+      reader_(topic,
+              {&sensor_msgs_msg_dds__CompressedImage__desc, &sensor_msgs_msg_dds__Image__desc},
+              kDepth, patience) {}
+
+Ros2Source::~Ros2Source() {
+  log_info("topic {}: {} images, {} skipped", reader_.topic(), frames_, skipped_);
+}
+
+std::optional<RawFrame> Ros2Source::next(std::stop_token stop) {
+  const std::stop_callback wake(stop, [this] { ::eventfd_write(stop_event_.get(), 1); });
+  while (!stop.stop_requested()) {
+    beat();
+    if (const auto message = reader_.take()) {
+      auto frame = frame_of(*message);
+      if (!is_newer(frame.capture_time_ns)) continue;
+      ++frames_;
+      return frame;
+    }
+    std::array<pollfd, 2> events = {{{stop_event_.get(), POLLIN, 0}, {reader_.fd(), POLLIN, 0}}};
+    ::poll(events.data(), events.size(),
+           static_cast<int>(std::chrono::milliseconds(kBeatInterval).count()));
+  }
+  return std::nullopt;
+}
+
+RawFrame Ros2Source::frame_of(const TopicReader::Message& message) const {
+  RawFrame frame;
+  std::int64_t time_ns = 0;
+  if (message.type == 0) {
+    const auto& image = *static_cast<const CompressedImage*>(message.data.get());
+    frame = frame_of_jpeg(image, message.data);
+    time_ns = time_of(image.header);
+  } else {
+    const auto& image = *static_cast<const Image*>(message.data.get());
+    frame = frame_of_pixels(image, is_color_);
+    time_ns = time_of(image.header);
+  }
+  if (!frame.defect.empty())
+    frame.defect = fmt::format("topic {}: {}", reader_.topic(), frame.defect);
+  frame.capture_time_ns = frame.monotonic_ns = time_ns;
+  return frame;
+}
+
+bool Ros2Source::is_newer(std::int64_t time_ns) {
+  if (time_ns > last_ns_) {
+    last_ns_ = time_ns;
+    behind_since_.reset();
+    return true;
+  }
+  ++skipped_;
+  if (!behind_since_) behind_since_ = Clock::now();
+  if (Clock::now() - *behind_since_ >= patience_) {
+    throw std::runtime_error(fmt::format(
+        "topic {}: for {} s no image has a stamp after {} ns; the last one is {} ns: its "
+        "publisher's clock was set back, or it sets no stamps; start orbbufd again",
+        reader_.topic(), to_seconds(patience_), last_ns_, time_ns));
+  }
+  if (behind_log_.lets_through()) {
+    log_warn(
+        "topic {}: skipped an image, whose stamp {} ns is not after the one before, {} ns; {} in "
+        "all (not logged again for 10 s)",
+        reader_.topic(), time_ns, last_ns_, skipped_);
+  }
+  return false;
+}
+
+std::string Ros2Source::description() const {
+  return fmt::format("images of the ROS 2 topic {}", reader_.topic());
+}
+
+}  // namespace orbbuf
