@@ -126,10 +126,10 @@ TEST(Metrics, OfRobotsThatAreGoneTheLongestGoneIsForgottenFirst) {
 TEST(RobotMetricsSamples, AreCountedByTheirStream) {
   RobotMetrics robot({"r", "s", ""});
   const RobotMetrics::Time begin{std::chrono::hours(1)};
-  for (int i = 0; i <= 100; ++i) {
+  for (std::uint64_t i = 0; i <= 100; ++i) {
     const std::uint64_t expected = 20 * i + (i > 50 ? 3 : 0);
     robot.on_samples("imu0", expected, expected + (i == 50 ? 3 : 0), std::vector<Sample>(20),
-                     begin + i * std::chrono::milliseconds(20));
+                     begin + std::chrono::milliseconds(20 * i));
   }
   robot.on_samples("imu1", 0, 0, std::vector<Sample>(1), begin);
   ASSERT_EQ(robot.streams().size(), 2U);
