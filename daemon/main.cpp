@@ -8,6 +8,7 @@
 #include "daemon/capture/list_cameras.hpp"
 #include "daemon/probe.hpp"
 #include "daemon/robot.hpp"
+#include "daemon/samples/iio_device.hpp"
 #include "daemon/settings.hpp"
 
 namespace {
@@ -23,7 +24,7 @@ int main(int argc, char** argv) {
   orbbuf::CommandLine app(kAbout, "orbbufd");
   std::string file;
   std::vector<std::string> overrides;
-  bool check_only = false, list_only = false, probe_only = false;
+  bool check_only = false, list_only = false, list_imus = false, probe_only = false;
   app.add_option("--config", file,
                  "Configuration file (TOML); default: none, every key at its default")
       .value_name("FILE");
@@ -34,6 +35,8 @@ int main(int argc, char** argv) {
   app.add_flag("--check-config", check_only, "Check the configuration and exit");
   app.add_flag("--list-cameras", list_only,
                "List the cameras with their formats and controls, and exit");
+  app.add_flag("--list-imus", list_imus,
+               "List the inertial sensors that are devices of IIO, and exit");
   app.add_flag("--probe", probe_only,
                "Capture for 2 s, report rates and costs, suggest a configuration");
   app.add_version("orbbufd " ORBBUF_VERSION);
@@ -53,6 +56,10 @@ int main(int argc, char** argv) {
     if (const auto status = app.parse(argc, argv)) return *status;
     if (list_only) {
       std::cout << orbbuf::list_cameras();
+      return EXIT_SUCCESS;
+    }
+    if (list_imus) {
+      std::cout << orbbuf::list_iio_devices();
       return EXIT_SUCCESS;
     }
     const orbbuf::Settings settings = orbbuf::load_settings(file, overrides);

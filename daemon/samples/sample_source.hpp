@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <functional>
 #include <string>
+#include <vector>
 
 #include "common/sample.hpp"
 
@@ -13,9 +14,10 @@ namespace orbbuf {
 /// A `[stream.NAME]` of orbbufd.toml.
 struct SampleStreamSettings {
   std::string name;  ///< of the sensor: wire::is_sample_stream()
-  std::string kind;  ///< `euroc` or `socket`
-  std::filesystem::path path;
+  std::string kind;  ///< `euroc`, `socket` or `iio`
+  std::filesystem::path path{};
   std::uint64_t memory_bytes = 40U << 20;  ///< ten minutes at 1 kHz
+  std::vector<std::string> devices{};      ///< of `iio`
 };
 
 /// Where the samples of one sensor come from. Hands each on once, in its order. Thread-bound to

@@ -9,6 +9,7 @@
 
 #include "common/log.hpp"
 #include "daemon/samples/euroc_samples.hpp"
+#include "daemon/samples/iio_samples.hpp"
 #include "daemon/samples/socket_samples.hpp"
 
 namespace orbbuf {
@@ -18,6 +19,9 @@ std::unique_ptr<SampleSource> make_sample_source(boost::asio::io_context& main,
                                                  SampleSource::Take take) {
   if (settings.kind == "socket") {
     return std::make_unique<SocketSamples>(main, settings, std::move(take));
+  }
+  if (settings.kind == "iio") {
+    return std::make_unique<IioSamples>(main, settings, std::move(take));
   }
   return std::make_unique<EurocSamples>(settings.path, std::move(take));
 }

@@ -219,6 +219,21 @@ TEST(Settings, WhatCannotBeIsRefusedByName) {
   names(why({"bufer.capacity=9"}), "buffer.capacity");
 }
 
+TEST(Settings, AStreamOfSamplesSaysWhereTheyComeFrom) {
+  const auto streams = with({"stream.imu0.path=imu.csv", "stream.imu1.kind=iio",
+                             "stream.imu1.device=[\"gyro\", \"accel\"]", "stream.imu2.kind=socket",
+                             "stream.imu2.path=/run/imu"})
+                           .streams;
+  ASSERT_EQ(streams.size(), 3U);
+  EXPECT_EQ(streams[0].kind, "euroc");
+  EXPECT_EQ(streams[1].devices, (std::vector<std::string>{"gyro", "accel"}));
+  EXPECT_EQ(streams[2].path, "/run/imu");
+  names(why({"stream.imu0.kind=socket"}), "stream.imu0.path: required");
+  names(why({"stream.imu0.kind=iio", "stream.imu0.path=/dev/null"}),
+        "stream.imu0.device: required");
+  names(why({"stream.gyro.path=imu.csv"}), "begins with \"imu\"");
+}
+
 TEST(Settings, CalibrationOfFourLinesIsKeptAsItIs) {
   const test::TemporaryFolder folder;
   const std::string calibration = "Pinhole 1 2 3 4 0\n640 480\nnone\n640 480\n";

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/samples/iio_samples.hpp"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <boost/asio/buffer.hpp>
+#include <cmath>
+#include <stdexcept>
+#include <utility>
+
+#include "common/error.hpp"
+#include "common/log.hpp"
+
+namespace orbbuf {
+namespace {
+
+int open_node(const std::filesystem::path& path) {
+  const int fd = ::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+  if (fd < 0) throw_system_error("cannot open " + path.string());
+  return fd;
+}
+
+}  // namespace
+
+IioSamples::Port::Port(boost::asio::io_context& main, const std::string& name,
+                       const IioRoots& roots)
+    : device(name, roots), node(main, open_node(device.node())) {}
+
+IioSamples::IioSamples(boost::asio::io_context& main, const SampleStreamSettings& settings,
+                       Take take, const IioRoots& roots)
+    : name_(settings.name), take_(std::move(take)) {
+  try {
+    for (const std::string& name : settings.devices) ports_.emplace_back(main, name, roots);
+  } catch (const std::runtime_error& error) {
+    throw std::runtime_error(fmt::format("{}: {}", name_, error.what()));
+  }
+  const auto count = [this](bool (IioDevice::*has)() const) {
+    return std::ranges::count_if(ports_, [has](const Port& port) { return (port.device.*has)(); });
+  };
+  if (count(&IioDevice::has_gyroscope) != 1 || count(&IioDevice::has_accelerometer) != 1) {
+    throw std::runtime_error(
+        fmt::format("{}: {}: expected one gyroscope and one accelerometer, each with x, y and z",
+                    name_, fmt::join(settings.devices, ", ")));
+  }
+  for (Port& port : ports_) receive(port);
+}
+
+void IioSamples::receive(Port& port) {
+  port.node.async_read_some(
+      boost::asio::buffer(port.scans),
+      [this, &port](const boost::system::error_code& error, std::size_t bytes) {
+        if (error == boost::asio::error::operation_aborted) return;
+        if (error) {
+          log_error("{}: read {}: {}; no more samples come", name_, port.device.node().string(),
+                    error.message());
+          return;
+        }
+        const ClockReading now = read_clocks();
+        port.clock.follow(now);
+        const std::size_t step = port.device.scan_bytes();
+        for (std::size_t at = 0; at + step <= bytes; at += step) {
+          Sample sample = port.device.read(port.scans.data() + at);
+          sample.time_ns = port.clock.utc_ns(sample.time_ns, now.monotonic_ns);
+          add(sample, port.device);
+        }
+        receive(port);
+      });
+}
+
+void IioSamples::add(const Sample& sample, const IioDevice& device) {
+  if (device.has_gyroscope() && device.has_accelerometer()) return take_(sample);
+  if (!device.has_gyroscope()) return interpolate(sample);
+  pending_.push_back(sample);
+  if (pending_.size() > kMostPending) pending_.pop_front();
+}
+
+void IioSamples::interpolate(const Sample& next) {
+  const auto last = std::exchange(last_acceleration_, next);
+  for (; !pending_.empty() && pending_.front().time_ns <= next.time_ns; pending_.pop_front()) {
+    Sample sample = pending_.front();
+    if (!last || sample.time_ns < last->time_ns) continue;
+    const double share = static_cast<double>(sample.time_ns - last->time_ns) /
+                         static_cast<double>(next.time_ns - last->time_ns);
+    for (std::size_t i = 0; i < sample.linear_acceleration.size(); ++i) {
+      sample.linear_acceleration.at(i) =
+          std::lerp(last->linear_acceleration.at(i), next.linear_acceleration.at(i), share);
+    }
+    take_(sample);
+  }
+}
+
+}  // namespace orbbuf
