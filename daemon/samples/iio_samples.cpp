@@ -80,7 +80,7 @@ void IioSamples::interpolate(const Sample& next) {
   const auto last = std::exchange(last_acceleration_, next);
   for (; !pending_.empty() && pending_.front().time_ns <= next.time_ns; pending_.pop_front()) {
     Sample sample = pending_.front();
-    if (!last || sample.time_ns < last->time_ns) continue;
+    if (!last || sample.time_ns < last->time_ns || last->time_ns == next.time_ns) continue;
     const double share = static_cast<double>(sample.time_ns - last->time_ns) /
                          static_cast<double>(next.time_ns - last->time_ns);
     for (std::size_t i = 0; i < sample.linear_acceleration.size(); ++i) {
