@@ -4,21 +4,18 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <boost/asio/io_context.hpp>
 #include <chrono>
 #include <cmath>
 #include <condition_variable>
 #include <deque>
-#include <limits>
 #include <map>
 #include <mutex>
 #include <stdexcept>
 #include <thread>
 #include <vector>
 
-#include "common/seconds.hpp"
 #include "daemon/capture/make_source.hpp"
-#include "daemon/samples/sample_streams.hpp"
+#include "daemon/samples/sample_probe.hpp"
 
 namespace orbbuf {
 namespace {
@@ -118,40 +115,6 @@ std::string in_toml(const std::map<std::string, double>& controls) {
   return fmt::format("{{ {} }}", fmt::join(entries, ", "));
 }
 
-/// A file's samples go with the frames; here, all at once.
-std::string probe_samples(const SampleStreamSettings& settings) {
-  boost::asio::io_context io;
-  std::vector<std::int64_t> times;
-  std::chrono::nanoseconds age{0};  // of the last
-  const auto source = make_sample_source(io, settings, [&](const Sample& sample) {
-    times.push_back(sample.time_ns);
-    age = std::chrono::system_clock::now().time_since_epoch() -
-          std::chrono::nanoseconds(sample.time_ns);
-  });
-  source->on_frame(std::numeric_limits<std::int64_t>::max());
-  const bool is_live = times.empty();
-  if (is_live) io.run_for(kCaptureTime);
-  if (times.size() < 2) {
-    return fmt::format("{}: {} samples within {} s\n", settings.name, times.size(),
-                       kCaptureTime.count());
-  }
-  std::vector<double> gaps_ms(times.size() - 1);
-  std::transform(times.begin() + 1, times.end(), times.begin(), gaps_ms.begin(),
-                 [](auto later, auto sooner) { return static_cast<double>(later - sooner) / 1e6; });
-  std::ranges::sort(gaps_ms);
-  const auto at = [&](double share) {
-    return gaps_ms[static_cast<std::size_t>(share * static_cast<double>(gaps_ms.size() - 1))];
-  };
-  return fmt::format(
-      "{}: {} samples, {:.1f}/s; between two of them {:.2f} ms, in 90 % {:.2f} to {:.2f}, at most "
-      "{:.2f}{}\n",
-      settings.name, times.size(),
-      static_cast<double>(gaps_ms.size()) * 1e9 / static_cast<double>(times.back() - times.front()),
-      at(0.5), at(0.05), at(0.95), gaps_ms.back(),
-      is_live ? fmt::format("; the last came {:.1f} ms after its time", to_seconds(age) * 1e3)
-              : "");
-}
-
 }  // namespace
 
 std::string probe(const Settings& settings) {
@@ -171,7 +134,9 @@ std::string probe(const Settings& settings) {
                         result.features_ms)
           : std::string();
   std::string samples;
-  for (const SampleStreamSettings& stream : settings.streams) samples += probe_samples(stream);
+  for (const SampleStreamSettings& stream : settings.streams) {
+    samples += probe_samples(stream, kCaptureTime);
+  }
   return fmt::format(
       "source: {}\n"
       "captured: {} frames, {} of them defective, at {:.4g} fps, {}x{} px\n"

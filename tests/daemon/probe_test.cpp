@@ -30,21 +30,6 @@ TEST(Probe, ReportsWhatItCaptured) {
   EXPECT_THAT(report, HasSubstr("\nORB features"));
 }
 
-TEST(Probe, ReportsTheRateAndTheGapsOfEachStreamOfSamples) {
-  const test::TemporaryFolder folder;
-  std::string lines;
-  for (std::int64_t i = 0; i <= 200; ++i) {
-    if (i != 100) lines += to_euroc_line({i * 5'000'000, {}, {}});
-  }
-  test::write_file(folder / "data.csv", lines);
-  Settings settings = generated(5);
-  settings.streams = {{"imu0", "euroc", folder / "data.csv"}, {"imu1", "socket", folder / "imu1"}};
-  const auto report = probe(settings);
-  EXPECT_THAT(report, HasSubstr("imu0: 200 samples, 199.0/s; between two of them 5.00 ms, in 90 % "
-                                "5.00 to 5.00, at most 10.00\n"));
-  EXPECT_THAT(report, HasSubstr("imu1: 0 samples within 2 s\n"));
-}
-
 TEST(Probe, WhatItSuggestsIsAConfiguration) {
   const auto report = probe(generated(5));
   const test::TemporaryFolder folder;
