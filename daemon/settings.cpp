@@ -228,7 +228,7 @@ void read_record(ConfigReader& config, RecordSettings& record) {
 }
 
 void read_streams(ConfigReader& config, std::vector<SampleStreamSettings>& streams) {
-  constexpr std::array<std::string_view, 2> kKinds = {"euroc", "socket"};
+  constexpr std::array<std::string_view, 3> kKinds = {"euroc", "socket", "ros2"};
   constexpr std::size_t kMost = wire::kMostStreams - wire::kFirstOther;
   for (const auto& [name, key] : config.tables("stream")) {
     SampleStreamSettings stream;
@@ -238,7 +238,13 @@ void read_streams(ConfigReader& config, std::vector<SampleStreamSettings>& strea
     }
     stream.kind = config.choice(key + ".kind", kKinds.front(), kKinds);
     stream.path = config.path(key + ".path", {});
-    if (stream.path.empty()) config.fail(key + ".path", "required: where the samples come from");
+    stream.topic = config.text(key + ".topic", "");
+    if (stream.kind == "ros2" && stream.topic.empty()) {
+      config.fail(key + ".topic", "required: the topic of ROS 2");
+    }
+    if (stream.kind != "ros2" && stream.path.empty()) {
+      config.fail(key + ".path", "required: where the samples come from");
+    }
     config.read_bytes(key + ".memory", stream.memory_bytes, 1 << 16, 1LL << 40);
     streams.push_back(std::move(stream));
   }

@@ -13,9 +13,10 @@ namespace orbbuf {
 /// A `[stream.NAME]` of orbbufd.toml.
 struct SampleStreamSettings {
   std::string name;  ///< of the sensor: wire::is_sample_stream()
-  std::string kind;  ///< `euroc` or `socket`
+  std::string kind;  ///< `euroc`, `socket` or `ros2`
   std::filesystem::path path;
   std::uint64_t memory_bytes = 40U << 20;  ///< ten minutes at 1 kHz
+  std::string topic{};                     ///< ros2: of sensor_msgs/msg/Imu
 };
 
 /// Where the samples of one sensor come from. Hands each on once, in its order. Thread-bound to

@@ -5,10 +5,14 @@
 
 #include <algorithm>
 #include <limits>
+#include <stdexcept>
 #include <utility>
 
 #include "common/log.hpp"
 #include "daemon/samples/euroc_samples.hpp"
+#ifdef ORBBUF_DAEMON_DDS
+#include "daemon/samples/ros2_samples.hpp"
+#endif
 #include "daemon/samples/socket_samples.hpp"
 
 namespace orbbuf {
@@ -25,6 +29,15 @@ SampleStreams::SampleStreams(boost::asio::io_context& main,
     const auto take = [this, &stream](const Sample& sample) { this->take(stream, sample); };
     if (each.kind == "socket") {
       stream.source = std::make_unique<SocketSamples>(main, each, take);
+    } else if (each.kind == "ros2") {
+#ifdef ORBBUF_DAEMON_DDS
+      stream.source = std::make_unique<Ros2Samples>(main, each, take);
+#else
+      throw std::runtime_error(
+          fmt::format("{}: cannot read a ROS 2 topic: orbbufd was built without DDS (cmake "
+                      "-DORBBUF_WITH_DDS=ON)",
+                      each.name));
+#endif
     } else {
       stream.source = std::make_unique<EurocSamples>(each.path, take);
     }
