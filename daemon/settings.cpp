@@ -228,7 +228,7 @@ void read_record(ConfigReader& config, RecordSettings& record) {
 }
 
 void read_streams(ConfigReader& config, std::vector<SampleStreamSettings>& streams) {
-  constexpr std::array<std::string_view, 3> kKinds = {"euroc", "socket", "iio"};
+  constexpr std::array<std::string_view, 4> kKinds = {"euroc", "socket", "iio", "ros2"};
   constexpr std::size_t kMost = wire::kMostStreams - wire::kFirstOther;
   for (const auto& [name, key] : config.tables("stream")) {
     SampleStreamSettings stream;
@@ -239,9 +239,14 @@ void read_streams(ConfigReader& config, std::vector<SampleStreamSettings>& strea
     stream.kind = config.choice(key + ".kind", kKinds.front(), kKinds);
     stream.path = config.path(key + ".path", {});
     stream.devices = config.one_or_more_texts(key + ".device", {});
+    stream.topic = config.text(key + ".topic", "");
     const bool is_iio = stream.kind == "iio";
-    if (is_iio ? stream.devices.empty() : stream.path.empty()) {
-      config.fail(key + (is_iio ? ".device" : ".path"), "required: where the samples come from");
+    const bool is_ros2 = stream.kind == "ros2";
+    if (is_iio ? stream.devices.empty() : is_ros2 ? stream.topic.empty() : stream.path.empty()) {
+      config.fail(key + (is_iio    ? ".device"
+                         : is_ros2 ? ".topic"
+                                   : ".path"),
+                  "required: where the samples come from");
     }
     config.read_bytes(key + ".memory", stream.memory_bytes, 1 << 16, 1LL << 40);
     streams.push_back(std::move(stream));

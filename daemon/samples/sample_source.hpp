@@ -14,10 +14,11 @@ namespace orbbuf {
 /// A `[stream.NAME]` of orbbufd.toml.
 struct SampleStreamSettings {
   std::string name;  ///< of the sensor: wire::is_sample_stream()
-  std::string kind;  ///< `euroc`, `socket` or `iio`
+  std::string kind;  ///< `euroc`, `socket`, `iio` or `ros2`
   std::filesystem::path path{};
   std::uint64_t memory_bytes = 40U << 20;  ///< ten minutes at 1 kHz
   std::vector<std::string> devices{};      ///< of `iio`
+  std::string topic{};                     ///< of `ros2`: of sensor_msgs/msg/Imu
 };
 
 /// Where the samples of one sensor come from. Hands each on once, in its order. Thread-bound to

@@ -5,11 +5,15 @@
 
 #include <algorithm>
 #include <limits>
+#include <stdexcept>
 #include <utility>
 
 #include "common/log.hpp"
 #include "daemon/samples/euroc_samples.hpp"
 #include "daemon/samples/iio_samples.hpp"
+#ifdef ORBBUF_DAEMON_DDS
+#include "daemon/samples/ros2_samples.hpp"
+#endif
 #include "daemon/samples/socket_samples.hpp"
 
 namespace orbbuf {
@@ -22,6 +26,16 @@ std::unique_ptr<SampleSource> make_sample_source(boost::asio::io_context& main,
   }
   if (settings.kind == "iio") {
     return std::make_unique<IioSamples>(main, settings, std::move(take));
+  }
+  if (settings.kind == "ros2") {
+#ifdef ORBBUF_DAEMON_DDS
+    return std::make_unique<Ros2Samples>(main, settings, std::move(take));
+#else
+    throw std::runtime_error(
+        fmt::format("{}: cannot read a ROS 2 topic: orbbufd was built without DDS (cmake "
+                    "-DORBBUF_WITH_DDS=ON)",
+                    settings.name));
+#endif
   }
   return std::make_unique<EurocSamples>(settings.path, std::move(take));
 }

@@ -207,6 +207,8 @@ TEST(Settings, StereoIsTwoFoldersTwoCamerasOrSideBySide) {
 TEST(Settings, WhatCannotBeIsRefusedByName) {
   names(why({"robot.id=../etc"}), "robot.id: ");
   names(why({"source.kind=folder"}), "source.path: required for source.kind = \"folder\"");
+  names(why({"stream.imu0.kind=ros2"}), "stream.imu0.topic: required");
+  EXPECT_EQ(with({"stream.imu0.kind=ros2", "stream.imu0.topic=/imu"}).streams.at(0).topic, "/imu");
   names(why({"source.kind=ros2"}), "source.topic: required for source.kind = \"ros2\"");
   names(why({"source.kind=kinect"}), "source.kind: ");
   names(why({"source.format=YUV"}), "one of auto, GREY, NV12, YUV420, YUYV, UYVY, BGR24");

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/posix/stream_descriptor.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <memory>
+#include <string>
+
+#include "daemon/samples/sample_source.hpp"
+#include "daemon/topics/topic_reader.hpp"
+
+namespace orbbuf {
+
+/// Takes the messages sensor_msgs/msg/Imu that a node on this robot publishes by ROS 2, with the
+/// stamps of their headers. The orientation is left out. It waits for a publisher as TopicReader
+/// does.
+class Ros2Samples final : public SampleSource {
+ public:
+  /// Throws std::runtime_error if there is no DDS.
+  Ros2Samples(boost::asio::io_context& main, const SampleStreamSettings& settings, Take take);
+
+ private:
+  struct Life {};
+
+  void receive();
+  void look_each_second();
+  void take_all();
+
+  const std::string name_;
+  const Take take_;
+  TopicReader reader_;
+  boost::asio::posix::stream_descriptor news_;
+  boost::asio::steady_timer timer_;
+  bool is_fault_logged_ = false;
+  const std::shared_ptr<Life> life_ = std::make_shared<Life>();  // of handlers that Asio has queued
+};
+
+}  // namespace orbbuf
