@@ -365,6 +365,7 @@ void Record::refuse_pending(const std::string& why) {
   if (const auto id = state_.find_present(pending_.front()->sequence)) {
     state_.remove(*id);
     refuse(why);
+    is_changed_ = true;
   }
   pop_pending();
 }
