@@ -40,7 +40,7 @@ class Ros2SamplesTest : public testing::Test {
     while (samples_.size() < samples) io_.run_one();
   }
 
-  const SampleStreamSettings settings_{"imu0", "ros2", {}, 1U << 20U, kImuTopic};
+  const SampleStreamSettings settings_{"imu0", "ros2", {}, 1U << 20U, {}, kImuTopic};
   boost::asio::io_context io_;
   std::vector<Sample> samples_;
   std::optional<Ros2Samples> source_;
