@@ -197,10 +197,15 @@ void read_servers(ConfigReader& config, std::vector<Address>& servers) {
   }
 }
 
-void read_link(ConfigReader& config, LinkSettings& link) {
+void read_link(ConfigReader& config, std::chrono::nanoseconds live_again, LinkSettings& link) {
   read_servers(config, link.servers);
   read_interfaces(config, link);
-  config.read("link.attempt_interval", link.attempt_interval, milliseconds(20), hours(1));
+  if (config.text("link.attempt_interval", "auto") == "auto") {
+    link.attempt_interval = std::clamp<std::chrono::nanoseconds>(live_again / 5, milliseconds(20),
+                                                                 link.attempt_interval);
+  } else {
+    config.read("link.attempt_interval", link.attempt_interval, milliseconds(20), hours(1));
+  }
   config.read("link.connect_timeout", link.connect_timeout, milliseconds(10), hours(1));
   config.read("link.stall_timeout", link.stall_timeout, milliseconds(100), hours(1));
   config.read("link.ack_timeout", link.ack_timeout, seconds(1), hours(24));
@@ -266,7 +271,7 @@ Settings load_settings(const std::filesystem::path& file, std::span<const std::s
   read_images(config, settings);
   read_buffer(config, settings.buffer);
   read_plan(config, settings.jpeg.quality, settings.buffer.plan);
-  read_link(config, settings.link);
+  read_link(config, settings.buffer.plan.live_again, settings.link);
   read_record(config, settings.record);
   read_streams(config, settings.streams);
   config.reject_unknown();

@@ -116,6 +116,18 @@ TEST(Settings, TheLeastQualityIsNoMoreThanTheQuality) {
             std::string::npos);
 }
 
+TEST(Settings, AttemptsToConnectSuitTheLateness) {
+  const auto interval = [](const std::vector<std::string>& settings) {
+    return with(settings).link.attempt_interval;
+  };
+  EXPECT_EQ(interval({}), std::chrono::milliseconds(100));
+  EXPECT_EQ(interval({"link.live_again=10 s"}), std::chrono::milliseconds(100));
+  EXPECT_EQ(interval({"link.live_again=250 ms"}), std::chrono::milliseconds(50));
+  EXPECT_EQ(interval({"link.live_again=60 ms"}), std::chrono::milliseconds(20));
+  EXPECT_EQ(interval({"link.live_again=250 ms", "link.attempt_interval=1 s"}),
+            std::chrono::seconds(1));
+}
+
 TEST(Settings, EveryValueReachesItsPlace) {
   const Settings s =
       with({"log.level=debug", "robot.id=front", "source.kind=folder", "source.path=/data",
