@@ -174,6 +174,7 @@ void TopicReader::note_silence() {
 
 std::string TopicReader::why_silent() const {
   std::vector<std::string> types;
+  types.reserve(types_.size());
   for (const auto* type : types_) types.push_back(ros_type(type->m_typename));
   if (publishers_.empty()) {
     return fmt::format("no program publishes it in ROS_DOMAIN_ID {} as {}",
