@@ -55,6 +55,7 @@ class SampleQueue {
     lost_ += count;
   }
 
+  bool has_unsent() const { return sent_ < waiting_.size(); }
   /// Between the oldest and the newest unsent one.
   std::int64_t unsent_ns() const;
 

@@ -55,7 +55,7 @@ SampleStreams::SampleStreams(boost::asio::io_context& main,
 }
 
 void SampleStreams::take(Stream& stream, const Sample& sample) {
-  const bool was_due = is_due(stream);
+  const bool had_batch = has_batch(stream);
   if (stream.queue.push(sample)) {
     stream.newest = EventRate::Clock::now();
     stream.rate.count(1, stream.newest);
@@ -63,10 +63,10 @@ void SampleStreams::take(Stream& stream, const Sample& sample) {
     log_warn("{}: a sample is not newer than the one before: ignored, and so are others like it",
              stream.declaration.name);
   }
-  if (!was_due && is_due(stream)) on_due_();
+  if (!had_batch && has_batch(stream)) on_due_();
 }
 
-bool SampleStreams::is_due(const Stream& stream) {
+bool SampleStreams::has_batch(const Stream& stream) {
   return stream.is_taken && std::chrono::nanoseconds(stream.queue.unsent_ns()) >= kBatch;
 }
 
@@ -121,8 +121,11 @@ std::vector<std::uint8_t> SampleStreams::take_message(std::int64_t upto_ns) {
   return {};
 }
 
-std::vector<std::uint8_t> SampleStreams::take_batch() {
-  const auto due = std::ranges::find_if(streams_, is_due);
+std::vector<std::uint8_t> SampleStreams::take_batch(EventRate::Time now) {
+  const auto due = std::ranges::find_if(streams_, [now](const Stream& stream) {
+    const bool is_left = stream.queue.has_unsent() && now - stream.newest >= kBatch;
+    return has_batch(stream) || (stream.is_taken && is_left);
+  });
   if (due == streams_.end()) return {};
   return take_from(*due, std::numeric_limits<std::int64_t>::max());
 }

@@ -51,8 +51,8 @@ class SampleStreams {
 
   /// A message with samples not sent yet, up to `upto_ns`; empty: there are none.
   std::vector<std::uint8_t> take_message(std::int64_t upto_ns);
-  /// The same, of a stream of which a batch waits.
-  std::vector<std::uint8_t> take_batch();
+  /// The same, of a stream of which a batch waits, or what waits behind no newer one for kBatch.
+  std::vector<std::uint8_t> take_batch(EventRate::Time now = EventRate::Clock::now());
 
   /// All that the server takes is acknowledged.
   bool is_settled() const;
@@ -88,7 +88,7 @@ class SampleStreams {
   };
 
   void take(Stream& stream, const Sample& sample);
-  static bool is_due(const Stream& stream);
+  static bool has_batch(const Stream& stream);
   static std::vector<std::uint8_t> take_from(Stream& stream, std::int64_t upto_ns);
 
   const std::function<void()> on_due_;

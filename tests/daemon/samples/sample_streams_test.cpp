@@ -53,9 +53,10 @@ TEST_F(SampleStreamsTest, ABatchIsDueOnceItIsTwentyMillisecondsLong) {
   for (std::int64_t i = 0; i < 30; ++i) file << to_euroc_line({i * 1'000'000, {}, {}});
   file.close();
   SampleStreams streams(io_, {{"imu0", "euroc", folder_ / "data.csv"}}, [this] { ++due_; });
+  const auto before = EventRate::Clock::now();
   streams.on_frame(19'000'000);
   EXPECT_EQ(due_, 0);
-  EXPECT_TRUE(streams.take_batch().empty());
+  EXPECT_TRUE(streams.take_batch(before).empty());
   streams.on_frame(20'000'000);
   EXPECT_EQ(due_, 1);
   EXPECT_FALSE(streams.take_batch().empty());
@@ -68,6 +69,16 @@ TEST_F(SampleStreamsTest, ABatchIsDueOnceItIsTwentyMillisecondsLong) {
   streams.stop();
   streams.on_frame(100'000'000);
   EXPECT_EQ(streams.stats(), "imu0 captured 21 = delivered 0 + late 0 + waiting 21 + lost 0");
+}
+
+TEST_F(SampleStreamsTest, TheLastOnesOfASourceThatPausesDoNotWaitForMore) {
+  const auto before = EventRate::Clock::now();
+  streams_->on_frame(3);
+  EXPECT_TRUE(streams_->take_batch(before).empty());
+  const auto later = EventRate::Clock::now() + SampleStreams::kBatch;
+  EXPECT_FALSE(streams_->take_batch(later).empty());
+  EXPECT_FALSE(streams_->take_batch(later).empty()) << "of the other stream";
+  EXPECT_TRUE(streams_->take_batch(later).empty());
 }
 
 TEST_F(SampleStreamsTest, HandsEachSampleToTheRecordOnce) {
