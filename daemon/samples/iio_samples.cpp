@@ -50,8 +50,8 @@ IioSamples::IioSamples(boost::asio::io_context& main, const SampleStreamSettings
 void IioSamples::receive(Port& port) {
   port.node.async_read_some(
       boost::asio::buffer(port.scans),
-      [this, &port](const boost::system::error_code& error, std::size_t bytes) {
-        if (error == boost::asio::error::operation_aborted) return;
+      [this, &port, life = life()](const boost::system::error_code& error, std::size_t bytes) {
+        if (life.expired()) return;
         if (error) {
           log_error("{}: read {}: {}; no more samples come", name_, port.device.node().string(),
                     error.message());

@@ -47,8 +47,7 @@ Ros2Samples::Ros2Samples(boost::asio::io_context& main, const SampleStreamSettin
 }
 
 void Ros2Samples::receive() {
-  news_.async_wait(News::wait_read, [this, life = std::weak_ptr<Life>(life_)](
-                                        const boost::system::error_code& error) {
+  news_.async_wait(News::wait_read, [this, life = life()](const boost::system::error_code& error) {
     if (error || life.expired()) return;
     take_all();
     receive();
@@ -58,12 +57,11 @@ void Ros2Samples::receive() {
 /// The reader says when it has been silent for long.
 void Ros2Samples::look_each_second() {
   timer_.expires_after(std::chrono::seconds(1));
-  timer_.async_wait(
-      [this, life = std::weak_ptr<Life>(life_)](const boost::system::error_code& error) {
-        if (error || life.expired()) return;
-        take_all();
-        look_each_second();
-      });
+  timer_.async_wait([this, life = life()](const boost::system::error_code& error) {
+    if (error || life.expired()) return;
+    take_all();
+    look_each_second();
+  });
 }
 
 void Ros2Samples::take_all() {

@@ -4,7 +4,6 @@
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/posix/stream_descriptor.hpp>
 #include <boost/asio/steady_timer.hpp>
-#include <memory>
 #include <string>
 
 #include "daemon/samples/sample_source.hpp"
@@ -21,8 +20,6 @@ class Ros2Samples final : public SampleSource {
   Ros2Samples(boost::asio::io_context& main, const SampleStreamSettings& settings, Take take);
 
  private:
-  struct Life {};
-
   void receive();
   void look_each_second();
   void take_all();
@@ -33,7 +30,6 @@ class Ros2Samples final : public SampleSource {
   boost::asio::posix::stream_descriptor news_;
   boost::asio::steady_timer timer_;
   bool is_fault_logged_ = false;
-  const std::shared_ptr<Life> life_ = std::make_shared<Life>();  // of handlers that Asio has queued
 };
 
 }  // namespace orbbuf

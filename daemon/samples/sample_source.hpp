@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -30,6 +31,13 @@ class SampleSource {
   virtual ~SampleSource() = default;
   /// A frame of that time was captured.
   virtual void on_frame(std::int64_t /*time_ns*/) {}
+
+ protected:
+  /// Expired once the source is gone: Asio may have queued a handler of it.
+  std::weak_ptr<const int> life() const { return life_; }
+
+ private:
+  const std::shared_ptr<const int> life_ = std::make_shared<const int>();
 };
 
 }  // namespace orbbuf

@@ -50,17 +50,17 @@ SocketSamples::SocketSamples(boost::asio::io_context& main, const SampleStreamSe
 SocketSamples::~SocketSamples() { ::unlink(path_.c_str()); }
 
 void SocketSamples::receive() {
-  socket_.async_receive(boost::asio::buffer(datagram_),
-                        [this](const boost::system::error_code& error, std::size_t bytes) {
-                          if (error == boost::asio::error::operation_aborted) return;
-                          if (error) {
-                            log_error("{}: receive on {}: {}", name_, path_.string(),
-                                      error.message());
-                            return;
-                          }
-                          read({datagram_.data(), bytes});
-                          receive();
-                        });
+  socket_.async_receive(
+      boost::asio::buffer(datagram_),
+      [this, life = life()](const boost::system::error_code& error, std::size_t bytes) {
+        if (life.expired()) return;
+        if (error) {
+          log_error("{}: receive on {}: {}", name_, path_.string(), error.message());
+          return;
+        }
+        read({datagram_.data(), bytes});
+        receive();
+      });
 }
 
 void SocketSamples::read(std::string_view text) {

@@ -5,6 +5,8 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
+#include <optional>
+
 #include "testing/temporary_folder.hpp"
 
 namespace orbbuf {
@@ -41,6 +43,17 @@ TEST_F(SocketSamplesTest, TakesTheLinesOfAllDriversAndIgnoresWhatIsNoSample) {
   send("50,1,2,3,4,5,6\r\n");
   run_until(4);
   EXPECT_THAT(times_, ElementsAre(10, 20, 40, 50));
+}
+
+TEST_F(SocketSamplesTest, NothingRunsAfterItsEnd) {
+  std::optional<SocketSamples> source;
+  source.emplace(io_, settings_, take());
+  send("10,1,2,3,4,5,6");
+  send("20,1,2,3,4,5,6");
+  run_until(1);  // Asio has read the second, and queued its handler
+  source.reset();
+  io_.run();
+  EXPECT_THAT(times_, ElementsAre(10));
 }
 
 TEST_F(SocketSamplesTest, WhoMayEnterTheFolderMayWrite) {
