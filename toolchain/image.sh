@@ -21,15 +21,20 @@ cp "$deb" "$work/repository/"
 (cd "$work/repository" && dpkg-scanpackages --multiversion . >Packages 2>/dev/null)
 lines=$(debian_sources "$(own_release)")
 mapfile -t sources <<<"$lines"
-# shellcheck disable=SC2016 # the hooks expand $1
 mmdebstrap --quiet --mode=root --variant=extract --architectures="$architecture" --hook-dir=/usr/share/mmdebstrap/hooks/merged-usr \
   --include=orbbuf-server,bash,coreutils,dash,grep,hostname,mawk,sed,tar \
   --dpkgopt='path-exclude=/usr/share/*' --dpkgopt='path-exclude=/usr/lib/*/gconv/*' --dpkgopt='path-exclude=/usr/lib/*/perl*' \
   --aptopt='APT::Install-Recommends "false"' \
-  --customize-hook='rm -rf "$1"/usr/share/* "$1"/usr/lib/*/gconv "$1"/usr/lib/*/perl* "$1"/usr/bin/perl* "$1"/var/lib/apt "$1"/var/lib/dpkg "$1"/var/cache/* "$1"/var/log/* "$1"/dev/*' \
-  --customize-hook='ln -sf mawk "$1/usr/bin/awk"; mkdir -p -m 1777 "$1/tmp"' \
-  --customize-hook='mkdir -p "$1/var/lib/orbbuf-server"; chown 7722:7722 "$1/var/lib/orbbuf-server"' \
-  "$(own_release)" "$work/layer.tar" "${sources[@]}" "deb [trusted=yes] copy:$work/repository ./" >"$work/log" 2>&1 || { tail "$work/log" >&2 && exit 1; }
+  "$(own_release)" "$work/root" "${sources[@]}" "deb [trusted=yes] copy:$work/repository ./" >"$work/log" 2>&1 || { tail "$work/log" >&2 && exit 1; }
+(
+  cd "$work/root" # mmdebstrap runs no hooks on what is only unpacked
+  rm -rf usr/share/* usr/lib/*/gconv usr/lib/*/perl* usr/bin/perl* etc/apt var/lib/apt var/lib/dpkg var/cache/* var/log/* dev/*
+  ln -sf mawk usr/bin/awk
+  mkdir -p -m 1777 tmp
+  mkdir -p var/lib/orbbuf-server
+  chown 7722:7722 var/lib/orbbuf-server
+  tar --sort=name --mtime="@$SOURCE_DATE_EPOCH" --clamp-mtime --numeric-owner -cf "$work/layer.tar" .
+)
 
 /usr/bin/python3 - "$work" "$architecture" "$(dpkg-deb -f "$deb" Version)" <<'PYTHON'
 import datetime, gzip, hashlib, json, os, pathlib, sys
