@@ -245,13 +245,15 @@ void read_streams(ConfigReader& config, std::vector<SampleStreamSettings>& strea
     stream.path = config.path(key + ".path", {});
     stream.devices = config.one_or_more_texts(key + ".device", {});
     stream.topic = config.text(key + ".topic", "");
-    const bool is_iio = stream.kind == "iio";
-    const bool is_ros2 = stream.kind == "ros2";
-    if (is_iio ? stream.devices.empty() : is_ros2 ? stream.topic.empty() : stream.path.empty()) {
-      config.fail(key + (is_iio    ? ".device"
-                         : is_ros2 ? ".topic"
-                                   : ".path"),
-                  "required: where the samples come from");
+    const auto require = [&config, prefix = key](const char* where, bool is_missing) {
+      if (is_missing) config.fail(prefix + where, "required: where the samples come from");
+    };
+    if (stream.kind == "iio") {
+      require(".device", stream.devices.empty());
+    } else if (stream.kind == "ros2") {
+      require(".topic", stream.topic.empty());
+    } else {
+      require(".path", stream.path.empty());
     }
     config.read_bytes(key + ".memory", stream.memory_bytes, 1 << 16, 1LL << 40);
     streams.push_back(std::move(stream));

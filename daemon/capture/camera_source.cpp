@@ -2,7 +2,6 @@
 #include "daemon/capture/camera_source.hpp"
 
 #include <poll.h>
-#include <sys/eventfd.h>
 
 #include <algorithm>
 #include <array>
@@ -11,7 +10,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "common/error.hpp"
+#include "common/event_fd.hpp"
 #include "common/seconds.hpp"
 #include "common/watched_thread.hpp"
 
@@ -87,8 +86,7 @@ CameraSource::CameraSource(OpenCamera open_camera, std::string name, double fps)
     : open_camera_(std::move(open_camera)),
       name_(std::move(name)),
       fps_(fps),
-      stop_event_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
-  if (!stop_event_) throw_system_error("cannot create an eventfd");
+      stop_event_(make_event_fd()) {
   open();
 }
 

@@ -8,6 +8,7 @@
 #include <span>
 #include <stop_token>
 #include <string>
+#include <utility>
 
 namespace orbbuf {
 
@@ -34,6 +35,12 @@ struct RawFrame {
   /// Stereo: the right image, of which only what describes the image counts. Null: there is none.
   std::shared_ptr<const RawFrame> right;
 };
+
+inline RawFrame frame_with_defect(std::string why) {
+  RawFrame frame;
+  frame.defect = std::move(why);
+  return frame;
+}
 
 /// Where frames come from. Thread-bound to `capture`, but for construction and destruction.
 class FrameSource {

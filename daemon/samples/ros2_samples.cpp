@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/samples/ros2_samples.hpp"
 
-#include <ros_messages.h>  // made of ros_messages.idl by idlc
 #include <unistd.h>
 
 #include <algorithm>
@@ -10,6 +9,7 @@
 #include <utility>
 
 #include "common/log.hpp"
+#include "daemon/topics/header_time.hpp"
 
 namespace orbbuf {
 namespace {
@@ -22,9 +22,7 @@ using News = boost::asio::posix::stream_descriptor;
 Sample sample_of(const Imu& imu) {
   const auto& [wx, wy, wz] = imu.angular_velocity;
   const auto& [ax, ay, az] = imu.linear_acceleration;
-  return {imu.header.stamp.sec * 1'000'000'000LL + imu.header.stamp.nanosec,
-          {wx, wy, wz},
-          {ax, ay, az}};
+  return {time_ns_of(imu.header), {wx, wy, wz}, {ax, ay, az}};
 }
 
 bool has_finite_values(const Sample& sample) {

@@ -3,13 +3,12 @@
 
 #include <dds/dds.h>
 #include <fmt/format.h>
-#include <sys/eventfd.h>
 
 #include <algorithm>
 #include <string_view>
 #include <utility>
 
-#include "common/error.hpp"
+#include "common/event_fd.hpp"
 #include "common/log.hpp"
 #include "common/seconds.hpp"
 
@@ -21,12 +20,6 @@ std::shared_ptr<const DdsParticipant> the_participant() {
   auto participant = shared.lock();
   if (!participant) shared = participant = std::make_shared<const DdsParticipant>();
   return participant;
-}
-
-UniqueFd make_event() {
-  UniqueFd event(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC));
-  if (!event) throw_system_error("cannot create an eventfd");
-  return event;
 }
 
 void wake(dds_entity_t /*reader*/, void* event) {
@@ -63,7 +56,7 @@ TopicReader::TopicReader(const std::string& topic, std::vector<const dds_topic_d
       depth_(depth),
       patience_(patience),
       participant_(the_participant()),
-      event_(make_event()),
+      event_(make_event_fd()),
       listener_(make_listener(event_)),
       publications_(
           require_dds(dds_create_reader(participant_->entity(), DDS_BUILTIN_TOPIC_DCPSPUBLICATION,

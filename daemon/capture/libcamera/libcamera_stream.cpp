@@ -5,7 +5,6 @@
 #include <libcamera/framebuffer.h>
 #include <libcamera/libcamera.h>
 #include <linux/dma-buf.h>
-#include <sys/eventfd.h>
 #include <sys/ioctl.h>
 
 #include <algorithm>
@@ -15,7 +14,7 @@
 #include <mutex>
 #include <stdexcept>
 
-#include "common/unique_fd.hpp"
+#include "common/event_fd.hpp"
 #include "daemon/capture/libcamera/libcamera_controls.hpp"
 #include "daemon/capture/libcamera/libcamera_formats.hpp"
 #include "daemon/capture/libcamera/libcamera_manager.hpp"
@@ -63,9 +62,7 @@ class LibcameraStream final : public CameraStream {
   explicit LibcameraStream(const std::string& camera)
       : manager_(libcamera_manager()),
         camera_(find_libcamera(*manager_, camera)),
-        event_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
-    if (!event_) throw_system_error("cannot create an eventfd");
-  }
+        event_(make_event_fd()) {}
   ~LibcameraStream() override;
 
   void start(const SourceSettings& settings);

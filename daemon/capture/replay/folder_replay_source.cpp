@@ -97,12 +97,6 @@ Result<std::vector<std::uint8_t>> read_file(const fs::path& file) {
   return bytes;
 }
 
-RawFrame frame_with_defect(std::string why) {
-  RawFrame frame;
-  frame.defect = std::move(why);
-  return frame;
-}
-
 RawFrame jpeg_frame(std::vector<std::uint8_t> bytes) {
   auto owner = std::make_shared<const std::vector<std::uint8_t>>(std::move(bytes));
   RawFrame frame;

@@ -3,8 +3,6 @@
 
 #include <fmt/format.h>
 #include <poll.h>
-#include <ros_messages.h>  // made of ros_messages.idl by idlc
-#include <sys/eventfd.h>
 
 #include <algorithm>
 #include <array>
@@ -13,9 +11,11 @@
 #include <utility>
 
 #include "common/error.hpp"
+#include "common/event_fd.hpp"
 #include "common/seconds.hpp"
 #include "common/watched_thread.hpp"
 #include "daemon/capture/camera_unpack.hpp"
+#include "daemon/topics/header_time.hpp"
 
 namespace orbbuf {
 namespace {
@@ -45,21 +45,11 @@ std::span<const std::uint8_t> bytes_of(const dds_sequence_octet& data) {
   return {data._buffer, data._length};
 }
 
-std::int64_t time_of(const std_msgs_msg_dds__Header_& header) {
-  return header.stamp.sec * 1'000'000'000LL + header.stamp.nanosec;
-}
-
-RawFrame defect(std::string text) {
-  RawFrame frame;
-  frame.defect = std::move(text);
-  return frame;
-}
-
 RawFrame frame_of_jpeg(const CompressedImage& image, std::shared_ptr<const void> lease) {
   const auto data = bytes_of(image.data);
   if (data.size() < 2 || data[0] != 0xFF || data[1] != 0xD8) {
-    return defect(fmt::format("the compressed image is not a JPEG; its format is \"{}\"",
-                              printable(image.format)));
+    return frame_with_defect(fmt::format("the compressed image is not a JPEG; its format is \"{}\"",
+                                         printable(image.format)));
   }
   RawFrame frame;
   frame.format = PixelFormat::kJpeg;
@@ -72,7 +62,7 @@ RawFrame frame_of_pixels(const Image& image, bool color) {
   const auto* const encoding =
       std::ranges::find(kEncodings, std::string_view(image.encoding), &Encoding::name);
   if (encoding == kEncodings.end()) {
-    return defect(fmt::format(
+    return frame_with_defect(fmt::format(
         "cannot read images with the encoding \"{}\"; use mono8, bgr8, rgb8 or yuv422, or the "
         "topic of the compressed images",
         printable(image.encoding)));
@@ -81,8 +71,9 @@ RawFrame frame_of_pixels(const Image& image, bool color) {
                         image.height <= kMaxTopicSidePx &&
                         image.step >= image.width * encoding->bytes_per_pixel;
   if (!has_size) {
-    return defect(fmt::format("the image of {}x{} px has rows of {} bytes, which cannot be",
-                              image.width, image.height, image.step));
+    return frame_with_defect(
+        fmt::format("the image of {}x{} px has rows of {} bytes, which cannot be", image.width,
+                    image.height, image.step));
   }
   const CameraMode mode{.format = encoding->format,
                         .width_px = static_cast<int>(image.width),
@@ -92,18 +83,12 @@ RawFrame frame_of_pixels(const Image& image, bool color) {
   return unpack(mode, bytes_of(image.data));
 }
 
-UniqueFd make_stop_event() {
-  UniqueFd event(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC));
-  if (!event) throw_system_error("cannot create an eventfd");
-  return event;
-}
-
 }  // namespace
 
 Ros2Source::Ros2Source(const std::string& topic, bool color, std::chrono::nanoseconds patience)
     : is_color_(color),
       patience_(patience),
-      stop_event_(make_stop_event()),
+      stop_event_(make_event_fd()),
       reader_(topic,
               {&sensor_msgs_msg_dds__CompressedImage__desc, &sensor_msgs_msg_dds__Image__desc},
               kDepth, patience) {}
@@ -135,11 +120,11 @@ RawFrame Ros2Source::frame_of(const TopicReader::Message& message) const {
   if (message.type == 0) {
     const auto& image = *static_cast<const CompressedImage*>(message.data.get());
     frame = frame_of_jpeg(image, message.data);
-    time_ns = time_of(image.header);
+    time_ns = time_ns_of(image.header);
   } else {
     const auto& image = *static_cast<const Image*>(message.data.get());
     frame = frame_of_pixels(image, is_color_);
-    time_ns = time_of(image.header);
+    time_ns = time_ns_of(image.header);
   }
   if (!frame.defect.empty())
     frame.defect = fmt::format("topic {}: {}", reader_.topic(), frame.defect);
