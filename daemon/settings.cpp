@@ -15,7 +15,10 @@
 #include <set>
 
 #include "common/config.hpp"
+#include "common/file_io.hpp"
+#include "common/is_kalibr.hpp"
 #include "common/log.hpp"
+#include "common/take_line.hpp"
 #include "common/wire.hpp"
 #include "daemon/capture/camera_formats.hpp"
 
@@ -43,6 +46,40 @@ std::string host_name() {
   return name.data();
 }
 
+/// Of the file that `key` names; empty if there is none.
+std::string read_text(ConfigReader& config, const std::string& key) {
+  const auto path = config.path(key, {});
+  if (path.empty()) return {};
+  const auto content = read_file(path);
+  if (!content) config.fail(key, content.error().text);
+  return {content.value().begin(), content.value().end()};
+}
+
+/// The text of a camera.txt, of the file that is named if it is but one line, or Kalibr's.
+std::string read_calibration(ConfigReader& config) {
+  const std::string key = "camera.calibration";
+  std::string text = config.text(key, "");
+  if (!text.empty() && text.find('\n') == text.npos) text = read_text(config, key);
+  const auto lines = std::count(text.begin(), text.end(), '\n');
+  if (!text.empty() && !is_kalibr(text) && (lines < 3 || lines > 5)) {
+    config.fail(key, fmt::format("expected the four lines of DSO's camera.txt, or Kalibr's "
+                                 "camchain.yaml, got {} lines",
+                                 lines));
+  }
+  return text;
+}
+
+/// Adds the imu.yaml of a sensor of that name, in the form that Kalibr reads or the one that it
+/// writes, which has a name of its own.
+void add_imu(std::string& calibration, const std::string& name, std::string_view imu_yaml) {
+  calibration += name + ":\n";
+  const bool is_named = imu_yaml.starts_with("imu") || imu_yaml.find("\nimu") != imu_yaml.npos;
+  while (!imu_yaml.empty()) {
+    const auto line = take_line(imu_yaml);
+    if (!line.starts_with("imu")) calibration += fmt::format("{}{}\n", is_named ? "" : "  ", line);
+  }
+}
+
 void read_robot(ConfigReader& config, Settings& settings) {
   settings.robot_id = config.text("robot.id", "");
   if (settings.robot_id.empty()) settings.robot_id = host_name();
@@ -52,15 +89,7 @@ void read_robot(ConfigReader& config, Settings& settings) {
                             "a letter, a digit or _, got \"{}\"",
                             wire::kMaxIdBytes, settings.robot_id));
   }
-  settings.calibration = config.text("camera.calibration", "");
-  const auto lines = std::count(settings.calibration.begin(), settings.calibration.end(), '\n');
-  if (!settings.calibration.empty() && (lines < 3 || lines > 5)) {
-    config.fail("camera.calibration",
-                fmt::format("expected the four lines of DSO's camera.txt, got {}", lines));
-  }
-  if (settings.calibration.size() > wire::kMaxCalibrationBytes) {
-    config.fail("camera.calibration", "must be at most 16 KiB");
-  }
+  settings.calibration = read_calibration(config);
 }
 
 void read_source(ConfigReader& config, SourceSettings& source) {
@@ -232,7 +261,8 @@ void read_record(ConfigReader& config, RecordSettings& record) {
   }
 }
 
-void read_streams(ConfigReader& config, std::vector<SampleStreamSettings>& streams) {
+void read_streams(ConfigReader& config, Settings& settings) {
+  auto& streams = settings.streams;
   constexpr std::array<std::string_view, 4> kKinds = {"euroc", "socket", "iio", "ros2"};
   constexpr std::size_t kMost = wire::kMostStreams - wire::kFirstOther;
   for (const auto& [name, key] : config.tables("stream")) {
@@ -255,10 +285,19 @@ void read_streams(ConfigReader& config, std::vector<SampleStreamSettings>& strea
     } else {
       require(".path", stream.path.empty());
     }
+    if (const auto imu_yaml = read_text(config, key + ".calibration"); !imu_yaml.empty()) {
+      if (!is_kalibr(settings.calibration)) {
+        config.fail(key + ".calibration", "needs Kalibr's camchain.yaml in camera.calibration");
+      }
+      add_imu(settings.calibration, name, imu_yaml);
+    }
     config.read_bytes(key + ".memory", stream.memory_bytes, 1 << 16, 1LL << 40);
     streams.push_back(std::move(stream));
   }
   if (streams.size() > kMost) config.fail("stream", fmt::format("more than {} streams", kMost));
+  if (settings.calibration.size() > wire::kMaxCalibrationBytes) {
+    config.fail("camera.calibration", "must be at most 16 KiB, with those of the streams");
+  }
 }
 
 }  // namespace
@@ -275,7 +314,7 @@ Settings load_settings(const std::filesystem::path& file, std::span<const std::s
   read_plan(config, settings.jpeg.quality, settings.buffer.plan);
   read_link(config, settings.buffer.plan.live_again, settings.link);
   read_record(config, settings.record);
-  read_streams(config, settings.streams);
+  read_streams(config, settings);
   config.reject_unknown();
   return settings;
 }

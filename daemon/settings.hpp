@@ -20,7 +20,7 @@ namespace orbbuf {
 struct Settings {
   std::string log_level = "info";
   std::string robot_id;     ///< `[robot] id`; by default the host's name
-  std::string calibration;  ///< `[camera] calibration`: DSO's camera.txt, four lines; may be empty
+  std::string calibration;  ///< `[camera] calibration`: DSO's camera.txt or Kalibr's; may be empty
   SourceSettings source;
   JpegSettings jpeg;
   FeatureSettings features;

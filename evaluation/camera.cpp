@@ -23,13 +23,14 @@ Calibration read_calibration(const std::filesystem::path& file) {
   std::ifstream in(file);
   if (!in) throw std::runtime_error("cannot read " + file.string());
   const std::string text(std::istreambuf_iterator<char>(in), {});
-  auto calibration = parse_calibration(text);
+  auto calibration = parse_camera_txt(text);
   if (!calibration) throw std::runtime_error(file.string() + ": " + calibration.error().text);
   return std::move(calibration).value();
 }
 
 Camera read_camera(const std::filesystem::path& file) {
-  const Calibration lens = read_calibration(file);
+  const Calibration calibration = read_calibration(file);
+  const orbbuf::Camera& lens = calibration.left;
   if (lens.model == LensModel::kEquidistant ||
       std::ranges::any_of(lens.distortion, [](double number) { return number != 0; })) {
     throw std::runtime_error(fmt::format(
@@ -37,8 +38,13 @@ Camera read_camera(const std::filesystem::path& file) {
         "distortion 0; undistort the images, or run a SLAM program that does with --slam",
         file.string(), lens.name));
   }
-  return {lens.fx_px,    lens.fy_px,     lens.cx_px,     lens.cy_px,
-          lens.width_px, lens.height_px, lens.baseline_m};
+  return {lens.fx_px,
+          lens.fy_px,
+          lens.cx_px,
+          lens.cy_px,
+          lens.width_px,
+          lens.height_px,
+          calibration.baseline_m()};
 }
 
 }  // namespace orbbuf::evaluation

@@ -33,7 +33,7 @@ daemon: common daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/n
 server/fleet/fleet_settings: common common/net
 server/runtime: common
 server/calibration: common
-server/session: common common/journal server/runtime
+server/session: common common/journal server/calibration server/runtime
 server/foxglove: common server/calibration
 server/dataset/mcap: common server/runtime server/session server/calibration server/foxglove
 server/dataset: common common/journal server/calibration server/session server/dataset/mcap

@@ -84,7 +84,7 @@ TrackingResult track_other(const Options& options, const std::filesystem::path& 
 
 void run(Options options) {
   if (options.camera.empty()) options.camera = options.folder / "camera.txt";
-  const bool is_stereo = read_calibration(options.camera).baseline_m > 0;
+  const bool is_stereo = read_calibration(options.camera).baseline_m() > 0;
   TrackingResult result;
   if (!options.slam.empty()) {
     if (options.trajectory.empty()) throw std::runtime_error("--slam needs --trajectory");

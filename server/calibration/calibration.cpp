@@ -2,6 +2,7 @@
 #include "server/calibration/calibration.hpp"
 
 #include <fmt/core.h>
+#include <fmt/format.h>
 
 #include <array>
 #include <cmath>
@@ -9,7 +10,9 @@
 #include <span>
 
 #include "common/decimal.hpp"
+#include "common/is_kalibr.hpp"
 #include "common/take_line.hpp"
+#include "server/calibration/kalibr.hpp"
 
 namespace orbbuf {
 namespace {
@@ -70,7 +73,7 @@ const Model* model_without_name(std::span<const double> numbers) {
   return numbers.back() == 0 ? &kPinhole : &kFov;
 }
 
-std::optional<Calibration> parse_model(const Words& words) {
+std::optional<Camera> parse_model(const Words& words) {
   std::span<const std::string_view> rest(words);
   const Model* model = nullptr;
   for (const Model& known : kModels) {
@@ -83,7 +86,7 @@ std::optional<Calibration> parse_model(const Words& words) {
   if (!model || numbers->size() != model->numbers) return std::nullopt;
   const auto& n = *numbers;
   if (n[0] <= 0 || n[1] <= 0) return std::nullopt;
-  Calibration camera{model->model, std::string(model->name), n[0], n[1], n[2], n[3], {}};
+  Camera camera{model->model, std::string(model->name), n[0], n[1], n[2], n[3], {}};
   if (model->model != LensModel::kPinhole) {
     camera.distortion.assign(n.begin() + kIntrinsics, n.end());
   }
@@ -91,7 +94,7 @@ std::optional<Calibration> parse_model(const Words& words) {
 }
 
 /// DSO's rule, and its half a pixel: relative numbers count from the image's edge.
-void make_absolute(Calibration& camera) {
+void make_absolute(Camera& camera) {
   if (camera.cx_px >= 1 || camera.cy_px >= 1) return;
   constexpr double kHalfPixel = 0.5;
   camera.fx_px *= camera.width_px;
@@ -114,9 +117,16 @@ bool is_rectification(const Words& words) {
 
 }  // namespace
 
-Result<Calibration> parse_calibration(std::string_view camera_txt) {
+double Calibration::baseline_m() const {
+  const auto& [x, y, z] = right_from_left.translation_m;
+  const bool is_rectified =
+      right == left && right_from_left.rotation == kIdentity && x < 0 && y == 0 && z == 0;
+  return is_rectified ? -x : 0;
+}
+
+Result<Calibration> parse_camera_txt(std::string_view text) {
   constexpr std::size_t kLines = 4;
-  auto lines = lines_of(camera_txt);
+  auto lines = lines_of(text);
   if (lines.size() < kLines) {
     return Error{fmt::format("{} lines; expected DSO's four", lines.size())};
   }
@@ -135,14 +145,45 @@ Result<Calibration> parse_calibration(std::string_view camera_txt) {
     return Error{"line 3: expected crop, full, none or five numbers"};
   }
   if (!parse_size(lines[3])) return Error{"line 4: expected WIDTH HEIGHT"};
+  Calibration calibration{std::move(*camera), {}, {}, {}, {}, {}};
   if (lines.size() > kLines && lines[4].size() == 1) {
     const auto baseline = numbers_of<double>(lines[4]);
     if (!baseline || baseline->front() <= 0) {
       return Error{"line 5: expected the baseline in metres"};
     }
-    camera->baseline_m = baseline->front();
+    calibration.right = calibration.left;
+    calibration.right_from_left.translation_m[0] = -baseline->front();
   }
-  return std::move(*camera);
+  return calibration;
+}
+
+Result<Calibration> parse_calibration(std::string_view text) {
+  const bool is_chain = is_kalibr(text);
+  auto calibration = is_chain ? parse_kalibr(text) : parse_camera_txt(text);
+  if (calibration) return calibration;
+  return Error{
+      fmt::format("{}: {}", is_chain ? kKalibrFile : kCameraFile, calibration.error().text)};
+}
+
+std::string to_camera_txt(const Calibration& calibration) {
+  const Camera& camera = calibration.left;
+  std::vector<double> lens = camera.distortion;
+  if (lens.empty()) lens = {0};
+  std::string text = fmt::format("{0} {1} {2} {3} {4} {5}\n{6} {7}\ncrop\n{6} {7}\n", camera.name,
+                                 camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px,
+                                 fmt::join(lens, " "), camera.width_px, camera.height_px);
+  if (calibration.baseline_m() > 0) text += fmt::format("{}\n", calibration.baseline_m());
+  return text;
+}
+
+std::vector<CalibrationFile> calibration_files(std::string_view text) {
+  std::vector<CalibrationFile> files;
+  if (text.empty()) return files;
+  if (!is_kalibr(text)) return {{kCameraFile, std::string(text)}};
+  if (const auto read = parse_kalibr(text))
+    files.push_back({kCameraFile, to_camera_txt(read.value())});
+  files.push_back({kKalibrFile, std::string(text)});
+  return files;
 }
 
 }  // namespace orbbuf

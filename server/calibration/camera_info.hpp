@@ -18,26 +18,27 @@ struct CameraInfo {
   std::string distortion_model;    ///< as ROS calls it: plumb_bob or equidistant
   std::vector<double> distortion;  ///< D: five numbers, or four
   std::array<double, 9> k{};       ///< row by row, in pixels
-  std::array<double, 12> p{};      ///< row by row; of the right camera, with its place
+  std::array<double, 9> r{};       ///< row by row: from the camera to the rectified one
+  std::array<double, 12> p{};      ///< row by row, rectified; of the right camera, with its place
 };
 
 /// What can be told of a session's cameras.
 struct CalibratedCameras {
   std::optional<CameraInfo> left;  ///< or the only one
   std::optional<CameraInfo> right;
-  std::string problem;  ///< why there is nothing, though there is a camera.txt
+  std::string problem;  ///< why there is nothing, though there is a calibration
 };
 
-/// Both cameras have the same lens, and the right one is the left one moved along x by the
-/// baseline. Nothing of DSO's FOV, which has no name there, nor of a right camera whose
-/// position is unknown. camera_txt: as parse_calibration() reads it; empty if there is none.
-CalibratedCameras calibrated_cameras(std::string_view camera_txt);
+/// A pair that is not rectified gets a common camera (Fusiello, Trucco and Verri 2000: x along the
+/// baseline, z between both, the middle of both lenses). Nothing of DSO's FOV, which has no name
+/// there, nor of a right camera whose position is unknown. calibration: as parse_calibration()
+/// reads it; empty if there is none.
+CalibratedCameras calibrated_cameras(std::string_view calibration);
 
 /// The same; a problem is logged as `ATTEMPT without calibration: PROBLEM`.
-CalibratedCameras calibrated_cameras(std::string_view camera_txt, std::string_view attempt);
+CalibratedCameras calibrated_cameras(std::string_view calibration, std::string_view attempt);
 
-/// For stereo frames: logs for SESSION if there is no right camera since camera.txt has no
-/// baseline.
-void warn_without_baseline(const CalibratedCameras& cameras, std::string_view session);
+/// For stereo frames: logs for SESSION if there is no right camera since the calibration has none.
+void warn_without_right_camera(const CalibratedCameras& cameras, std::string_view session);
 
 }  // namespace orbbuf

@@ -153,7 +153,7 @@ class Check {
     const std::string& calibration = outline_.summary.info.calibration;
     if (calibration.empty()) return;
     const auto camera = parse_calibration(calibration);
-    if (!camera) problem("camera.txt: {}", camera.error().text);
+    if (!camera) problem("{}", camera.error().text);
   }
 
   std::optional<Error> check_samples() {

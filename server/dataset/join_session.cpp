@@ -13,6 +13,7 @@
 #include "common/file_io.hpp"
 #include "common/journal/journal.hpp"
 #include "common/wire.hpp"
+#include "server/calibration/calibration.hpp"
 #include "server/session/session_names.hpp"
 #include "server/session/session_reader.hpp"
 #include "server/session/views.hpp"
@@ -62,10 +63,9 @@ class Join {
     report_.frames = frames_.size();
     if (auto error = write_images()) return std::move(*error);
     if (auto error = write_journal()) return std::move(*error);
-    const std::string& calibration = summary_.info.calibration;
-    if (!calibration.empty()) {
-      const auto error = write_file(out_ / session_names::kCamera, out_ / session_names::kIncoming,
-                                    as_bytes(calibration));
+    for (const CalibrationFile& file : calibration_files(summary_.info.calibration)) {
+      const auto error =
+          write_file(out_ / file.name, out_ / session_names::kIncoming, as_bytes(file.text));
       if (error) return *error;
     }
     if (auto error = make_views(out_, Views::kAll)) return std::move(*error);

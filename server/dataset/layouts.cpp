@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "common/decimal.hpp"
+#include "common/is_kalibr.hpp"
 #include "server/calibration/calibration.hpp"
 #include "server/session/session_lines.hpp"
 #include "server/session/session_names.hpp"
@@ -19,11 +20,11 @@ namespace orbbuf {
 namespace {
 
 /// Nothing, and a note, if there is none that can be read.
-std::optional<Calibration> camera_of(const RecordedSession& session, Dataset& dataset) {
+std::optional<Calibration> calibration_of(const RecordedSession& session, Dataset& dataset) {
   if (session.summary.info.calibration.empty()) return std::nullopt;
-  auto camera = parse_calibration(session.summary.info.calibration);
-  if (camera) return std::move(camera).value();
-  dataset.notes.push_back("no calibration: camera.txt: " + camera.error().text);
+  auto calibration = parse_calibration(session.summary.info.calibration);
+  if (calibration) return std::move(calibration).value();
+  dataset.notes.push_back("no calibration: " + calibration.error().text);
   return std::nullopt;
 }
 
@@ -52,33 +53,48 @@ const char* euroc_name(LensModel model) {
   }
 }
 
-std::string sensor_yaml(const Calibration& camera, double rate_hz, double x_m) {
+/// The first lines of a sensor.yaml. imu_from_sensor: T_BS, where the body is the inertial sensor,
+/// or the left camera if it is not known where that is.
+std::string sensor_yaml(std::string_view type, const Pose& imu_from_sensor, double rate_hz) {
+  std::string yaml = fmt::format(
+      "sensor_type: {}\ncomment: by orbbuf-server export\nT_BS:\n  cols: 4\n  rows: 4\n  data: [",
+      type);
+  for (std::size_t i = 0; i < 3; ++i) {
+    yaml += fmt::format("{:#}, {:#},\n         ", fmt::join(row(imu_from_sensor.rotation, i), ", "),
+                        imu_from_sensor.translation_m.at(i));
+  }
+  yaml += "0.0, 0.0, 0.0, 1.0]\n";
+  if (rate_hz > 0) yaml += fmt::format("rate_hz: {:.3f}\n", rate_hz);
+  return yaml;
+}
+
+std::string camera_yaml(const Camera& camera, double rate_hz, const Pose& imu_from_camera) {
   std::vector<double> distortion = camera.distortion;
   if (camera.model == LensModel::kPinhole) distortion = {0, 0, 0, 0};
-  std::string yaml = fmt::format(
-      "sensor_type: camera\n"
-      "comment: camera.txt ({}), by orbbuf-server export\n"
-      "T_BS:\n"
-      "  cols: 4\n"
-      "  rows: 4\n"
-      "  data: [1.0, 0.0, 0.0, {},\n"
-      "         0.0, 1.0, 0.0, 0.0,\n"
-      "         0.0, 0.0, 1.0, 0.0,\n"
-      "         0.0, 0.0, 0.0, 1.0]\n",
-      camera.name, x_m);
-  if (rate_hz > 0) yaml += fmt::format("rate_hz: {:.3f}\n", rate_hz);
-  return yaml + fmt::format(
-                    "resolution: [{}, {}]\n"
-                    "camera_model: pinhole\n"
-                    "intrinsics: [{}, {}, {}, {}]\n"
-                    "distortion_model: {}\n"
-                    "distortion_coefficients: [{}]\n",
-                    camera.width_px, camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px,
-                    camera.cy_px, euroc_name(camera.model), fmt::join(distortion, ", "));
+  return sensor_yaml("camera", imu_from_camera, rate_hz) +
+         fmt::format(
+             "resolution: [{}, {}]\n"
+             "camera_model: pinhole\n"
+             "intrinsics: [{}, {}, {}, {}]\n"
+             "distortion_model: {}\n"
+             "distortion_coefficients: [{}]\n",
+             camera.width_px, camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px,
+             camera.cy_px, euroc_name(camera.model), fmt::join(distortion, ", "));
+}
+
+std::string imu_yaml(const ImuNoise& imu) {
+  return sensor_yaml("imu", {}, imu.rate_hz) +
+         fmt::format(
+             "gyroscope_noise_density: {}\n"
+             "gyroscope_random_walk: {}\n"
+             "accelerometer_noise_density: {}\n"
+             "accelerometer_random_walk: {}\n",
+             imu.gyroscope_noise_density, imu.gyroscope_random_walk,
+             imu.accelerometer_noise_density, imu.accelerometer_random_walk);
 }
 
 /// A row-major 3x4 matrix: the camera at `x_m` to the right.
-std::string projection(const Calibration& camera, double x_m) {
+std::string projection(const Camera& camera, double x_m) {
   return fmt::format("{:.12e} 0 {:.12e} {:.12e} 0 {:.12e} {:.12e} 0 0 0 1 0", camera.fx_px,
                      camera.cx_px, x_m == 0 ? 0 : -camera.fx_px * x_m, camera.fy_px, camera.cy_px);
 }
@@ -131,7 +147,9 @@ void lay_out_tum_mono(Work& work) {
   if (!qualities.empty()) {
     work.text(session_names::kQualities, std::string(session_lines::kQualityHeader) + qualities);
   }
-  if (!work.calibration().empty()) work.text(session_names::kCamera, work.calibration());
+  for (CalibrationFile& file : calibration_files(work.calibration())) {
+    work.text(std::move(file.name), std::move(file.text));
+  }
   work.text(session_names::kTimes, std::move(times));
 }
 
@@ -144,7 +162,7 @@ void lay_out_euroc(Work& work) {
   }
   work.text("mav0/cam0/data.csv", index);
   if (is_stereo(work.session)) work.text("mav0/cam1/data.csv", std::move(index));
-  add_euroc_camera(work.session, work.made);
+  add_euroc_calibration(work.session, work.made);
 }
 
 void lay_out_kitti(Work& work) {
@@ -169,7 +187,7 @@ void lay_out_tum_rgbd(Work& work) {
   work.text("rgb.txt", std::move(index));
   if (is_stereo(work.session)) work.note("TUM RGB-D has one camera: the right images are left out");
   if (work.calibration().empty()) return;
-  work.note("TUM RGB-D has no file for a calibration: camera.txt is left out");
+  work.note("TUM RGB-D has no file for a calibration: it is left out");
 }
 
 }  // namespace
@@ -178,33 +196,40 @@ bool is_stereo(const RecordedSession& session) {
   return std::ranges::any_of(session.frames, &RecordedFrame::is_stereo);
 }
 
-void add_euroc_camera(const RecordedSession& session, Dataset& dataset) {
-  const auto camera = camera_of(session, dataset);
-  if (!camera) return;
+void add_euroc_calibration(const RecordedSession& session, Dataset& dataset) {
+  const auto calibration = calibration_of(session, dataset);
+  if (!calibration) return;
   const double rate_hz = frames_per_second(session);
-  dataset.texts.push_back({"mav0/cam0/sensor.yaml", sensor_yaml(*camera, rate_hz, 0)});
+  const Pose imu_from_left = calibration->left_from_imu.value_or(Pose{}).inverse();
+  const auto add = [&](const std::string& sensor, std::string text) {
+    dataset.texts.push_back({"mav0/" + sensor + "/sensor.yaml", std::move(text)});
+  };
+  for (const ImuNoise& imu : calibration->imus) add(imu.name, imu_yaml(imu));
+  add("cam0", camera_yaml(calibration->left, rate_hz, imu_from_left));
   if (!is_stereo(session)) return;
-  if (camera->baseline_m == 0) {
-    dataset.notes.emplace_back("no cam1/sensor.yaml: camera.txt has no baseline in a fifth line");
+  if (!calibration->right) {
+    dataset.notes.emplace_back("no cam1/sensor.yaml: the calibration has no right camera");
     return;
   }
-  dataset.texts.push_back(
-      {"mav0/cam1/sensor.yaml", sensor_yaml(*camera, rate_hz, camera->baseline_m)});
+  add("cam1", camera_yaml(*calibration->right, rate_hz,
+                          imu_from_left * calibration->right_from_left.inverse()));
 }
 
 void add_kitti_camera(const RecordedSession& session, Dataset& dataset) {
-  const auto camera = camera_of(session, dataset);
-  if (!camera) return;
-  if (camera->model != LensModel::kPinhole) {
-    dataset.notes.push_back("no calib.txt: KITTI's knows no lens distortion, and camera.txt is " +
-                            camera->name);
+  const auto calibration = calibration_of(session, dataset);
+  if (!calibration) return;
+  const Camera& camera = calibration->left;
+  const double baseline_m = calibration->baseline_m();
+  if (camera.model != LensModel::kPinhole) {
+    dataset.notes.push_back("no calib.txt: KITTI's knows no lens distortion, and the camera is " +
+                            camera.name);
     return;
   }
-  std::string calib = "P0: " + projection(*camera, 0) + '\n';
-  if (is_stereo(session) && camera->baseline_m == 0) {
-    dataset.notes.emplace_back("no P1 in calib.txt: camera.txt has no baseline in a fifth line");
+  std::string calib = "P0: " + projection(camera, 0) + '\n';
+  if (is_stereo(session) && baseline_m == 0) {
+    dataset.notes.emplace_back("no P1 in calib.txt: the calibration is of no rectified pair");
   } else if (is_stereo(session)) {
-    calib += "P1: " + projection(*camera, camera->baseline_m) + '\n';
+    calib += "P1: " + projection(camera, baseline_m) + '\n';
   }
   dataset.texts.push_back({"calib.txt", std::move(calib)});
 }
@@ -229,6 +254,9 @@ Dataset lay_out(const RecordedSession& session, Layout layout, std::string_view 
       break;
     case Layout::kMcap:
       break;
+  }
+  if (layout != Layout::kTumMono && is_kalibr(work.calibration())) {
+    work.text(kKalibrFile, work.calibration());
   }
   return std::move(work.made);
 }

@@ -12,12 +12,11 @@ namespace orbbuf {
 
 bool is_stereo(const RecordedSession& session);
 
-/// Add to `dataset` what camera.txt says, in the layout's own form, and a note for what that form
-/// cannot say. The right camera is known only by a baseline, which means rectified images: the
-/// same numbers, at that distance.
+/// Add to `dataset` what the calibration says, in the layout's own form, and a note for what that
+/// form cannot say.
 
 /// EuRoC's sensor.yaml: every model, FOV in the form of Kalibr's `fov`.
-void add_euroc_camera(const RecordedSession& session, Dataset& dataset);
+void add_euroc_calibration(const RecordedSession& session, Dataset& dataset);
 /// KITTI's calib.txt, of a camera without lens distortion only.
 void add_kitti_camera(const RecordedSession& session, Dataset& dataset);
 

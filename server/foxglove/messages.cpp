@@ -176,7 +176,7 @@ std::vector<std::uint8_t> camera_calibration(std::int64_t time_ns, std::string_v
   message.put_text(4, model_of(camera));
   message.put_doubles(5, camera.distortion);
   message.put_doubles(6, camera.k);
-  message.put_doubles(7, std::array{1., 0., 0., 0., 1., 0., 0., 0., 1.});
+  message.put_doubles(7, camera.r);
   message.put_doubles(8, camera.p);
   message.put_text(9, frame_id);
   return message.take();

@@ -10,6 +10,7 @@
 #include "common/decimal.hpp"
 #include "common/journal/journal.hpp"
 #include "common/wire.hpp"
+#include "server/calibration/calibration.hpp"
 #include "server/http/views.hpp"
 #include "server/runtime/run_in_pool.hpp"
 #include "server/session/session_names.hpp"
@@ -62,7 +63,7 @@ bool is_journal_name(std::string_view name) {
 fs::path file_in_session(const std::vector<std::string>& words) {
   if (words.size() == 4) {
     for (const char* name :
-         {session_names::kTimes, session_names::kDrops, session_names::kCamera,
+         {session_names::kTimes, session_names::kDrops, kCameraFile, kKalibrFile,
           session_names::kChecksums, session_names::kQualities, session_names::kSession}) {
       if (words[3] == name) return name;
     }

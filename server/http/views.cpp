@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "common/wire.hpp"
+#include "server/calibration/calibration.hpp"
 #include "server/http/page_parts.hpp"  // made of page/ by CMake
 #include "server/session/session_names.hpp"
 #include "server/session/session_reader.hpp"
@@ -384,7 +385,7 @@ std::optional<std::string> session_json(const fs::path& folder) {
   };
   const Json json{{"times", size_of(session_names::kTimes)},
                   {"drops", size_of(session_names::kDrops)},
-                  {"calibration", size_of(session_names::kCamera)},
+                  {"calibration", size_of(kCameraFile)},
                   {"dropped", summary->totals.named}};
   return json.dump() + '\n';
 }

@@ -13,7 +13,6 @@ namespace orbbuf::session_names {
 inline constexpr const char* kImages = "images";
 inline constexpr const char* kRightImages = "images_right";
 inline constexpr const char* kTimes = "times.txt";
-inline constexpr const char* kCamera = "camera.txt";
 inline constexpr const char* kDrops = "drops.csv";
 inline constexpr const char* kChecksums = "checksums.sfv";
 inline constexpr const char* kQualities = "quality.csv";

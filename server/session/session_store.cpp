@@ -15,6 +15,7 @@
 #include "common/crc32.hpp"
 #include "common/file_io.hpp"
 #include "common/sample.hpp"
+#include "server/calibration/calibration.hpp"
 #include "server/session/session_lines.hpp"
 #include "server/session/session_names.hpp"
 #include "server/session/session_reader.hpp"
@@ -115,12 +116,12 @@ std::optional<Error> SessionStore::prepare() {
   if (!calibration_.empty()) {
     if (auto error = append(RecordedCalibration{calibration_})) return error;
   }
-  const std::string& calibration = summary_.info.calibration;
-  std::error_code ignored;  // then writing says why
-  const fs::path camera = folder_ / session_names::kCamera;
-  if (!calibration.empty() && (!calibration_.empty() || !fs::exists(camera, ignored))) {
+  for (const CalibrationFile& file : calibration_files(summary_.info.calibration)) {
+    std::error_code ignored;  // then writing says why
+    const fs::path path = folder_ / file.name;
+    if (calibration_.empty() && fs::exists(path, ignored)) continue;
     const fs::path temporary = folder_ / session_names::kIncoming;
-    if (auto error = write_file(camera, temporary, as_bytes(calibration))) return error;
+    if (auto error = write_file(path, temporary, as_bytes(file.text))) return error;
   }
   calibration_.clear();
   is_prepared_ = true;

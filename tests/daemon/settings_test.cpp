@@ -229,7 +229,8 @@ TEST(Settings, WhatCannotBeIsRefusedByName) {
   names(why({"buffer.policy=best"}), "drop-youngest");
   names(why({"link.server=nowhere"}), "link.server: expected HOST:PORT");
   names(why({"link.server=nowhere:0"}), "link.server: port must not be 0");
-  names(why({"camera.calibration=1 2 3"}), "camera.calibration: expected the four lines");
+  names(why({"camera.calibration=1 2 3"}), "camera.calibration: ");
+  names(why({"camera.calibration=\"1\\n2\\n\""}), "camera.calibration: expected the four lines");
   names(why({"bufer.capacity=9"}), "buffer.capacity");
 }
 
@@ -253,6 +254,23 @@ TEST(Settings, CalibrationOfFourLinesIsKeptAsItIs) {
   const std::string calibration = "Pinhole 1 2 3 4 0\n640 480\nnone\n640 480\n";
   test::write_file(folder / "c.toml", "[camera]\ncalibration = '''\n" + calibration + "'''\n");
   EXPECT_EQ(load_settings(folder / "c.toml", {}).calibration, calibration);
+}
+
+TEST(Settings, ACalibrationOfKalibrHasItsSensorsBehindIt) {
+  const test::TemporaryFolder folder;
+  test::write_file(folder / "chain.yaml", "cam0:\n  camera_model: pinhole\n");
+  test::write_file(folder / "imu.yaml", "# MPU 6050\nupdate_rate: 200.0\n");
+  test::write_file(folder / "imu_a.yaml", "imu0:\n  update_rate: 100.0\n");
+  test::write_file(folder / "c.toml",
+                   "[camera]\ncalibration = 'chain.yaml'\n"
+                   "[stream.imu0]\npath = 'a'\ncalibration = 'imu.yaml'\n"
+                   "[stream.imu_b]\npath = 'b'\ncalibration = 'imu_a.yaml'\n");
+  EXPECT_EQ(load_settings(folder / "c.toml", {}).calibration,
+            "cam0:\n  camera_model: pinhole\n"
+            "imu0:\n  # MPU 6050\n  update_rate: 200.0\n"
+            "imu_b:\n  update_rate: 100.0\n");
+  names(why({"stream.imu0.path=a", "stream.imu0.calibration=" + (folder / "imu.yaml").string()}),
+        "needs Kalibr's camchain.yaml");
 }
 
 TEST(Settings, SessionIdsAreValid) {

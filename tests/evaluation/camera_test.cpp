@@ -71,7 +71,7 @@ TEST_F(CameraText, ALensThatDistortsIsForOtherPrograms) {
                                  "EquiDistant 400 400 320 240 0 0 0 0"}) {
     const std::string text = lens + "\n640 480\nfull\n640 480\n0.1\n";
     EXPECT_THAT(complaint(text), testing::HasSubstr("distorts")) << lens;
-    EXPECT_EQ(read_calibration(file(text)).baseline_m, 0.1) << lens;
+    EXPECT_EQ(read_calibration(file(text)).baseline_m(), 0.1) << lens;
   }
 }
 

@@ -75,7 +75,7 @@ sensor_msgs_msg_dds__CameraInfo_ message_of(const CameraInfo& camera,
   const auto size = static_cast<std::uint32_t>(camera.distortion.size());
   info.d = {size, size, const_cast<double*>(camera.distortion.data()), false};
   std::ranges::copy(camera.k, info.k);
-  info.r[0] = info.r[4] = info.r[8] = 1;
+  std::ranges::copy(camera.r, info.r);
   std::ranges::copy(camera.p, info.p);
   return info;
 }

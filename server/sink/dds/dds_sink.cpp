@@ -78,7 +78,7 @@ class Topics {
     left_ =
         std::make_unique<DdsCamera>(participant, is_stereo ? name_ + "/left" : name_, frame_id_);
     if (is_stereo) right_ = std::make_unique<DdsCamera>(participant, name_ + "/right", frame_id_);
-    if (is_stereo) warn_without_baseline(cameras_, session_);
+    if (is_stereo) warn_without_right_camera(cameras_, session_);
   }
   void open() {
     for (const wire::StreamDeclaration& stream : streams_) open(stream);

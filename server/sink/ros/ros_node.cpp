@@ -82,7 +82,7 @@ sensor_msgs::CameraInfo info_of(const CameraInfo& camera) {
   info.distortion_model = camera.distortion_model;
   info.D = camera.distortion;
   std::copy(camera.k.begin(), camera.k.end(), info.K.begin());
-  info.R = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  std::copy(camera.r.begin(), camera.r.end(), info.R.begin());
   std::copy(camera.p.begin(), camera.p.end(), info.P.begin());
   return info;
 }

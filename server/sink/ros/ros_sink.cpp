@@ -162,7 +162,7 @@ class Stream : public std::enable_shared_from_this<Stream> {
     RosNode& node = the_ros().node;
     if (!node.is_connected()) return losses.add("no master");
     if (frame.is_stereo() && !std::exchange(is_stereo_, true)) {
-      warn_without_baseline(cameras_, session_);
+      warn_without_right_camera(cameras_, session_);
     }
     auto pair = images(frame);
     for (const Image& image : pair) node.advertise(image.base, settings_.queue);

@@ -15,11 +15,13 @@ using testing::IsEmpty;
 
 const std::string kRest = "\n640 480\ncrop\n640 480\n";
 
-Calibration parsed(const std::string& text) {
-  auto camera = parse_calibration(text);
-  EXPECT_TRUE(camera) << text << (camera ? "" : camera.error().text);
-  return camera ? std::move(camera).value() : Calibration{};
+Calibration calibration_of(const std::string& text) {
+  auto parsed = parse_calibration(text);
+  EXPECT_TRUE(parsed) << text << (parsed ? "" : parsed.error().text);
+  return parsed ? std::move(parsed).value() : Calibration{};
 }
+
+Camera parsed(const std::string& text) { return calibration_of(text).left; }
 
 TEST(Calibration, EveryModelOfDsoIsRead) {
   EXPECT_EQ(parsed("Pinhole 500 501 320 240 0" + kRest).model, LensModel::kPinhole);
@@ -36,7 +38,6 @@ TEST(Calibration, EveryModelOfDsoIsRead) {
   EXPECT_THAT(camera.distortion, ElementsAre(1, 2, 3, -0.04));
   EXPECT_EQ(camera.width_px, 640);
   EXPECT_EQ(camera.height_px, 480);
-  EXPECT_EQ(camera.baseline_m, 0);
 }
 
 TEST(Calibration, WithoutANameTheNumbersTell) {
@@ -56,7 +57,12 @@ TEST(Calibration, RelativeNumbersBecomePixels) {
 }
 
 TEST(Calibration, AFifthLineIsTheBaseline) {
-  EXPECT_EQ(parsed("Pinhole 500 501 320 240 0" + kRest + "0.12\n").baseline_m, 0.12);
+  const std::string text = "Pinhole 500 501 320 240 0" + kRest;
+  EXPECT_EQ(calibration_of(text).baseline_m(), 0);
+  const auto pair = calibration_of(text + "0.12\n");
+  EXPECT_EQ(pair.baseline_m(), 0.12);
+  EXPECT_EQ(pair.right, pair.left);
+  EXPECT_EQ(to_camera_txt(pair), text + "0.12\n");
 }
 
 TEST(Calibration, BlanksAndLineEndsOfOtherSystemsAreNoMatter) {

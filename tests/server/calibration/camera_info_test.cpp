@@ -50,11 +50,11 @@ TEST(CameraInfo, TheRightCameraIsTheLeftOneMovedByTheBaseline) {
 
 TEST(CameraInfo, AStereoCameraWithoutABaselineIsLogged) {
   const test::CapturedLog log;
-  warn_without_baseline(calibrated_cameras(camera_txt("Pinhole 100 101 80 60 0")), "r s");
-  warn_without_baseline(calibrated_cameras(camera_txt("FOV 100 101 80 60 0.9", "")), "r s");
-  warn_without_baseline(calibrated_cameras(""), "r s");
+  warn_without_right_camera(calibrated_cameras(camera_txt("Pinhole 100 101 80 60 0")), "r s");
+  warn_without_right_camera(calibrated_cameras(camera_txt("FOV 100 101 80 60 0.9", "")), "r s");
+  warn_without_right_camera(calibrated_cameras(""), "r s");
   EXPECT_TRUE(log.lines().empty());
-  warn_without_baseline(calibrated_cameras(camera_txt("Pinhole 100 101 80 60 0", "")), "r s");
+  warn_without_right_camera(calibrated_cameras(camera_txt("Pinhole 100 101 80 60 0", "")), "r s");
   EXPECT_THAT(log.lines(), ElementsAre(HasSubstr("r s: no camera_info of the right camera")));
 }
 

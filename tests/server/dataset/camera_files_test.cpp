@@ -61,7 +61,7 @@ class EurocCamera : public testing::TestWithParam<Lens> {};
 
 TEST_P(EurocCamera, SaysEveryLens) {
   Dataset made;
-  add_euroc_camera(session_with(GetParam().camera_txt + kSizes), made);
+  add_euroc_calibration(session_with(GetParam().camera_txt + kSizes), made);
   EXPECT_THAT(made.notes, IsEmpty());
   ASSERT_EQ(made.texts.size(), 1U);
   EXPECT_EQ(made.texts[0].to, "mav0/cam0/sensor.yaml");
@@ -96,7 +96,7 @@ INSTANTIATE_TEST_SUITE_P(
 
 TEST(EurocCameraTest, OfAPairTheRightOneIsABaselineAway) {
   Dataset made;
-  add_euroc_camera(session_with("Pinhole 500 500 320 240 0" + kSizes + "0.125\n", true), made);
+  add_euroc_calibration(session_with("Pinhole 500 500 320 240 0" + kSizes + "0.125\n", true), made);
   EXPECT_THAT(made.notes, IsEmpty());
   ASSERT_EQ(made.texts.size(), 2U);
   EXPECT_EQ(made.texts[1].to, "mav0/cam1/sensor.yaml");
@@ -106,16 +106,40 @@ TEST(EurocCameraTest, OfAPairTheRightOneIsABaselineAway) {
 
 TEST(EurocCameraTest, WithoutABaselineTheRightOneIsNotMadeUp) {
   Dataset made;
-  add_euroc_camera(session_with("Pinhole 500 500 320 240 0" + kSizes, true), made);
+  add_euroc_calibration(session_with("Pinhole 500 500 320 240 0" + kSizes, true), made);
   EXPECT_EQ(made.texts.size(), 1U);
   EXPECT_THAT(made.notes, ElementsAre(HasSubstr("no cam1/sensor.yaml")));
+}
+
+TEST(EurocCameraTest, OfAChainTheBodyIsTheInertialSensor) {
+  Dataset made;
+  const std::string camera =
+      "  camera_model: pinhole\n  intrinsics: [500, 500, 320, 240]\n  resolution: [640, 480]\n";
+  add_euroc_calibration(
+      session_with("cam0:\n" + camera +
+                       "  T_cam_imu: [[0, 1, 0, 0.5], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n"
+                       "cam1:\n" +
+                       camera +
+                       "  T_cn_cnm1: [[1, 0, 0, -0.25], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n"
+                       "imu0:\n  gyroscope_noise_density: 0.125\n  update_rate: 200\n",
+                   true),
+      made);
+  EXPECT_THAT(made.notes, IsEmpty());
+  ASSERT_EQ(made.texts.size(), 3U);
+  EXPECT_EQ(made.texts[0].to, "mav0/imu0/sensor.yaml");
+  EXPECT_EQ(value_of(made.texts[0].content, "sensor_type"), "imu");
+  EXPECT_EQ(value_of(made.texts[0].content, "gyroscope_noise_density"), "0.125");
+  EXPECT_THAT(numbers(value_of(made.texts[1].content, "  data")), ElementsAre(0, -1, 0, 0));
+  EXPECT_THAT(made.texts[1].content, HasSubstr("1.0, 0.0, 0.0, -0.5,"));
+  EXPECT_THAT(made.texts[2].content, HasSubstr("1.0, 0.0, 0.0, -0.25,"))
+      << "x of the camera is y of the sensor";
 }
 
 TEST(EurocCameraTest, OneFrameHasNoRate) {
   RecordedSession session = session_with("Pinhole 500 500 320 240 0" + kSizes);
   session.frames.resize(1);
   Dataset made;
-  add_euroc_camera(session, made);
+  add_euroc_calibration(session, made);
   EXPECT_EQ(value_of(made.texts.at(0).content, "rate_hz"), "no rate_hz");
 }
 
@@ -153,14 +177,14 @@ TEST(KittiCamera, ALensThatBendsIsLeftOutByName) {
     EXPECT_THAT(made.texts, IsEmpty());
     const std::string name = std::string(camera).substr(0, std::string(camera).find(' '));
     EXPECT_THAT(made.notes, ElementsAre("no calib.txt: KITTI's knows no lens distortion, and "
-                                        "camera.txt is " +
+                                        "the camera is " +
                                         name));
   }
 }
 
 TEST(CameraFiles, ACalibrationThatCannotBeReadIsANote) {
   Dataset made;
-  add_euroc_camera(session_with("Pinhole 1 2 3\n"), made);
+  add_euroc_calibration(session_with("Pinhole 1 2 3\n"), made);
   add_kitti_camera(session_with("Pinhole 1 2 3\n"), made);
   EXPECT_THAT(made.texts, IsEmpty());
   EXPECT_THAT(made.notes, ElementsAre(HasSubstr("camera.txt: 1 lines"), HasSubstr("camera.txt")));
