@@ -29,9 +29,12 @@ std::string text_of(const fs::path& path) {
   return text;
 }
 
+/// `fallback`: there is no such file.
 double number_of(const fs::path& path, double fallback) {
-  double number = fallback;
-  std::ifstream(path) >> number;
+  std::ifstream file(path);
+  if (!file) return fallback;
+  double number = 0;
+  if (!(file >> number)) throw std::runtime_error("cannot read a number from " + path.string());
   return number;
 }
 

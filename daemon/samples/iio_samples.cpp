@@ -3,9 +3,11 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <boost/asio/buffer.hpp>
+#include <cerrno>
 #include <cmath>
 #include <stdexcept>
 #include <utility>
@@ -30,7 +32,7 @@ IioSamples::Port::Port(boost::asio::io_context& main, const std::string& name,
 
 IioSamples::IioSamples(boost::asio::io_context& main, const SampleStreamSettings& settings,
                        Take take, const IioRoots& roots)
-    : name_(settings.name), take_(std::move(take)) {
+    : name_(settings.name), take_(std::move(take)), watch_(main) {
   try {
     for (const std::string& name : settings.devices) ports_.emplace_back(main, name, roots);
   } catch (const std::runtime_error& error) {
@@ -45,6 +47,28 @@ IioSamples::IioSamples(boost::asio::io_context& main, const SampleStreamSettings
                     name_, fmt::join(settings.devices, ", ")));
   }
   for (Port& port : ports_) receive(port);
+  watch();
+}
+
+/// A device that is unplugged wakes no poll of its buffer, at least until Linux 6.1; a read fails.
+void IioSamples::watch() {
+  watch_.expires_after(std::chrono::seconds(1));
+  watch_.async_wait([this, life = life()](const boost::system::error_code&) {
+    if (life.expired()) return;
+    for (Port& port : ports_) {
+      if (::read(port.node.native_handle(), nullptr, 0) < 0 && errno == ENODEV) {
+        return give_up(port, ENODEV);
+      }
+    }
+    watch();
+  });
+}
+
+void IioSamples::give_up(const Port& port, int error_number) {
+  log_error("{}: {}; no more samples come", name_,
+            system_error("read " + port.device.node().string(), error_number).text);
+  watch_.cancel();
+  for (Port& each : ports_) each.node.close();
 }
 
 void IioSamples::receive(Port& port) {
@@ -52,11 +76,8 @@ void IioSamples::receive(Port& port) {
       boost::asio::buffer(port.scans),
       [this, &port, life = life()](const boost::system::error_code& error, std::size_t bytes) {
         if (life.expired()) return;
-        if (error) {
-          log_error("{}: read {}: {}; no more samples come", name_, port.device.node().string(),
-                    error.message());
-          return;
-        }
+        if (error == boost::asio::error::operation_aborted) return;
+        if (error) return give_up(port, error.value());
         const ClockReading now = read_clocks();
         port.clock.follow(now);
         const std::size_t step = port.device.scan_bytes();

@@ -4,6 +4,7 @@
 #include <array>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/posix/stream_descriptor.hpp>
+#include <boost/asio/steady_timer.hpp>
 #include <cstddef>
 #include <cstdint>
 #include <deque>
@@ -41,12 +42,15 @@ class IioSamples final : public SampleSource {
   };
 
   void receive(Port& port);
+  void watch();
+  void give_up(const Port& port, int error_number);
   void add(const Sample& sample, const IioDevice& device);
   void interpolate(const Sample& acceleration);
 
   const std::string name_;
   const Take take_;
   std::list<Port> ports_;
+  boost::asio::steady_timer watch_;
   std::deque<Sample> pending_;  // of the gyroscope
   std::optional<Sample> last_acceleration_;
 };

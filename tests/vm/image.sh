@@ -11,7 +11,7 @@ here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 folder=$1
 shift
 PACKAGES=busybox-static,bash,kmod,udev,v4l-utils,libcamera-ipa,linux-image-amd64${VM_PACKAGES:+,$VM_PACKAGES}
-CAMERA_MODULES=(vivid uvcvideo vhci-hcd vimc)
+MODULES=(vivid uvcvideo vhci-hcd vimc i2c-dev i2c-stub bmi160_i2c iio-trig-hrtimer)
 mkdir -p "$folder"
 cd "$folder"
 
@@ -35,19 +35,27 @@ debian() {
   echo "$stamp" >debian.stamp
 }
 
-# vimc, the camera that libcamera knows, is in Debian's kernel's source but not in its package. Since 0.1 libcamera has
-# its sensor film in full and scales that down; all of 1920x1080 would take an emulated processor a second.
-vimc() {
-  local source drivers headers=/usr/src/linux-headers-$version
+# What is in Debian's kernel's source but not in its package: vimc, the camera that libcamera knows, and the trigger of
+# IIO that is a timer. Since 0.1 libcamera has vimc's sensor film in full and scales that down; all of 1920x1080 would take
+# an emulated processor a second.
+own_modules() {
+  local source cameras triggers headers=/usr/src/linux-headers-$version
   source=linux-source-$(cut -d. -f1,2 <<<"$version")
-  drivers=$source/drivers/media/test-drivers
-  [ -d "$headers" ] || { echo "vm: apt-get install linux-headers-$version, to build vimc" >&2 && exit 1; }
-  tar -xf "/usr/src/$source.tar.xz" --wildcards "$drivers/vimc/*"
-  sed -i 's/\(define VIMC_FRAME_MAX_WIDTH\).*/\1 640/; s/\(define VIMC_FRAME_MAX_HEIGHT\).*/\1 480/' "$drivers"/vimc/*.h
-  make -s -C "$headers" M="$PWD/$drivers/vimc" CONFIG_VIDEO_VIMC=m -j"$(nproc)" modules >vimc.log 2>&1 ||
-    { cat vimc.log >&2 && exit 1; }
+  cameras=$source/drivers/media/test-drivers/vimc triggers=$source/drivers/iio
+  [ -d "$headers" ] || { echo "vm: apt-get install linux-headers-$version, to build modules" >&2 && exit 1; }
+  tar -xf "/usr/src/$source.tar.xz" --wildcards "$cameras/*" "$triggers"/industrialio-{configfs,sw-trigger}.c \
+    "$triggers/trigger/iio-trig-hrtimer.c"
+  sed -i 's/\(define VIMC_FRAME_MAX_WIDTH\).*/\1 640/; s/\(define VIMC_FRAME_MAX_HEIGHT\).*/\1 480/' "$cameras"/*.h
+  echo 'obj-m := industrialio-configfs.o industrialio-sw-trigger.o trigger/iio-trig-hrtimer.o' >"$triggers/Kbuild"
+  if ! make -s -C "$headers" M="$PWD/$cameras" CONFIG_VIDEO_VIMC=m -j"$(nproc)" modules >modules.log 2>&1 ||
+    ! make -s -C "$headers" M="$PWD/$triggers" modules >>modules.log 2>&1; then
+    cat modules.log >&2
+    exit 1
+  fi
   mkdir -p "debian/lib/modules/$version/extra"
-  strip -g -o "debian/lib/modules/$version/extra/vimc.ko" "$drivers/vimc/vimc.ko"
+  find "$source" -name '*.ko' | while read -r module; do
+    strip -g -o "debian/lib/modules/$version/extra/$(basename "$module")" "$module"
+  done
   rm -rf "$source"
 }
 
@@ -67,7 +75,7 @@ root() {
   mkdir -p root/{share,proc,sys,dev,tmp,run} "root/lib/modules/$version"
   ln -sf bash root/bin/sh
   cp "debian/lib/modules/$version"/modules.{builtin*,order} "root/lib/modules/$version/"
-  modules "$PWD/debian" "${CAMERA_MODULES[@]}" | xargs cp -t "root/lib/modules/$version"
+  modules "$PWD/debian" "${MODULES[@]}" | xargs cp -t "root/lib/modules/$version"
   depmod -b "$PWD/root" "$version"
   libraries "$@"
   mke2fs -q -t ext4 -O ^has_journal -d root root.ext4 \
@@ -78,7 +86,7 @@ root() {
 debian
 version=$(ls debian/lib/modules)
 if [ ! -e "debian/lib/modules/$version/modules.dep" ]; then
-  vimc
+  own_modules
   depmod -b "$PWD/debian" "$version"
 fi
 stamp=$(ldd "$@" | awk '$2 == "=>" {print $3}' | sort -u | xargs stat -L -c '%n %s %Y' |

@@ -14,7 +14,7 @@ rm -rf "$vm/share"
 mkdir "$vm/share"
 cp "${programs[@]}" "$build/tests/vm/orbbuf-usb-firmware-path.so" "$here"/guest/*.sh "$vm/share/"
 "$here/boot.sh" "$vm" "$vm/share" | tee "$vm/console.log" |
-  grep --line-buffered -E '^(PASS|FAIL|DONE) ' || true
+  grep --line-buffered -E '^(PASS|FAIL|RESULT|DONE) ' || true
 
 if grep -q '^DONE ' "$vm/console.log" && ! grep -q '^FAIL ' "$vm/console.log"; then exit 0; fi
 echo "test-vm: failed; see $vm/console.log" >&2

@@ -108,6 +108,11 @@ TEST_F(IioDeviceTest, SaysWhyItCannotBeUsed) {
   tree_.add(0, files_);
   EXPECT_THAT(open("bmi160"),
               ThrowsMessage<std::runtime_error>(HasSubstr("no IIO device bmi160; ")));
+  tree_.put(0, "in_accel_x_scale", "?");
+  EXPECT_THAT(open("mpu6050"),
+              ThrowsMessage<std::runtime_error>(HasSubstr("cannot read a number from ")));
+  tree_.add(0, files_);
+  tree_.put(0, "in_accel_x_scale", "1");
   tree_.put(0, "buffer/enable", "1");
   EXPECT_THAT(open("mpu6050"),
               ThrowsMessage<std::runtime_error>(HasSubstr("its clock is realtime")));

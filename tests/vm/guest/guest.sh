@@ -10,6 +10,8 @@ start_server
 . /share/vivid.sh
 # shellcheck source=tests/vm/guest/libcamera.sh
 . /share/libcamera.sh
+# shellcheck source=tests/vm/guest/iio.sh
+. /share/iio.sh
 # shellcheck source=tests/vm/guest/usb.sh
 . /share/usb.sh
 echo "DONE after $(cut -d' ' -f1 /proc/uptime) s"
