@@ -23,9 +23,9 @@ iperf_rate() { # ADDRESS
 }
 
 # From frame to frame, so that frames that are partly over do not count.
-orbbuf_rate() { # NAME ADDRESS
+orbbuf_rate() { # NAME ADDRESS [with|without samples beside]
   local first=${#pids[@]} begin
-  start_stream "$1" "$2" "$work/large" 30
+  beside_stream "$1" "${3:-without}" "$2" "$work/large" 30
   sleep 3 # slow start is over, and what it lost is repaired
   begin=$EPOCHREALTIME
   sleep $SECONDS_EACH

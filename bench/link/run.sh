@@ -15,6 +15,7 @@
 #   lte       over recorded mobile links: how many attempts there are, and what they cost
 #   slow      64 kbit/s, and a queue of 2 s that others keep full
 #   goodput   how much of the link's rate is frames
+#   beside    what 1 kHz of samples costs the frames
 #   queue     what stands in the kernel's queue
 #   reader    what a slow SLAM program finds
 # Usage: bench/link/run.sh BUILD_FOLDER [--full|--quick] [--seed N] [--only PART[,PART...]]
@@ -69,6 +70,8 @@ RANDOM=$seed
 . "$here/slow.sh"
 # shellcheck source=bench/link/goodput.sh
 . "$here/goodput.sh"
+# shellcheck source=bench/link/beside.sh
+. "$here/beside.sh"
 # shellcheck source=bench/link/queue.sh
 . "$here/queue.sh"
 # shellcheck source=bench/link/reader.sh
@@ -90,5 +93,6 @@ wants() { [ -z "$only" ] || [[ ,$only, == *,$1,* ]]; }
 ! wants lte || mobile_links "$lte_seconds"
 ! wants slow || slow_link
 ! wants goodput || goodput 2 10 50
+! wants beside || beside
 ! wants queue || queues "${rates[@]}"
 ! wants reader || slow_readers
