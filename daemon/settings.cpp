@@ -263,7 +263,8 @@ void read_record(ConfigReader& config, RecordSettings& record) {
 
 void read_streams(ConfigReader& config, Settings& settings) {
   auto& streams = settings.streams;
-  constexpr std::array<std::string_view, 4> kKinds = {"euroc", "socket", "iio", "ros2"};
+  constexpr std::array<std::string_view, 5> kKinds = {"euroc", "socket", "iio", "ros2",
+                                                      "generated"};
   constexpr std::size_t kMost = wire::kMostStreams - wire::kFirstOther;
   for (const auto& [name, key] : config.tables("stream")) {
     SampleStreamSettings stream;
@@ -282,6 +283,10 @@ void read_streams(ConfigReader& config, Settings& settings) {
       require(".device", stream.devices.empty());
     } else if (stream.kind == "ros2") {
       require(".topic", stream.topic.empty());
+    } else if (stream.kind == "generated") {
+      if (settings.source.kind != "generated" || settings.source.loop) {
+        config.fail(key + ".kind", "needs source.kind = \"generated\" without source.loop");
+      }
     } else {
       require(".path", stream.path.empty());
     }

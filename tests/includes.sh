@@ -26,7 +26,7 @@ daemon/capture/list_cameras: daemon/capture/libcamera daemon/capture/v4l2
 daemon/capture/make_source: daemon/capture daemon/capture/libcamera daemon/capture/replay daemon/capture/ros2 daemon/capture/stereo daemon/capture/v4l2
 daemon/image: common daemon/buffer daemon/capture
 daemon/record: common common/journal
-daemon/samples: common daemon/capture daemon/topics
+daemon/samples: common daemon/capture daemon/capture/replay daemon/topics
 daemon/net: common common/net daemon/buffer daemon/record daemon/samples
 daemon/settings: common daemon/buffer daemon/capture daemon/image daemon/net daemon/record daemon/samples
 daemon: common daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/net daemon/samples daemon/settings daemon/capture/list_cameras daemon/capture/make_source

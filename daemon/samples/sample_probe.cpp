@@ -23,7 +23,11 @@ std::string probe_samples(const SampleStreamSettings& settings, std::chrono::sec
     age = std::chrono::system_clock::now().time_since_epoch() -
           std::chrono::nanoseconds(sample.time_ns);
   });
-  source->on_frame(std::numeric_limits<std::int64_t>::max());  // a file's come with the frames
+  // Those of a file come with the frames, and generated ones from the first frame on without end.
+  const bool is_endless = settings.kind == "generated";
+  if (is_endless) source->on_frame(0);
+  source->on_frame(is_endless ? std::chrono::nanoseconds(time).count()
+                              : std::numeric_limits<std::int64_t>::max());
   const bool is_live = times.empty();
   if (is_live) io.run_for(time);
   if (times.size() < 2) {

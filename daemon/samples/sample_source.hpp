@@ -15,7 +15,7 @@ namespace orbbuf {
 /// A `[stream.NAME]` of orbbufd.toml.
 struct SampleStreamSettings {
   std::string name;  ///< of the sensor: wire::is_sample_stream()
-  std::string kind;  ///< `euroc`, `socket`, `iio` or `ros2`
+  std::string kind;  ///< `euroc`, `socket`, `iio`, `ros2` or `generated`
   std::filesystem::path path{};
   std::uint64_t memory_bytes = 40U << 20;  ///< ten minutes at 1 kHz
   std::vector<std::string> devices{};      ///< of `iio`

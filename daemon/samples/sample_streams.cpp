@@ -10,6 +10,7 @@
 
 #include "common/log.hpp"
 #include "daemon/samples/euroc_samples.hpp"
+#include "daemon/samples/generated_samples.hpp"
 #include "daemon/samples/iio_samples.hpp"
 #ifdef ORBBUF_DAEMON_DDS
 #include "daemon/samples/ros2_samples.hpp"
@@ -27,6 +28,7 @@ std::unique_ptr<SampleSource> make_sample_source(boost::asio::io_context& main,
   if (settings.kind == "iio") {
     return std::make_unique<IioSamples>(main, settings, std::move(take));
   }
+  if (settings.kind == "generated") return std::make_unique<GeneratedSamples>(std::move(take));
   if (settings.kind == "ros2") {
 #ifdef ORBBUF_DAEMON_DDS
     return std::make_unique<Ros2Samples>(main, settings, std::move(take));

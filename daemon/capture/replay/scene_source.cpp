@@ -9,11 +9,11 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdlib>
-#include <numbers>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
 #include "daemon/capture/replay/replay_frame.hpp"
+#include "daemon/capture/replay/scene_pose.hpp"
 
 namespace orbbuf {
 namespace {
@@ -126,26 +126,6 @@ constexpr int kMaxSidePx = 4096;
 constexpr int kMinCanvasPx = 512;
 constexpr unsigned kMaxCanvasPx = 4096;
 
-constexpr double kCycleS = 12.0;
-constexpr double kTurnS = 3.0;       // the last of each cycle
-constexpr double kSlowSpeed = 0.06;  // view widths a second
-constexpr double kTurnSpeed = 1.8;   // the same, added at the middle of the turn
-constexpr double kZoomDepth = 0.2;   // the view is up to so much wider or narrower
-constexpr double kRollDepth = 0.25;  // radians either way
-
-/// How far the camera has come, in view widths. Everything it does is a smooth function of this, so
-/// that this alone makes the slow stretches slow and the turns fast.
-double path_at(double time_s) {
-  const double cycles = std::floor(time_s / kCycleS);
-  const double in_cycle_s = time_s - cycles * kCycleS;
-  const double in_turn_s = std::max(0.0, in_cycle_s - (kCycleS - kTurnS));
-  // The speed of a turn is kTurnSpeed * sin^2(pi s / kTurnS); this is its integral.
-  const double turned =
-      kTurnSpeed * (in_turn_s / 2 - kTurnS / (4 * std::numbers::pi) *
-                                        std::sin(2 * std::numbers::pi * in_turn_s / kTurnS));
-  return kSlowSpeed * time_s + cycles * kTurnSpeed * kTurnS / 2 + turned;
-}
-
 /// `value` modulo `period`, 0 or more.
 double wrapped(double value, double period) { return value - std::floor(value / period) * period; }
 
@@ -178,7 +158,7 @@ SceneSource::SceneSource(const SourceSettings& settings) : settings_(settings) {
   canvas_px_per_px_ = std::min(1.0, side / (2.5 * longer));
   const double diagonal = std::hypot(settings.width_px, settings.height_px);
   const int margin =
-      static_cast<int>(std::ceil(diagonal / 2 * (1 + kZoomDepth) * canvas_px_per_px_)) + 2;
+      static_cast<int>(std::ceil(diagonal / 2 * (1 + kSceneZoomDepth) * canvas_px_per_px_)) + 2;
   margin_px_ = margin;
   const cv::Mat once(side, side, settings.color ? CV_8UC3 : CV_8UC1, canvas.pixels.data());
   cv::copyMakeBorder(once, canvas_, margin, margin, margin, margin, cv::BORDER_WRAP);
@@ -186,15 +166,13 @@ SceneSource::SceneSource(const SourceSettings& settings) : settings_(settings) {
 
 /// From the pixels of a frame to those of canvas_.
 cv::Matx23d SceneSource::view_at(double time_s) const {
-  const double path = path_at(time_s);
+  const ScenePose pose = scene_pose_at(time_s);
   const double width = settings_.width_px * canvas_px_per_px_;
-  const double zoom = (1 + kZoomDepth * std::sin(0.7 * path)) * canvas_px_per_px_;
-  const double roll = kRollDepth * std::sin(1.1 * path);
-  const double c = zoom * std::cos(roll);
-  const double s = zoom * std::sin(roll);
-  const double x = margin_px_ + wrapped(width * path, canvas_side_px_);
-  const double y =
-      margin_px_ + wrapped(width * (0.3 * path + 0.2 * std::sin(0.9 * path)), canvas_side_px_);
+  const double zoom = pose.zoom * canvas_px_per_px_;
+  const double c = zoom * std::cos(pose.roll_rad);
+  const double s = zoom * std::sin(pose.roll_rad);
+  const double x = margin_px_ + wrapped(width * pose.x, canvas_side_px_);
+  const double y = margin_px_ + wrapped(width * pose.y, canvas_side_px_);
   const double half_width = (settings_.width_px - 1) / 2.0;
   const double half_height = (settings_.height_px - 1) / 2.0;
   return {c, -s, x - c * half_width + s * half_height,  //

@@ -24,6 +24,13 @@ TEST(SampleProbe, ReportsTheRateAndTheGapsOfAFile) {
       "10.00\n");
 }
 
+TEST(SampleProbe, OfTheGeneratedSceneItTakesTheTime) {
+  EXPECT_EQ(
+      probe_samples({"imu0", "generated"}, std::chrono::seconds(2)),
+      "imu0: 401 samples, 200.0/s; between two of them 5.00 ms, in 90 % 5.00 to 5.00, at most "
+      "5.00\n");
+}
+
 TEST(SampleProbe, SaysThatNoneCame) {
   const test::TemporaryFolder folder;
   EXPECT_EQ(probe_samples({"imu1", "socket", folder / "imu1"}, std::chrono::seconds(1)),
