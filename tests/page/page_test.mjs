@@ -63,6 +63,11 @@ async function picture(name, scheme, width, height = 900) {
   assert.ok(over <= 0, `${name}: ${over} px wider than the screen`);
 }
 
+async function pictures(name) {
+  await picture(`${name}-phone`, "light", 360, 740);
+  await picture(name, "light", 1280);
+}
+
 const value = async (name) =>
   Number(await page.locator(`article[data-robot="front"] [data-name="${name}"]`).getAttribute("data-value"));
 
@@ -122,6 +127,15 @@ async function samplesAreShown() {
   assert.equal(await page.locator('article[data-robot="rear"] .streams').textContent(), "");
 }
 
+/** Whoever has no robot yet is told how to add one. */
+async function empty() {
+  const hint = page.locator(".hint");
+  await hint.waitFor();
+  assert.match(await hint.innerText(), /sudo orbbuf-server add-robot NAME[^]*sudo orbbufd setup NAME.tar/);
+  assert.equal(await page.locator(".key").first().isVisible(), false);
+  await pictures("empty");
+}
+
 async function stream() {
   const samples = `${work}/imu.csv`;
   writeSamples(samples);
@@ -129,22 +143,22 @@ async function stream() {
     "link.server": `127.0.0.1:${link.at}`, "buffer.policy": "uniform", "buffer.capacity": 15,
     "source.frames": 100000, ...(id === "front" && { "stream.imu0.kind": "euroc", "stream.imu0.path": samples }) })));
   await page.waitForSelector('article[data-robot="front"] .badge.connected');
+  assert.equal(await page.locator(".hint").count(), 0);
   await watch();
-  await picture("live-light", "light", 1280);
+  await pictures("live");
   await sleep(5000);
   await samplesAreShown();
   link.cut();
   await page.waitForSelector('article[data-robot="front"] .badge.disconnected');
-  await picture("outage-light", "light", 1280);
   await sleep(3000);
+  await pictures("outage");
   await link.open();
   await page.waitForSelector('article[data-robot="front"] .badge.connected');
   await sleep(4000);
   await samplesAreShown(); // those of the outage came, too
-  await picture("after-light", "light", 1280);
+  await pictures("after");
   await picture("after-dark", "dark", 1280);
-  await picture("phone-light", "light", 360, 740);
-  await picture("phone-dark", "dark", 360, 740);
+  await picture("after-phone-dark", "dark", 360, 740);
   const label = await page.locator('article[data-robot="front"] > canvas').getAttribute("aria-label");
   assert.match(label, /, [1-9]\d* dropped, [1-9]\d* outages/);
   for (const robot of robots) await robot.stop();
@@ -163,6 +177,7 @@ async function compare(robot) {
     assert.equal(await value(name), logged, `page: ${name}`);
     assert.equal(Number(metrics.match(new RegExp(`orbbuf_${metric}\\{robot="front"\\} (\\d+)`))[1]), logged, metric);
   }
+  await pictures("ended");
   assert.equal(await value("buffer"), 0);
   assert.ok((await value("dropped")) > 0, "nothing was dropped in the outage");
   console.log(`page, /metrics and the robot's log agree: ${words}`);
@@ -177,7 +192,7 @@ async function sessionPages() {
   const delivered = Number(await page.locator('[data-name="delivered"]').getAttribute("data-value"));
   await page.locator("input[type=range]").fill(String(delivered - 1));
   await page.waitForFunction(() => document.querySelector(".wide img").complete);
-  await picture("session-light", "light", 1280);
+  await picture("session", "light", 1280);
   await picture("session-phone-dark", "dark", 360, 740);
   return delivered;
 }
@@ -204,13 +219,14 @@ async function fleetPage() {
     "orbbuf-server join front/s1 --etcd 10.0.0.11:2379 --etcd 10.0.0.12:2379");
   assert.equal(await page.locator('td a:text-is("two from 300")').getAttribute("href"),
     "http://10.0.0.22:7723/sessions/front/s1.e2");
-  await picture("fleet-light", "light", 1280);
+  await picture("fleet", "light", 1280);
   await picture("fleet-phone-dark", "dark", 360, 740);
 }
 
 try {
   await load();
   await freeze();
+  await empty();
   const robot = await stream();
   await compare(robot);
   const delivered = await value("acknowledged");

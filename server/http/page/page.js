@@ -258,16 +258,14 @@ function showRobots(robots) {
     }
     card.show(robot);
   }
-  let hint = main.querySelector(".hint");
+  const hint = main.querySelector(".hint");
   if (robots.length > 0) {
     hint?.remove();
   } else if (!hint) {
-    hint = element("p", "No robot has connected yet.");
-    hint.className = "hint";
-    main.append(hint);
+    main.append(clone("empty"));
   }
   const connected = robots.filter((robot) => robot.state === "connected").length;
-  summary(`${connected} of ${robots.length} robot${robots.length === 1 ? "" : "s"} connected`);
+  summary(robots.length === 0 ? "no robot" : `${connected} of ${robots.length} robot${robots.length === 1 ? "" : "s"} connected`);
 }
 
 function summary(text, isBad = false) {
