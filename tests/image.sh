@@ -1,12 +1,13 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# The OCI image of the server, of what ./dev package has built: made twice, run by podman with a read-only root, without
-# capabilities, with its keys as secrets. The image's own add-robot makes them. A robot streams with TLS; the server is
-# killed and started again; no frame is lost. Usage: tests/image.sh; takes root
+# The OCI image of the server, of what ./dev package has built: made twice, run by podman as root, and without root as a
+# user with no rights. The root of the container is read-only, it has no capabilities, and its keys are secrets, which the
+# image's own add-robot makes. A robot streams with TLS; the server is killed and started again; no frame is lost.
+# Usage: tests/image.sh; takes root
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 fail() { echo "image: $1" >&2 && exit 1; }
-if [ "${1-}" != inside ]; then
+if [ $# -eq 0 ]; then
   [ "$(id -u)" -eq 0 ] || fail 'this takes root'
   work=$(mktemp -d /tmp/orbbuf-image.XXXXXX) # podman refuses long paths
   trap 'rm -rf --one-file-system "$work"' EXIT
@@ -23,29 +24,60 @@ if [ "${1-}" != inside ]; then
   [ "$mib" -le 120 ] || fail "the image has $mib MiB, more than 120"
   mkdir -p build/packages
   cp "$work/image.tar" "build/packages/$(basename "$deb" .deb).oci.tar"
-  # A network of its own, and version 2 of control groups alone, which podman asks for.
-  unshare --mount --propagation private --net --cgroup "$PWD/tests/image.sh" inside "$work"
+  chmod 755 "$work"
+  cp tests/image.sh "$work/test.sh" # where a user can read it
+  for user in root orbbuf-image; do
+    unshare --mount --propagation private --net --pid --fork --kill-child --mount-proc --cgroup \
+      "$work/test.sh" inside "$work" "$user"
+  done
   exit
 fi
 
-work=$2
-ip link set lo up
-umount -R /sys/fs/cgroup && mount -t cgroup2 none /sys/fs/cgroup
+packages=$2
+user=$3
+work=$2/$3
+if [ "$1" = inside ]; then # namespaces of their own, with version 2 of control groups alone, which podman asks for
+  ip link set lo up
+  umount -R /sys/fs/cgroup && mount -t cgroup2 none /sys/fs/cgroup
+  mkdir "$work"
+  if [ "$user" != root ]; then # for whom this machine has no name
+    printf '%s\n' "$user:x:64022:64022::$work:/bin/sh" | cat /etc/passwd - >"$packages/passwd"
+    printf '%s\n' "$user:x:64022:" | cat /etc/group - >"$packages/group"
+    for file in subuid subgid; do echo "$user:300000:65536" >"$packages/$file"; done
+    for file in passwd group subuid subgid; do mount --bind "$packages/$file" "/etc/$file"; done
+    mknod -m 666 "$packages/tun" c 10 200
+    mount --bind "$packages/tun" /dev/net/tun # as udev has it
+    chown "$user:$user" "$work"
+  fi
+  exec runuser -u "$user" -- "$packages/test.sh" run "$packages" "$user"
+fi
+
+cd "$work"
+export HOME=$work XDG_RUNTIME_DIR=$work/runtime
+mkdir -m 700 "$XDG_RUNTIME_DIR"
 podman() { command podman --log-level fatal --root "$work/storage" --runroot "$work/run" --cgroup-manager cgroupfs --storage-driver vfs "$@"; }
-options=(--cgroups disabled --network host --read-only --cap-drop all --security-opt no-new-privileges
+options=(--cgroups disabled --read-only --cap-drop all --security-opt no-new-privileges
   --ulimit "nofile=$(ulimit -Hn):$(ulimit -Hn)" --ulimit nproc=1000:1000) # podman would raise them, which takes a privilege
-podman load --quiet --input "$work/image.tar" >"$work/loaded"
+own() { "$@"; } # COMMAND...: with the users of the containers
+if [ "$user" = root ]; then
+  options+=(--network host)
+else
+  own() { podman unshare "$@"; }
+  options+=(--publish 7722:7722)
+fi
+podman load --quiet --input "$packages/image.tar" >"$work/loaded"
 image=$(sed -nE 's/^Loaded image[^:]*: *//p' "$work/loaded")
 [[ $image == *orbbuf-server:* ]] || fail "loaded: $(cat "$work/loaded")"
 
-mkdir "$work/etc" "$work/frames" "$work/robot" "$work/credentials"
-cp "$work/orbbuf-server/etc/orbbuf/orbbuf-server.toml" "$work/etc/"
-chown -R 7722:7722 "$work/etc" "$work/frames"
+mkdir etc robot credentials
+cp "$packages/orbbuf-server/etc/orbbuf/orbbuf-server.toml" etc/
+own chown -R 7722:7722 etc
 podman run --rm "${options[@]}" --volume "$work/etc:/etc/orbbuf" "$image" add-robot robot1 --server localhost
 for secret in certificate:server.crt key:server.key ca:ca.crt; do
-  podman secret create "${secret%:*}" "$work/etc/${secret#*:}" >/dev/null
+  own cat "etc/${secret#*:}" | podman secret create "${secret%:*}" - >/dev/null
 done
-podman run --detach --name server "${options[@]}" --volume "$work/frames:/var/lib/orbbuf-server" \
+own cat etc/robots/robot1.tar >robot1.tar
+podman run --detach --name server "${options[@]}" --volume frames:/var/lib/orbbuf-server \
   --secret certificate,uid=7722,mode=0400 --secret key,uid=7722,mode=0400 --secret ca,uid=7722,mode=0400 \
   --health-cmd 'orbbuf-server status /tmp/orbbuf-status' "$image" >/dev/null
 trap 'podman logs server 2>&1 | tail -n 5 >&2; podman rm --force server >/dev/null' EXIT
@@ -57,20 +89,22 @@ await() { # COMMAND...
 await is_healthy
 podman healthcheck run server || fail 'not healthy'
 
-"$work/orbbufd/usr/bin/orbbufd" setup --folder "$work/robot" --camera generated --force "$work/etc/robots/robot1.tar" >/dev/null
+"$packages/orbbufd/usr/bin/orbbufd" setup --folder "$work/robot" --camera generated --force robot1.tar >/dev/null
 ln -s "$work/robot/orbbufd.crt" "$work/credentials/certificate"
 ln -s "$work/robot/orbbufd.key" "$work/credentials/key"
 ln -s "$work/robot/ca.crt" "$work/credentials/ca"
-CREDENTIALS_DIRECTORY=$work/credentials "$work/orbbufd/usr/bin/orbbufd" --config "$work/robot/orbbufd.toml" \
+CREDENTIALS_DIRECTORY=$work/credentials "$packages/orbbufd/usr/bin/orbbufd" --config "$work/robot/orbbufd.toml" \
   --set source.frames=300 --set source.fps=10 --set source.width=320 --set source.height=240 --set link.live_again=10min \
   --set link.drain_timeout=2min >"$work/robot.log" 2>&1 &
 robot=$!
-await sh -c "ls $work/frames/robot1/*/images/000050.jpg 2>/dev/null | grep -q ." # in its midst
+frames=$(podman volume inspect --format '{{.Mountpoint}}' frames)
+await own sh -c "ls $frames/robot1/*/images/000050.jpg 2>/dev/null | grep -q ." # in its midst
 podman kill --signal KILL server >/dev/null
 podman wait server >/dev/null
 podman start server >/dev/null
 wait "$robot" || { cat "$work/robot.log" >&2 && fail 'the robot could not deliver all'; }
-"$work/orbbuf-server/usr/bin/orbbuf-server" check "$work"/frames/robot1/* | tee "$work/check"
-grep -q 'OK: 300 captured: 300 live' "$work/check" || fail 'a frame is missing'
 podman stop server >/dev/null
-echo 'image: passed'
+podman run --rm "${options[@]}" --volume frames:/var/lib/orbbuf-server --entrypoint sh "$image" \
+  -c 'orbbuf-server check /var/lib/orbbuf-server/robot1/*' | tee "$work/check"
+grep -q 'OK: 300 captured: 300 live' "$work/check" || fail 'a frame is missing'
+echo "image: passed as $user"
