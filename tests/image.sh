@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # The OCI image of the server, of what ./dev package has built: made twice, run by podman as root, and without root as a
 # user with no rights. The root of the container is read-only, it has no capabilities, and its keys are secrets, which the
-# image's own add-robot makes. A robot streams with TLS; the server is killed and started again; no frame is lost.
+# image's own add-robot makes. A robot streams with TLS; the server is killed and started again; no frame is lost. And the image for
+# arm64, if build/packages has the package: its server takes frames in the emulator.
 # Usage: tests/image.sh; takes root
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -30,6 +31,28 @@ if [ $# -eq 0 ]; then
     unshare --mount --propagation private --net --pid --fork --kill-child --mount-proc --cgroup \
       "$work/test.sh" inside "$work" "$user"
   done
+  deb=$(compgen -G "build/packages/orbbuf-server_*${suffix%_*}_arm64.deb" | tail -n 1) || exit 0
+  toolchain/image.sh "$deb" "$work/arm64.tar"
+  cp "$work/arm64.tar" "build/packages/$(basename "$deb" .deb).oci.tar"
+  unshare --net --pid --fork --kill-child "$work/test.sh" arm64 "$work"
+  exit
+fi
+
+if [ "$1" = arm64 ]; then
+  cd "$2"
+  ip link set lo up
+  mkdir arm64 tree
+  tar -C arm64 -xf arm64.tar
+  layer=$(find arm64/blobs -type f -size +1M)
+  tar -C tree -xzf "$layer"
+  cp "$(command -v qemu-aarch64-static)" tree/
+  emulated() { chroot --userspec=7722:7722 tree /qemu-aarch64-static "$@"; }
+  emulated /usr/bin/orbbuf-server --set listen.address=127.0.0.1:7722 --set files.path=/var/lib/orbbuf-server --set status.socket= 2>server.log &
+  orbbufd/usr/bin/orbbufd --set robot.id=robot1 --set link.server=127.0.0.1:7722 --set source.frames=50 --set link.drain_timeout=2min 2>robot.log ||
+    { cat server.log robot.log >&2 && fail 'arm64: the robot could not deliver all'; }
+  emulated /bin/bash -c 'exec /qemu-aarch64-static /usr/bin/orbbuf-server check /var/lib/orbbuf-server/robot1/*' | tee check
+  grep -q 'OK: 50 captured: 50 live' check || fail 'arm64: a frame is missing'
+  echo 'image: passed for arm64'
   exit
 fi
 

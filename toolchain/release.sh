@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Makes a release of this commit in FOLDER, which is made again, of what ./dev package and ./dev test-python left in
-# build/packages: the packages in an apt repository of static files, the Python wheel, a source tarball, an SBOM
+# build/packages: the packages in an apt repository of static files, the Python wheel, the images of the server, a source tarball, an SBOM
 # (SPDX), and SHA256SUMS. KEY signs: as gpg --local-user names it. URL: where FOLDER/apt will be; apt reads it from
 # FOLDER/apt/orbbuf-CODENAME.sources. The same commit, packages and key give the same bytes.
 # Usage: toolchain/release.sh KEY URL FOLDER
@@ -29,6 +29,10 @@ mkdir -p "$folder/apt"
 folder=$(cd "$folder" && pwd)
 git archive --prefix="orbbuf-$version/" HEAD | gzip -9n >"$folder/orbbuf-$version.tar.gz"
 cp build/packages/orbbuf-"$version"-*.whl "$folder/" 2>/dev/null || echo 'release: no wheel: ./dev test-python makes it'
+
+mapfile -t images < <(compgen -G "build/packages/orbbuf-server_$version-1~*.oci.tar")
+[ ${#images[@]} -eq 0 ] || cp "${images[@]}" "$folder/"
+[ ${#images[@]} -gt 0 ] || echo 'release: no image: ./dev test-image makes it'
 
 # repository CODENAME SUFFIX: of the packages whose version ends with the suffix.
 repository() (
