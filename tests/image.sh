@@ -3,13 +3,26 @@
 # The OCI image of the server, of what ./dev package has built: made twice, run by podman as root, and without root as a
 # user with no rights. The root of the container is read-only, it has no capabilities, and its keys are secrets, which the
 # image's own add-robot makes. A robot streams with TLS; the server is killed and started again; no frame is lost. And the image for
-# arm64, if build/packages has the package: its server takes frames in the emulator.
+# arm64, if build/packages has the package: its server takes frames in the emulator. And what examples/*/compose.yaml name.
 # Usage: tests/image.sh; takes root
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 fail() { echo "image: $1" >&2 && exit 1; }
 if [ $# -eq 0 ]; then
   [ "$(id -u)" -eq 0 ] || fail 'this takes root'
+  /usr/bin/python3 - <<'PYTHON' || fail 'examples: a compose.yaml is wrong'
+import pathlib, yaml
+for path in pathlib.Path("examples").glob("*/compose.yaml"):
+    compose = yaml.safe_load(path.read_text())
+    for name, service in compose["services"].items():
+        build = service.get("build")
+        assert build is None or (path.parent / build["context"] / build["dockerfile"]).is_file(), (path, name)
+        assert build or service["image"], (path, name)
+        assert set(service.get("secrets", [])) <= set(compose.get("secrets", {})), (path, name)
+        volumes = {volume.split(":")[0] for volume in service.get("volumes", [])}
+        assert {volume for volume in volumes if volume[0] != "."} <= set(compose["volumes"]), (path, name)
+assert yaml.safe_load(pathlib.Path("examples/compose/prometheus.yml").read_text())["scrape_configs"]
+PYTHON
   work=$(mktemp -d /tmp/orbbuf-image.XXXXXX) # podman refuses long paths
   trap 'rm -rf --one-file-system "$work"' EXIT
   suffix=~deb$(. /etc/os-release && echo "$VERSION_ID")u1_$(dpkg --print-architecture).deb
