@@ -36,6 +36,16 @@ ask() {
   read -r -p "$1 [$2]: " answer || true
   echo "${answer:-$2}"
 }
+# announced: HOST:PORT of each server that avahi-daemon hears of; its address, where the resolver does not know its name.
+announced() {
+  command -v avahi-browse >/dev/null || return 0
+  local name address port
+  { avahi-browse --resolve --parsable --terminate _orbbuf._tcp 2>/dev/null || true; } |
+    awk -F ';' '$1 == "=" && $3 == "IPv4" { print $7, $8, $9 }' | sort -u | while read -r name address port; do
+    ! getent ahosts "$name" >/dev/null || address=$name
+    echo "$address:$port"
+  done
+}
 # put TABLE KEY VALUE: in the configuration, where the key is, or at the head of its table.
 put() {
   grep -qF "[$1]" "$config" || printf '\n[%s]\n' "$1" >>"$config"
@@ -69,7 +79,13 @@ if [ -n "$made" ]; then
   put tls key credential:key
   put tls ca credential:ca
 fi
-[ -n "$server" ] || server=$(ask 'Server, HOST or HOST:PORT' "$(get server "$config")")
+if [ -z "$server" ]; then
+  server=$(get server "$config")
+  mapfile -t found < <(announced)
+  [ ${#found[@]} -eq 0 ] || printf 'found by mDNS: %s\n' "${found[@]}"
+  case $server in '' | 127.0.0.1:7722) server=${found[0]-$server} ;; esac # the sample's
+  server=$(ask 'Server, HOST or HOST:PORT' "$server")
+fi
 [[ $server =~ :[0-9]+$ ]] || server=$server:7722
 put link server "$server"
 

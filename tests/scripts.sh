@@ -34,6 +34,13 @@ cat >"$work/bin/df" <<FAKE
 if [ -e $work/machine/full ]; then free=17; else free=9999; fi
 printf 'Filesystem 1048576-blocks Used Available Capacity Mounted on\ndisk 9 9 %s 9%% /\n' \$free
 FAKE
+cat >"$work/bin/avahi-browse" <<FAKE
+#!/bin/sh
+printf '%s\n' '+;eth0;IPv4;ORBBuf on slam;_orbbuf._tcp;local' \
+  '=;eth0;IPv4;ORBBuf on slam;_orbbuf._tcp;local;no-such-name.invalid;192.0.2.7;7722;' \
+  '=;eth0;IPv6;ORBBuf on slam;_orbbuf._tcp;local;no-such-name.invalid;fe80::1;7722;' \
+  "=;lo;IPv4;ORBBuf on here;_orbbuf._tcp;local;localhost;127.0.0.1;\$(cat $work/port);"
+FAKE
 chmod +x "$work"/bin/*
 PATH=$work/bin:$PATH
 
@@ -71,12 +78,21 @@ timeout 60 bash -c "until grep -q 'listening on' $work/server.log; do read -r -t
 port=$(sed -nE 's/.*with TLS, listening on .*:([0-9]+).*/\1/p' "$work/server.log")
 sed -i "s/^address = \"0.0.0.0:7722\"/address = \"0.0.0.0:$port\"/" "$work/etc/orbbuf-server.toml"
 
+echo "$port" >"$work/port"
+
 # The robot: answers from a pipe, then options alone.
 cp "$build/systemd/orbbufd.toml" "$work/robot/"
 printf 'localhost:%s\ngenerated\n' "$port" | "$robot" setup --folder "$work/robot" >"$work/said" 2>&1 || { cat "$work/said" >&2 && bad=1; }
 expect "wrote $work/robot/orbbufd.toml" cat "$work/said"
 expect 'captured: ' cat "$work/said"
 expect "server = \"localhost:$port\"   # HOST:PORT" cat "$work/robot/orbbufd.toml"
+
+# Servers that mDNS finds are shown, by name if it is known; the first one is suggested in place of the sample's.
+mkdir "$work/found"
+cp "$build/systemd/orbbufd.toml" "$work/found/"
+printf '\ngenerated\n' | "$robot" setup --folder "$work/found" >"$work/said" 2>&1 || { cat "$work/said" >&2 && bad=1; }
+expect 'found by mDNS: 192.0.2.7:7722' cat "$work/said"
+expect "server = \"localhost:$port\"" cat "$work/found/orbbufd.toml"
 before=$(cat "$work/robot/orbbufd.toml")
 refused "nothing answers at localhost:1 (link.server)" "$robot" setup --folder "$work/robot" --server localhost:1 --camera generated
 refused "cannot open" "$robot" setup --folder "$work/robot" --server "localhost:$port" --camera /dev/no-camera

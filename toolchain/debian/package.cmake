@@ -30,7 +30,12 @@ foreach(component ${programs} orbbuf-dev python3-orbbuf)
 endforeach()
 
 foreach(component ${programs})
-  file(WRITE ${made}/${component}/conffiles "/etc/orbbuf/${component}.toml\n")
+  set(conffiles /etc/orbbuf/${component}.toml)
+  if(component STREQUAL orbbuf-server)
+    list(APPEND conffiles /etc/avahi/services/orbbuf-server.service)
+  endif()
+  list(JOIN conffiles "\n" conffiles)
+  file(WRITE ${made}/${component}/conffiles "${conffiles}\n")
   set(extra ${made}/${component}/conffiles)
   foreach(script postinst prerm postrm)
     configure_file(${debian}/${script}.in ${made}/${component}/${script} @ONLY)
@@ -50,7 +55,8 @@ file(CHMOD ${made}/python3-orbbuf/postinst ${made}/python3-orbbuf/prerm
      PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE WORLD_READ WORLD_EXECUTE)
 
 set(CPACK_DEBIAN_ORBBUF-SERVER_PACKAGE_DEPENDS openssl)  # orbbuf-server add-robot
-set(CPACK_DEBIAN_ORBBUFD_PACKAGE_SUGGESTS "iw, libnss-mdns")  # a server named slam.local
+set(CPACK_DEBIAN_ORBBUF-SERVER_PACKAGE_SUGGESTS avahi-daemon)  # that orbbufd setup finds it
+set(CPACK_DEBIAN_ORBBUFD_PACKAGE_SUGGESTS "avahi-utils, iw, libnss-mdns")  # that, and a server named slam.local
 
 get_property(compressed DIRECTORY PROPERTY orbbuf_compressed)
 add_custom_target(orbbuf_compressed ALL DEPENDS ${compressed})
