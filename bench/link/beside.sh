@@ -5,15 +5,12 @@
 # how much of the link's rate is frames. A RESULT is the ratio of both.
 BESIDE_TURNS=6
 
-# sensor SOCKET: a driver of 1 kHz.
-sensor() { python3 "$rig/../../examples/imu_driver.py" "$1" 1000; }
-
 # beside_stream NAME WITH ADDRESS IMAGES FPS [SETTING...]
 beside_stream() {
   local settings=("${@:6}")
   [ "$2" = without ] || settings+=(stream.imu0.kind=socket "stream.imu0.path=$work/$1.imu")
   start_stream "$1" "$3" "$4" "$5" "${settings[@]}"
-  [ "$2" = without ] || start "$1-sensor" sensor "$work/$1.imu"
+  [ "$2" = without ] || start "$1-sensor" python3 "$rig/../../examples/imu_driver.py" "$work/$1.imu" 1000 # 1 kHz
 }
 
 # beside_calm TURN WITH: from capture to file, in ms, a line for each frame in $work/WITH.late.
