@@ -8,14 +8,19 @@
 #include <cmath>
 #include <condition_variable>
 #include <deque>
+#include <list>
 #include <map>
 #include <mutex>
+#include <opencv2/imgproc.hpp>
+#include <optional>
 #include <stdexcept>
 #include <thread>
 #include <vector>
 
+#include "common/jpeg.hpp"
 #include "daemon/capture/make_source.hpp"
 #include "daemon/samples/sample_probe.hpp"
+#include "daemon/samples/time_shift.hpp"
 
 namespace orbbuf {
 namespace {
@@ -24,6 +29,7 @@ using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 
 constexpr auto kCaptureTime = 2s;
+constexpr auto kTimeOfMotion = 6s;  // with samples
 constexpr auto kPatience = 7s;
 constexpr std::size_t kTimed = 8;  // of the last frames
 
@@ -33,19 +39,59 @@ struct Footage {
   int frames = 0;
   int defects = 0;
   std::deque<RawFrame> last;  // without a defect
+  std::vector<ImageMotion> motions{};
+};
+
+/// How far images move, by their phases: that of a camera that is turned, in some unit.
+class MotionFinder {
+ public:
+  explicit MotionFinder(const JpegSettings& settings) : encoder_(settings) {}
+
+  /// Nothing for the first one, and for one that cannot be coded.
+  std::optional<ImageMotion> add(const RawFrame& raw) {
+    constexpr int kLeastWidth = 160;  // smaller ones tell too little
+    const auto frame = encoder_.encode(raw, 0);
+    if (!frame) return std::nullopt;
+    int scale = 8;
+    while (scale > 1 && frame.value().width_px < kLeastWidth * scale) scale /= 2;
+    const auto gray = codec_.decode_gray(frame.value().jpeg, scale);
+    if (!gray) return std::nullopt;
+    cv::Mat image;
+    cv::Mat(gray.value().height_px, gray.value().width_px, CV_8UC1,
+            const_cast<std::uint8_t*>(gray.value().pixels.data()))
+        .convertTo(image, CV_32F);
+    std::optional<ImageMotion> motion;
+    if (last_.size() == image.size()) {
+      if (window_.empty()) cv::createHanningWindow(window_, image.size(), CV_32F);
+      const cv::Point2d moved = cv::phaseCorrelate(last_, image, window_);
+      motion = {last_ns_, raw.capture_time_ns, std::hypot(moved.x, moved.y)};
+    }
+    last_ = image;
+    last_ns_ = raw.capture_time_ns;
+    return motion;
+  }
+
+ private:
+  JpegEncoder encoder_;
+  JpegCodec codec_;
+  cv::Mat last_;
+  cv::Mat window_;
+  std::int64_t last_ns_ = 0;
 };
 
 double ms_since(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
-Footage capture(FrameSource& source) {
+/// With `finder`: of what it moves, and longer.
+Footage capture(FrameSource& source, MotionFinder* finder) {
+  const auto time = finder ? kTimeOfMotion : kCaptureTime;
   std::stop_source stop;
   std::mutex mutex;
   std::condition_variable_any ended;
   const std::jthread alarm([&](const std::stop_token& is_captured) {
     std::unique_lock lock(mutex);
-    ended.wait_for(lock, is_captured, kPatience, [] { return false; });
+    ended.wait_for(lock, is_captured, time + kPatience - kCaptureTime, [] { return false; });
     stop.request_stop();
   });
   Footage footage;
@@ -56,13 +102,16 @@ Footage capture(FrameSource& source) {
       footage.first_ns = frame->capture_time_ns;
     }
     footage.last_ns = frame->capture_time_ns;
+    if (const auto motion = finder ? finder->add(*frame) : std::nullopt) {
+      footage.motions.push_back(*motion);
+    }
     if (frame->defect.empty()) {
       footage.last.push_back(std::move(*frame));
     } else {
       ++footage.defects;
     }
     if (footage.last.size() > kTimed) footage.last.pop_front();
-    if (Clock::now() - first >= kCaptureTime) break;
+    if (Clock::now() - first >= time) break;
   }
   return footage;
 }
@@ -115,12 +164,31 @@ std::string in_toml(const std::map<std::string, double>& controls) {
   return fmt::format("{{ {} }}", fmt::join(entries, ", "));
 }
 
+/// A line, if the samples came beside the frames.
+std::string shift_of(const Footage& footage, const SampleProbe& stream) {
+  constexpr double kTogether = 0.8;
+  const auto shift = find_time_shift(footage.motions, stream.samples());
+  if (shift && shift->correlation >= kTogether) {
+    return fmt::format(
+        "  its time is the camera's {:+.3f} s (timeshift_cam_imu), by the motion of the images; "
+        "correlation {:.2f}\n",
+        shift->seconds, shift->correlation);
+  }
+  if (stream.samples().empty()) return {};
+  return "  for the time between its clock and the camera's, turn the camera to and fro "
+         "meanwhile\n";
+}
+
 }  // namespace
 
 std::string probe(const Settings& settings) {
   const auto source = make_source(settings.source);
   const auto description = source->description();
-  const Footage footage = capture(*source);
+  std::list<SampleProbe> streams;
+  for (const SampleStreamSettings& stream : settings.streams) streams.emplace_back(stream);
+  std::optional<MotionFinder> finder;
+  if (!streams.empty()) finder.emplace(settings.jpeg);
+  const Footage footage = capture(*source, finder ? &*finder : nullptr);
   if (footage.last.size() < 2 || footage.last_ns <= footage.first_ns) {
     throw std::runtime_error(fmt::format("{}: fewer than two usable frames within {} s",
                                          description, kPatience.count()));
@@ -134,8 +202,9 @@ std::string probe(const Settings& settings) {
                         result.features_ms)
           : std::string();
   std::string samples;
-  for (const SampleStreamSettings& stream : settings.streams) {
-    samples += probe_samples(stream, kCaptureTime);
+  for (SampleProbe& stream : streams) {
+    stream.end(footage.first_ns, footage.last_ns);
+    samples += stream.report() + shift_of(footage, stream);
   }
   return fmt::format(
       "source: {}\n"

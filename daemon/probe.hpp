@@ -9,8 +9,10 @@ namespace orbbuf {
 
 /// What `orbbufd --probe` prints: captures from the source of `settings` for 2 s from the first
 /// frame, then measures how long encoding and feature extraction of the last frames take on this
-/// machine, takes samples of each stream for 2 s, and suggests settings. Needs no server. Throws
-/// std::runtime_error if the source cannot be opened or delivers fewer than two frames within 7 s.
+/// machine, and suggests settings. With streams it takes 6 s: the samples that come meanwhile, and
+/// the time between both clocks, if the camera is turned. Needs no server. Throws
+/// std::runtime_error if a source cannot be opened, or that of the frames delivers fewer than two
+/// within 7 s (11 s).
 std::string probe(const Settings& settings);
 
 /// What was measured, per frame.

@@ -1,10 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/probe.hpp"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
+#include <cmath>
+#include <filesystem>
 #include <stdexcept>
+#include <string>
+#include <vector>
 
+#include "common/jpeg.hpp"
+#include "common/sample.hpp"
 #include "testing/temporary_folder.hpp"
 
 namespace orbbuf {
@@ -37,6 +44,51 @@ TEST(Probe, WhatItSuggestsIsAConfiguration) {
   const Settings suggested = load_settings(folder / "c.toml", {});
   EXPECT_EQ(suggested.source.width_px, 160);
   EXPECT_EQ(suggested.source.fps, 25);
+}
+
+/// A camera that is turned to and fro by hand, and a sensor whose clock is 30 ms ahead.
+TEST(Probe, TheMotionOfTheImagesTellsTheTimeOfTheSensor) {
+  const test::TemporaryFolder folder;
+  // A wall of tiles of 8 by 8 pixels, each gray in its own way.
+  const auto wall = [](std::size_t x, std::size_t y) {
+    return static_cast<std::uint8_t>(40 + (x / 8 * 7919 + y / 8 * 104'729) % 177);
+  };
+  const auto angle = [](double time_s) {
+    return 40 * std::sin(5 * time_s) + 12 * std::sin(11 * time_s);
+  };
+  std::filesystem::create_directory(folder / "images");
+  JpegCodec codec;
+  std::string times;
+  for (int i = 0; i < 150; ++i) {
+    const auto x = static_cast<std::size_t>(std::lround(100 + angle(0.04 * i)));
+    std::vector<std::uint8_t> view;
+    for (std::size_t pixel = 0; pixel < std::size_t{160} * 120; ++pixel) {
+      view.push_back(wall(x + pixel % 160, pixel / 160));
+    }
+    const auto jpeg = codec.encode({view.data(), 160, 120, 160, 1}, 90, false);
+    ASSERT_TRUE(jpeg);
+    test::write_file(folder / "images" / fmt::format("{:06}.jpg", i),
+                     std::string(jpeg.value().begin(), jpeg.value().end()));
+    times += fmt::format("{} {:.3f}\n", i, 100 + 0.04 * i);
+  }
+  test::write_file(folder / "times.txt", times);
+  std::string samples;
+  for (int i = -100; i < 1400; ++i) {
+    const double time_s = 0.005 * i;
+    const double speed = (angle(time_s + 1e-4) - angle(time_s - 1e-4)) / 2e-4 / 200;
+    samples += to_euroc_line({std::llround((100.03 + time_s) * 1e9), {0, speed, 0}, {}});
+  }
+  test::write_file(folder / "imu.csv", samples);
+  Settings settings;
+  settings.source.kind = "folder";
+  settings.source.path = folder / "images";
+  settings.source.realtime = false;
+  settings.streams.push_back({"imu0", "euroc", folder / "imu.csv"});
+  const auto report = probe(settings);
+  EXPECT_THAT(report, HasSubstr("\nimu0: 1500 samples, 200.0/s; "));
+  const auto at = report.find("its time is the camera's ");
+  ASSERT_NE(at, std::string::npos) << report;
+  EXPECT_NEAR(std::stod(report.substr(at + 25)), 0.03, 0.011) << report;
 }
 
 TEST(Probe, ASingleImageIsNotEnough) { EXPECT_THROW(probe(generated(1)), std::runtime_error); }

@@ -5,7 +5,6 @@
 
 #include <string>
 
-#include "common/sample.hpp"
 #include "testing/temporary_folder.hpp"
 
 namespace orbbuf {
@@ -18,23 +17,26 @@ TEST(SampleProbe, ReportsTheRateAndTheGapsOfAFile) {
     if (i != 100) lines += to_euroc_line({i * 5'000'000, {}, {}});
   }
   test::write_file(folder / "data.csv", lines);
-  EXPECT_EQ(
-      probe_samples({"imu0", "euroc", folder / "data.csv"}, std::chrono::seconds(2)),
-      "imu0: 200 samples, 199.0/s; between two of them 5.00 ms, in 90 % 5.00 to 5.00, at most "
-      "10.00\n");
+  SampleProbe probe({"imu0", "euroc", folder / "data.csv"});
+  probe.end(500'000'000, 600'000'000);
+  EXPECT_EQ(probe.report(),
+            "imu0: 200 samples, 199.0/s; between two of them 5.00 ms, in 90 % 5.00 to 5.00, at "
+            "most 10.00\n");
 }
 
-TEST(SampleProbe, OfTheGeneratedSceneItTakesTheTime) {
-  EXPECT_EQ(
-      probe_samples({"imu0", "generated"}, std::chrono::seconds(2)),
-      "imu0: 401 samples, 200.0/s; between two of them 5.00 ms, in 90 % 5.00 to 5.00, at most "
-      "5.00\n");
+TEST(SampleProbe, OfTheGeneratedSceneItTakesTheTimeOfTheFrames) {
+  SampleProbe probe({"imu0", "generated"});
+  probe.end(1'000'000'000, 3'000'000'000);
+  ASSERT_EQ(probe.samples().size(), 461U);
+  EXPECT_EQ(probe.samples().front().time_ns, 1'000'000'000);
+  EXPECT_EQ(probe.samples().back().time_ns, 3'300'000'000);
 }
 
 TEST(SampleProbe, SaysThatNoneCame) {
   const test::TemporaryFolder folder;
-  EXPECT_EQ(probe_samples({"imu1", "socket", folder / "imu1"}, std::chrono::seconds(1)),
-            "imu1: 0 samples within 1 s\n");
+  SampleProbe probe({"imu1", "socket", folder / "imu1"});
+  probe.end(0, 1);
+  EXPECT_EQ(probe.report(), "imu1: 0 samples within 0 s\n");
 }
 
 }  // namespace
