@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// OpenVINS (github.com/rpng/open_vins, built without ROS) on live frames, mono or stereo.
+// OpenVINS (github.com/rpng/open_vins, built without ROS) on live frames, mono or stereo, and on
+// the samples of the robot's inertial sensor, which come with them (docs/samples.md).
 //
-//   orbbuf-open-vins CONFIG IMU TRAJECTORY < frames
+//   orbbuf-open-vins CONFIG TRAJECTORY < frames
 //
-// CONFIG is OpenVINS's estimator_config.yaml. OpenVINS needs an IMU, which ORBBuf does not carry.
-// IMU is a file or FIFO with lines as EuRoC has them, in the same clock as the frames:
-// nanoseconds, angular velocity (rad/s) x, y, z, acceleration (m/s^2) x, y, z, separated by commas.
-// TRAJECTORY gets the IMU's pose after each frame (TUM).
+// CONFIG is OpenVINS's estimator_config.yaml. TRAJECTORY gets the IMU's pose after each frame
+// (TUM). A frame goes to OpenVINS with the next one, since its filter needs a sample behind the
+// frame.
 #include <core/VioManager.h>
 #include <core/VioManagerOptions.h>
 #include <orbbuf/pipe.h>
@@ -14,7 +14,6 @@
 #include <utils/opencv_yaml_parse.h>
 #include <utils/sensor_data.h>
 
-#include <cinttypes>
 #include <cstdio>
 #include <fstream>
 #include <iomanip>
@@ -25,21 +24,15 @@
 
 namespace {
 
-/// Gives the filter all measurements up to the first one after `time_s`, as a frame needs them.
-/// Waits for a FIFO. False: the IMU's data end before.
-bool feed_imu_until(std::istream& in, double time_s, ov_msckf::VioManager& vio, double& last_s) {
-  std::string line;
-  while (last_s <= time_s && std::getline(in, line)) {
-    std::int64_t time_ns = 0;
+void feed_samples(const orbbuf_image& image, ov_msckf::VioManager& vio) {
+  for (std::size_t i = 0; i < image.sample_count; ++i) {
+    const orbbuf_sample& sample = image.samples[i];
     ov_core::ImuData imu;
-    if (std::sscanf(line.c_str(), "%" SCNd64 ",%lf,%lf,%lf,%lf,%lf,%lf", &time_ns, &imu.wm[0],
-                    &imu.wm[1], &imu.wm[2], &imu.am[0], &imu.am[1], &imu.am[2]) != 7) {
-      continue;  // a heading
-    }
-    imu.timestamp = last_s = static_cast<double>(time_ns) * 1e-9;
+    imu.timestamp = static_cast<double>(sample.t_ns) * 1e-9;
+    imu.wm = Eigen::Map<const Eigen::Vector3d>(sample.angular_velocity);
+    imu.am = Eigen::Map<const Eigen::Vector3d>(sample.linear_acceleration);
     vio.feed_measurement_imu(imu);
   }
-  return last_s > time_s;
 }
 
 void write_pose(std::ostream& out, ov_msckf::VioManager& vio) {
@@ -54,8 +47,8 @@ void write_pose(std::ostream& out, ov_msckf::VioManager& vio) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 4) {
-    std::cerr << "usage: orbbuf-open-vins CONFIG IMU TRAJECTORY < frames\n";
+  if (argc != 3) {
+    std::cerr << "usage: orbbuf-open-vins CONFIG TRAJECTORY < frames\n";
     return 2;
   }
   const auto parser = std::make_shared<ov_core::YamlParser>(argv[1]);
@@ -63,32 +56,29 @@ int main(int argc, char** argv) {
   options.print_and_load(parser);
   if (!parser->successful()) return 2;
   ov_msckf::VioManager vio(options);
-  std::ifstream imu(argv[2]);
-  std::ofstream trajectory(argv[3]);
+  std::ofstream trajectory(argv[2]);
   trajectory << std::fixed << std::setprecision(9);
-  double last_imu_s = 0;
   ov_core::CameraData frame;
   orbbuf_reader reader;
   orbbuf_image image;
   int got = 0;
   orbbuf_reader_init(&reader, stdin);
   while ((got = orbbuf_read(&reader, &image)) == 1) {
+    feed_samples(image, vio);
     const int id = image.camera == ORBBUF_RIGHT ? 1 : 0;
-    if (id == 0) frame = {};
+    if (id == 0) {
+      if (!frame.images.empty()) {
+        vio.feed_measurement_camera(frame);
+        write_pose(trajectory, vio);
+      }
+      frame = {};
+    }
     frame.timestamp = image.t;
     frame.sensor_ids.push_back(id);
     const cv::Mat pixels(static_cast<int>(image.height), static_cast<int>(image.width), CV_8UC1,
                          const_cast<unsigned char*>(image.data));
     frame.images.push_back(pixels.clone());
     frame.masks.push_back(cv::Mat::zeros(pixels.size(), CV_8UC1));
-    if (image.camera == ORBBUF_LEFT) continue;  // the right one is next
-    const double offset_s = vio.get_state()->_calib_dt_CAMtoIMU->value()(0);
-    if (!feed_imu_until(imu, image.t + offset_s, vio, last_imu_s)) {
-      std::cerr << "orbbuf-open-vins: the IMU's data end before frame " << image.seq << '\n';
-      break;
-    }
-    vio.feed_measurement_camera(frame);
-    write_pose(trajectory, vio);
   }
   if (got < 0) std::cerr << "orbbuf-open-vins: " << reader.error << '\n';
   orbbuf_reader_free(&reader);
