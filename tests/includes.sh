@@ -56,6 +56,7 @@ bench/sim:
 evaluation: server/calibration
 evaluation/world: common bench evaluation
 evaluation/odometry: common bench evaluation
+evaluation/imu: common bench evaluation evaluation/odometry
 evaluation/trial: common bench daemon/buffer daemon/image bench/sim evaluation evaluation/odometry
 evaluation/outages: common bench daemon/buffer daemon/capture/make_source daemon/image bench/sim evaluation/odometry evaluation/trial
 evaluation/real: common bench bench/sim
