@@ -11,14 +11,13 @@
 #include <list>
 #include <map>
 #include <mutex>
-#include <opencv2/imgproc.hpp>
-#include <optional>
 #include <stdexcept>
 #include <thread>
+#include <utility>
 #include <vector>
 
-#include "common/jpeg.hpp"
 #include "daemon/capture/make_source.hpp"
+#include "daemon/image/image_shift.hpp"
 #include "daemon/samples/sample_probe.hpp"
 #include "daemon/samples/time_shift.hpp"
 
@@ -42,50 +41,15 @@ struct Footage {
   std::vector<ImageMotion> motions{};
 };
 
-/// How far images move, by their phases: that of a camera that is turned, in some unit.
-class MotionFinder {
- public:
-  explicit MotionFinder(const JpegSettings& settings) : encoder_(settings) {}
-
-  /// Nothing for the first one, and for one that cannot be coded.
-  std::optional<ImageMotion> add(const RawFrame& raw) {
-    constexpr int kLeastWidth = 160;  // smaller ones tell too little
-    const auto frame = encoder_.encode(raw, 0);
-    if (!frame) return std::nullopt;
-    int scale = 8;
-    while (scale > 1 && frame.value().width_px < kLeastWidth * scale) scale /= 2;
-    const auto gray = codec_.decode_gray(frame.value().jpeg, scale);
-    if (!gray) return std::nullopt;
-    cv::Mat image;
-    cv::Mat(gray.value().height_px, gray.value().width_px, CV_8UC1,
-            const_cast<std::uint8_t*>(gray.value().pixels.data()))
-        .convertTo(image, CV_32F);
-    std::optional<ImageMotion> motion;
-    if (last_.size() == image.size()) {
-      if (window_.empty()) cv::createHanningWindow(window_, image.size(), CV_32F);
-      const cv::Point2d moved = cv::phaseCorrelate(last_, image, window_);
-      motion = {last_ns_, raw.capture_time_ns, std::hypot(moved.x, moved.y)};
-    }
-    last_ = image;
-    last_ns_ = raw.capture_time_ns;
-    return motion;
-  }
-
- private:
-  JpegEncoder encoder_;
-  JpegCodec codec_;
-  cv::Mat last_;
-  cv::Mat window_;
-  std::int64_t last_ns_ = 0;
-};
-
 double ms_since(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
-/// With `finder`: of what it moves, and longer.
-Footage capture(FrameSource& source, MotionFinder* finder) {
-  const auto time = finder ? kTimeOfMotion : kCaptureTime;
+/// With the motion of the images it takes longer.
+Footage capture(FrameSource& source, const JpegSettings& jpeg, bool with_motion) {
+  const auto time = with_motion ? kTimeOfMotion : kCaptureTime;
+  JpegEncoder encoder(jpeg);
+  ImageShift shift;
   std::stop_source stop;
   std::mutex mutex;
   std::condition_variable_any ended;
@@ -101,9 +65,12 @@ Footage capture(FrameSource& source, MotionFinder* finder) {
       first = Clock::now();
       footage.first_ns = frame->capture_time_ns;
     }
-    footage.last_ns = frame->capture_time_ns;
-    if (const auto motion = finder ? finder->add(*frame) : std::nullopt) {
-      footage.motions.push_back(*motion);
+    const std::int64_t before_ns = std::exchange(footage.last_ns, frame->capture_time_ns);
+    if (with_motion) {
+      const auto coded = encoder.encode(*frame, 0);
+      const auto pixels =
+          coded ? shift.add(coded.value().jpeg, coded.value().width_px) : shift.add({}, 0);
+      if (pixels) footage.motions.push_back({before_ns, footage.last_ns, *pixels});
     }
     if (frame->defect.empty()) {
       footage.last.push_back(std::move(*frame));
@@ -186,9 +153,7 @@ std::string probe(const Settings& settings) {
   const auto description = source->description();
   std::list<SampleProbe> streams;
   for (const SampleStreamSettings& stream : settings.streams) streams.emplace_back(stream);
-  std::optional<MotionFinder> finder;
-  if (!streams.empty()) finder.emplace(settings.jpeg);
-  const Footage footage = capture(*source, finder ? &*finder : nullptr);
+  const Footage footage = capture(*source, settings.jpeg, !streams.empty());
   if (footage.last.size() < 2 || footage.last_ns <= footage.first_ns) {
     throw std::runtime_error(fmt::format("{}: fewer than two usable frames within {} s",
                                          description, kPatience.count()));
