@@ -7,6 +7,7 @@
 #include <cassert>
 #include <charconv>
 #include <cmath>
+#include <limits>
 
 #include "common/byte_order.hpp"
 
@@ -14,12 +15,20 @@ namespace orbbuf {
 namespace {
 
 constexpr std::size_t kSampleBytes = 56;
+/// In place of the first sample's time: messages of topics follow.
+constexpr std::int64_t kMessagesFollow = std::numeric_limits<std::int64_t>::min();
 
 template <class Archive>
 void fields(Archive& archive, wire::FieldsOf<Archive, Sample>& sample) {
   auto& [x, y, z] = sample.angular_velocity;
   auto& [ax, ay, az] = sample.linear_acceleration;
   archive.fields(sample.time_ns, x, y, z, ax, ay, az);
+}
+
+template <class Archive>
+void fields(Archive& archive, wire::FieldsOf<Archive, TopicPublisher>& writer) {
+  archive.fields(writer.key, writer.topic, writer.type, writer.user_data, writer.depth);
+  archive.flags(writer.is_reliable, writer.is_latched, writer.is_xcdr2);
 }
 
 template <class Number>
@@ -43,7 +52,77 @@ bool is_finite(const Sample& sample) {
          std::ranges::all_of(sample.linear_acceleration, finite);
 }
 
+bool is_name(std::string_view text, std::string_view others) {
+  const auto is_part = [others](char c) {
+    const bool is_letter = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z');
+    return is_letter || (c >= '0' && c <= '9') || others.find(c) != std::string_view::npos;
+  };
+  return !text.empty() && text.size() <= wire::kMaxTopicTextBytes &&
+         std::ranges::all_of(text, is_part);
+}
+
+wire::Fault malformed(std::string_view what) {
+  return {wire::ErrorCode::kMalformed, fmt::format("messages of a topic: {}", what)};
+}
+
+std::vector<std::uint8_t> encode_messages(std::span<const Sample> samples) {
+  std::vector<const TopicPublisher*> writers;
+  std::vector<std::uint16_t> writer_of;
+  for (const Sample& sample : samples) {
+    const auto same = std::ranges::find_if(
+        writers, [&sample](const auto* writer) { return *writer == *sample.message->publisher; });
+    writer_of.push_back(static_cast<std::uint16_t>(same - writers.begin()));
+    if (same == writers.end()) writers.push_back(sample.message->publisher.get());
+  }
+  wire::Writer out(0);
+  out.fields(static_cast<std::uint16_t>(samples.size()), kMessagesFollow,
+             static_cast<std::uint16_t>(writers.size()));
+  for (const TopicPublisher* writer : writers) fields(out, *writer);
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    const TopicMessage& message = *samples[i].message;
+    out.fields(writer_of[i], message.time_ns, static_cast<std::uint32_t>(message.cdr.size()));
+    out.put_bytes(message.cdr);
+  }
+  return std::move(out.bytes());
+}
+
+wire::Parsed<std::vector<Sample>> parse_messages(wire::Reader& in, std::size_t count) {
+  std::vector<std::shared_ptr<const TopicPublisher>> writers;
+  auto left = in.take<std::uint16_t>();
+  in.require(left <= count);
+  for (; left > 0 && !in.is_short(); --left) {
+    TopicPublisher writer;
+    fields(in, writer);
+    if (!in.is_short() && !wire::is_valid(writer)) return malformed("a publisher is not valid");
+    writers.push_back(std::make_shared<const TopicPublisher>(std::move(writer)));
+  }
+  std::vector<Sample> samples;
+  for (; count > 0 && !in.is_short(); --count) {
+    TopicMessage message;
+    const auto writer = in.take<std::uint16_t>();
+    message.time_ns = in.take<std::int64_t>();
+    in.require(writer < writers.size());
+    const auto cdr = in.take_bytes(in.take<std::uint32_t>());
+    if (in.is_short()) break;
+    message.publisher = writers[writer];
+    message.cdr.assign(cdr.begin(), cdr.end());
+    samples.push_back(
+        {message.time_ns, {}, {}, std::make_shared<const TopicMessage>(std::move(message))});
+  }
+  if (in.is_short() || in.left() > 0) return malformed("their lengths do not fit");
+  return samples;
+}
+
 }  // namespace
+
+std::string to_message_line(const TopicMessage& message) {
+  return fmt::format("{},{},{},{:02x}\n", message.time_ns, message.publisher->topic,
+                     message.publisher->type, fmt::join(message.cdr, ""));
+}
+
+std::string to_line(const Sample& sample) {
+  return sample.message ? to_message_line(*sample.message) : to_euroc_line(sample);
+}
 
 std::string to_euroc_line(const Sample& sample) {
   const auto& [x, y, z] = sample.angular_velocity;
@@ -66,11 +145,20 @@ std::optional<Sample> parse_euroc_line(std::string_view line) {
 namespace wire {
 
 bool is_sample_stream(const StreamDeclaration& stream) {
-  return stream.codec == kSampleCodec && is_valid_id(stream.name) && stream.name.starts_with("imu");
+  if (!is_valid_id(stream.name)) return false;
+  return stream.codec == kTopicCodec ||
+         (stream.codec == kSampleCodec && stream.name.starts_with("imu"));
+}
+
+bool is_valid(const TopicPublisher& writer) {
+  return is_name(writer.topic, "_/") && writer.topic.front() == '/' && writer.topic.back() != '/' &&
+         is_name(writer.type, "_:") && writer.user_data.size() <= kMaxTopicTextBytes &&
+         writer.depth > 0;
 }
 
 std::vector<std::uint8_t> encode_samples(std::span<const Sample> samples) {
   assert(!samples.empty() && samples.size() <= kMaxSamplesPerMessage);
+  if (samples.front().message) return encode_messages(samples);
   Writer out(0);
   out.put(static_cast<std::uint16_t>(samples.size()));
   for (const Sample& sample : samples) fields(out, sample);
@@ -80,6 +168,11 @@ std::vector<std::uint8_t> encode_samples(std::span<const Sample> samples) {
 Parsed<std::vector<Sample>> parse_samples(std::span<const std::uint8_t> payload) {
   Reader in(payload);
   const auto count = in.take<std::uint16_t>();
+  Reader of_messages = in;
+  if (count > 0 && count <= kMaxSamplesPerMessage &&
+      of_messages.take<std::int64_t>() == kMessagesFollow) {
+    return parse_messages(of_messages, count);
+  }
   if (count == 0 || count > kMaxSamplesPerMessage || in.left() != count * kSampleBytes) {
     return Fault{ErrorCode::kMalformed,
                  fmt::format("samples: {} of them in {} bytes", count, payload.size())};

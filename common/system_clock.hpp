@@ -4,6 +4,7 @@
 #include <sys/timex.h>
 
 #include <chrono>
+#include <cstdint>
 #include <ctime>
 
 namespace orbbuf {
@@ -13,6 +14,10 @@ struct SystemClockReading {
   std::chrono::nanoseconds since_boot{0};  ///< by the clock that is never set; sleep counts
   bool is_synchronised = false;            ///< the kernel says so: an NTP client keeps the clock
 };
+
+inline std::int64_t system_time_ns() {
+  return std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
+}
 
 inline SystemClockReading read_system_clock() {
   timespec since_boot{};

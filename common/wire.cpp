@@ -37,7 +37,7 @@ class Message : public Writer {
 
   std::vector<std::uint8_t> take() && {
     const auto body = std::span(bytes()).subspan(kHeaderBytes);
-    assert(body.size() <= kMaxControlBytes);
+    assert(body.size() <= (type_ == Type::kItems ? kMaxItemsBytes : kMaxControlBytes));
     store_header(bytes().data(), type_, static_cast<std::uint32_t>(body.size()), crc32(body));
     return std::move(bytes());
   }

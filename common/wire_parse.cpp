@@ -60,7 +60,8 @@ bool is_type(std::uint8_t type) {
 std::optional<Fault> check_length(const Header& header, std::uint32_t max_jpeg_bytes) {
   const bool is_frame = header.type == Type::kFrame;
   const std::uint64_t limit =
-      is_frame ? std::uint64_t{kFrameMetaBytes} + max_jpeg_bytes : kMaxControlBytes;
+      is_frame ? std::uint64_t{kFrameMetaBytes} + max_jpeg_bytes
+               : (header.type == Type::kItems ? kMaxItemsBytes : kMaxControlBytes);
   if (header.body_bytes > limit) {
     return too_large(fmt::format("{} body", to_string(header.type)), header.body_bytes, limit);
   }

@@ -263,16 +263,25 @@ void read_record(ConfigReader& config, RecordSettings& record) {
 
 void read_streams(ConfigReader& config, Settings& settings) {
   auto& streams = settings.streams;
-  constexpr std::array<std::string_view, 5> kKinds = {"euroc", "socket", "iio", "ros2",
-                                                      "generated"};
+  constexpr std::array<std::string_view, 6> kKinds = {"euroc", "socket",    "iio",
+                                                      "ros2",  "generated", "topic"};
+  constexpr std::array<std::string_view, 2> kTopicPolicies = {"all", "latest"};
   constexpr std::size_t kMost = wire::kMostStreams - wire::kFirstOther;
   for (const auto& [name, key] : config.tables("stream")) {
     SampleStreamSettings stream;
     stream.name = name;
-    if (!wire::is_sample_stream({wire::kFirstOther, name, std::string(wire::kSampleCodec)})) {
-      config.fail(key, "expected a name that begins with \"imu\", of A-Z a-z 0-9 . _ -");
-    }
     stream.kind = config.choice(key + ".kind", kKinds.front(), kKinds);
+    const bool is_of_topic = stream.kind == "topic";
+    const auto codec = is_of_topic ? wire::kTopicCodec : wire::kSampleCodec;
+    if (!wire::is_sample_stream({wire::kFirstOther, name, std::string(codec)})) {
+      config.fail(key, fmt::format("expected a name {}of A-Z a-z 0-9 . _ -",
+                                   is_of_topic ? "" : "that begins with \"imu\", "));
+    }
+    if (is_of_topic) {
+      stream.is_latest_only =
+          config.choice(key + ".policy", kTopicPolicies.front(), kTopicPolicies) == "latest";
+      config.read(key + ".rate", stream.rate, 0.0, 10'000.0);
+    }
     stream.path = config.path(key + ".path", {});
     stream.devices = config.one_or_more_texts(key + ".device", {});
     stream.topic = config.text(key + ".topic", "");
@@ -281,7 +290,7 @@ void read_streams(ConfigReader& config, Settings& settings) {
     };
     if (stream.kind == "iio") {
       require(".device", stream.devices.empty());
-    } else if (stream.kind == "ros2") {
+    } else if (stream.kind == "ros2" || is_of_topic) {
       require(".topic", stream.topic.empty());
     } else if (stream.kind == "generated") {
       if (settings.source.kind != "generated" || settings.source.loop) {

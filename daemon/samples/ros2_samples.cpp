@@ -9,12 +9,14 @@
 #include <utility>
 
 #include "common/log.hpp"
+#include "common/system_clock.hpp"
 #include "daemon/topics/header_time.hpp"
 
 namespace orbbuf {
 namespace {
 
 constexpr int kDepth = 10'000;  // ten seconds at 1 kHz
+constexpr int kMessageDepth = 1000;
 
 using Imu = sensor_msgs_msg_dds__Imu_;
 using News = boost::asio::posix::stream_descriptor;
@@ -23,6 +25,10 @@ Sample sample_of(const Imu& imu) {
   const auto& [wx, wy, wz] = imu.angular_velocity;
   const auto& [ax, ay, az] = imu.linear_acceleration;
   return {time_ns_of(imu.header), {wx, wy, wz}, {ax, ay, az}};
+}
+
+std::chrono::nanoseconds period_of(double rate) {
+  return std::chrono::nanoseconds(rate > 0 ? static_cast<std::int64_t>(1e9 / rate) : 0);
 }
 
 bool has_finite_values(const Sample& sample) {
@@ -37,7 +43,11 @@ Ros2Samples::Ros2Samples(boost::asio::io_context& main, const SampleStreamSettin
                          Take take)
     : name_(settings.name),
       take_(std::move(take)),
-      reader_(settings.topic, {&sensor_msgs_msg_dds__Imu__desc}, kDepth),
+      period_(period_of(settings.rate)),
+      reader_(settings.topic,
+              settings.kind == "topic" ? TopicReader::Types{}
+                                       : TopicReader::Types{&sensor_msgs_msg_dds__Imu__desc},
+              settings.kind == "topic" ? kMessageDepth : kDepth),
       news_(main, ::dup(reader_.fd())),
       timer_(main) {
   receive();
@@ -63,16 +73,36 @@ void Ros2Samples::look_each_second() {
 }
 
 void Ros2Samples::take_all() {
-  while (const auto message = reader_.take()) {
-    const Sample sample = sample_of(*static_cast<const Imu*>(message->data.get()));
-    if (has_finite_values(sample)) {
-      take_(sample);
-    } else if (!std::exchange(is_fault_logged_, true)) {
-      log_warn(
-          "{}: a message of topic {} is ignored, and so are others like it: a number "
-          "is not finite",
-          name_, reader_.topic());
+  while (auto message = reader_.take()) {
+    if (message->raw) {
+      take_message(*std::move(message));
+    } else {
+      take_imu(*message);
     }
+  }
+}
+
+/// A message that late readers are to get is never left out. One of the future has the time at
+/// which it came, so that it need not wait for a frame of the future.
+void Ros2Samples::take_message(TopicReader::Message message) {
+  const auto now = std::chrono::steady_clock::now();
+  if (!message.raw->publisher->is_latched) {
+    if (now < due_) return;
+    due_ = std::max(due_, now - period_ / 2) + period_;
+  }
+  const std::int64_t time_ns = std::min(message.raw->time_ns, system_time_ns());
+  take_({time_ns, {}, {}, std::move(message.raw)});
+}
+
+void Ros2Samples::take_imu(const TopicReader::Message& message) {
+  const Sample sample = sample_of(*static_cast<const Imu*>(message.data.get()));
+  if (has_finite_values(sample)) {
+    take_(sample);
+  } else if (!std::exchange(is_fault_logged_, true)) {
+    log_warn(
+        "{}: a message of topic {} is ignored, and so are others like it: a number "
+        "is not finite",
+        name_, reader_.topic());
   }
 }
 

@@ -12,7 +12,8 @@
 namespace orbbuf {
 
 /// Takes the messages sensor_msgs/msg/Imu that a node on this robot publishes by ROS 2, with the
-/// stamps of their headers. The orientation is left out. It waits for a publisher as TopicReader
+/// stamps of their headers, without the orientation; or, of the kind `topic`, messages of any type,
+/// as they are, with the times at which they were written. It waits for a publisher as TopicReader
 /// does.
 class Ros2Samples final : public SampleSource {
  public:
@@ -23,9 +24,13 @@ class Ros2Samples final : public SampleSource {
   void receive();
   void look_each_second();
   void take_all();
+  void take_message(TopicReader::Message message);
+  void take_imu(const TopicReader::Message& message);
 
   const std::string name_;
   const Take take_;
+  const std::chrono::nanoseconds period_;  // between messages of a topic, at least
+  std::chrono::steady_clock::time_point due_{};
   TopicReader reader_;
   boost::asio::posix::stream_descriptor news_;
   boost::asio::steady_timer timer_;

@@ -12,20 +12,23 @@
 
 namespace orbbuf {
 
-/// The samples of one sensor on their way to the server, numbered from 0 in the order of time: kept
-/// until acknowledged, sent again on a new connection. It never thins them. When it is full, the
-/// oldest one that was never sent goes, and its number is left out: it comes late if the robot's
-/// record has it, else it is lost.
+/// The samples of one sensor, or the messages of a topic, on their way to the server, numbered from
+/// 0 in the order of time: kept until acknowledged, sent again on a new connection. It never thins
+/// them, but where the newest message is all that is wanted. When it is full, the oldest one that
+/// was never sent goes, and its number is left out: it comes late if the robot's record has it,
+/// else it is lost.
 ///
 /// At any time captured = delivered + waiting + late + lost. Reentrant.
 class SampleQueue {
  public:
-  static constexpr std::size_t kBytesPerSample = 64;
+  static constexpr std::size_t kBytesPerSample = 80;
 
-  /// A full queue has bytes / kBytesPerSample samples, at least one.
-  explicit SampleQueue(std::uint64_t bytes);
+  /// bytes: of all that wait, but one may wait whatever it takes; kBytesPerSample each, and its own
+  /// of a message. is_latest_only: one that was never sent goes when the next one comes.
+  explicit SampleQueue(std::uint64_t bytes, bool is_latest_only = false);
 
-  /// False: it is not newer than the one before, and not taken.
+  /// False: it is a sample not newer than the one before, or a message too long to be sent, which
+  /// is lost.
   bool push(const Sample& sample);
 
   /// A new connection begins: the server has the samples below `next`.
@@ -36,6 +39,7 @@ class SampleQueue {
   struct Batch {
     std::uint64_t first = 0;  ///< the number of the first; those of the others follow
     std::vector<Sample> samples;
+    std::size_t message_bytes = 0;  ///< of topics
   };
   /// The next ones to send, up to `upto_ns`; nothing: there are none.
   std::optional<Batch> take(std::int64_t upto_ns);
@@ -77,9 +81,12 @@ class SampleQueue {
     Sample sample;
   };
 
+  static bool add(const Entry& entry, Batch& batch);
   void make_room();
 
-  const std::size_t most_;
+  const std::uint64_t most_bytes_;
+  const bool is_latest_only_;
+  std::uint64_t bytes_ = 0;     // of those that wait
   std::deque<Entry> waiting_;   // not acknowledged, the oldest first
   std::size_t sent_ = 0;        // how many of them this connection has sent
   std::uint64_t end_ = 0;       // the next sample's number

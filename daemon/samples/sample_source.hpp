@@ -14,16 +14,18 @@ namespace orbbuf {
 
 /// A `[stream.NAME]` of orbbufd.toml.
 struct SampleStreamSettings {
-  std::string name;  ///< of the sensor: wire::is_sample_stream()
-  std::string kind;  ///< `euroc`, `socket`, `iio`, `ros2` or `generated`
+  std::string name;  ///< of the sensor or topic: wire::is_sample_stream()
+  std::string kind;  ///< `euroc`, `socket`, `iio`, `ros2`, `generated` or `topic`
   std::filesystem::path path{};
-  std::uint64_t memory_bytes = 40U << 20;  ///< ten minutes at 1 kHz
+  std::uint64_t memory_bytes = 48U << 20;  ///< ten minutes at 1 kHz
   std::vector<std::string> devices{};      ///< of `iio`
   std::string topic{};                     ///< of `ros2`: of sensor_msgs/msg/Imu
+  bool is_latest_only = false;             ///< policy `latest`
+  double rate = 0;                         ///< of `topic`: messages a second at most; 0: no limit
 };
 
-/// Where the samples of one sensor come from. Hands each on once, in its order. Thread-bound to
-/// `main`; never blocks.
+/// Where the samples of one sensor, or the messages of a topic, come from. Hands each on once, in
+/// its order. Thread-bound to `main`; never blocks.
 class SampleSource {
  public:
   using Take = std::function<void(const Sample&)>;

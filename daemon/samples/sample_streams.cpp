@@ -18,6 +18,11 @@
 #include "daemon/samples/socket_samples.hpp"
 
 namespace orbbuf {
+namespace {
+
+bool is_of_topic(const SampleStreamSettings& settings) { return settings.kind == "topic"; }
+
+}  // namespace
 
 std::unique_ptr<SampleSource> make_sample_source(boost::asio::io_context& main,
                                                  const SampleStreamSettings& settings,
@@ -29,7 +34,7 @@ std::unique_ptr<SampleSource> make_sample_source(boost::asio::io_context& main,
     return std::make_unique<IioSamples>(main, settings, std::move(take));
   }
   if (settings.kind == "generated") return std::make_unique<GeneratedSamples>(std::move(take));
-  if (settings.kind == "ros2") {
+  if (settings.kind == "ros2" || is_of_topic(settings)) {
 #ifdef ORBBUF_DAEMON_DDS
     return std::make_unique<Ros2Samples>(main, settings, std::move(take));
 #else
@@ -49,8 +54,10 @@ SampleStreams::SampleStreams(boost::asio::io_context& main,
   wire::StreamId id = wire::kFirstOther;
   streams_.reserve(settings.size());
   for (const SampleStreamSettings& each : settings) {
-    Stream& stream = streams_.emplace_back(
-        Stream{{id++, each.name, std::string(wire::kSampleCodec)}, SampleQueue(each.memory_bytes)});
+    const auto codec = is_of_topic(each) ? wire::kTopicCodec : wire::kSampleCodec;
+    Stream& stream =
+        streams_.emplace_back(Stream{{id++, each.name, std::string(codec)},
+                                     SampleQueue(each.memory_bytes, each.is_latest_only)});
     stream.source = make_sample_source(
         main, each, [this, &stream](const Sample& sample) { take(stream, sample); });
   }
@@ -62,8 +69,10 @@ void SampleStreams::take(Stream& stream, const Sample& sample) {
     stream.newest = EventRate::Clock::now();
     stream.rate.count(1, stream.newest);
   } else if (!std::exchange(stream.is_disorder_logged, true)) {
-    log_warn("{}: a sample is not newer than the one before: ignored, and so are others like it",
-             stream.declaration.name);
+    log_warn("{}: {}, and so are others like it", stream.declaration.name,
+             sample.message ? fmt::format("a message of {} bytes is lost: at most {} can be sent",
+                                          sample.message->cdr.size(), wire::kMaxTopicMessageBytes)
+                            : "a sample is not newer than the one before: ignored");
   }
   if (!had_batch && has_batch(stream)) on_due_();
 }
@@ -151,10 +160,10 @@ std::vector<SampleStreams::Progress> SampleStreams::record(
     const wire::StreamDeclaration& declaration = stream.declaration;
     SampleQueue& queue = stream.queue;
     for (;;) {
-      const auto [first, samples] = queue.unrecorded();
-      if (samples.empty()) break;
-      if (!keep({declaration.id, first, wire::encode_samples(samples)})) break;
-      queue.set_recorded(first + samples.size());
+      const SampleQueue::Batch batch = queue.unrecorded();
+      if (batch.samples.empty()) break;
+      if (!keep({declaration.id, batch.first, wire::encode_samples(batch.samples)})) break;
+      queue.set_recorded(batch.first + batch.samples.size());
     }
     for (const SampleQueue::Range& late : queue.take_late()) {
       queue.lose_late(send_late(declaration.id, late));

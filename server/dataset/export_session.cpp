@@ -159,13 +159,14 @@ std::vector<std::string> notes_of(const RecordedSession& session, std::int64_t c
 std::optional<Error> add_euroc_samples(const RecordedSession& session, std::int64_t offset_ns,
                                        Output& output) {
   for (const wire::StreamDeclaration& stream : session.summary.info.streams) {
+    if (stream.codec == wire::kTopicCodec) continue;
     std::string text(kEurocImuHeader);
     const auto totals = for_each_sample(session.folder, stream.id, [&](Sample sample) {
       if (__builtin_add_overflow(sample.time_ns, offset_ns, &sample.time_ns)) return;
       text += to_euroc_line(sample);
     });
     if (!totals) return totals.error();
-    const std::string to = "mav0/" + session_names::samples(stream.name);
+    const std::string to = "mav0/" + session_names::samples(stream);
     if (auto error = output.add_file(to, as_bytes(text))) return error;
   }
   return std::nullopt;
@@ -188,6 +189,7 @@ std::optional<Error> write_recording(const RecordedSession& session, std::int64_
     if (const auto added = recording.add(drop); !added) return added.error();
   }
   for (const wire::StreamDeclaration& stream : session.summary.info.streams) {
+    if (stream.codec == wire::kTopicCodec) continue;
     std::uint64_t number = 0;  // what was lost is not left out
     std::optional<Error> failed;
     const auto totals = for_each_sample(session.folder, stream.id, [&](Sample sample) {

@@ -44,7 +44,7 @@ inline wire::Parsed<std::optional<wire::LateFrame>> LateAssembly::add(std::uint6
                                    part.offset, number_, record_.size())};
   }
   const std::uint64_t limit =
-      std::max<std::uint64_t>(max_jpeg_bytes_, wire::kMaxControlBytes) + wire::kMaxLateHeadBytes;
+      std::max<std::uint64_t>(max_jpeg_bytes_, wire::kMaxItemsBytes) + wire::kMaxLateHeadBytes;
   if (part.record_bytes > limit) {
     return wire::Fault{
         wire::ErrorCode::kTooLarge,

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "common/frame.hpp"
+#include "common/sample.hpp"
 
 /// What things are called in a session's folder (session_store.hpp says what they are).
 namespace orbbuf::session_names {
@@ -21,8 +22,11 @@ inline constexpr const char* kOrphans = "orphans";
 inline constexpr const char* kIncoming = "incoming.tmp";
 inline constexpr const char* kIncomingRight = "incoming_right.tmp";
 
-/// Of a stream of samples, by its name.
-inline std::string samples(const std::string& stream) { return stream + "/data.csv"; }
+/// Of a stream of samples, or of the messages of a topic.
+inline std::string samples(const wire::StreamDeclaration& stream) {
+  return stream.codec == wire::kTopicCodec ? "topics/" + stream.name + ".csv"
+                                           : stream.name + "/data.csv";
+}
 
 inline std::string image(Sequence sequence) { return fmt::format("{:06}.jpg", sequence); }
 

@@ -335,7 +335,7 @@ Result<SampleTotals> for_each_sample(const fs::path& folder, wire::StreamId stre
   std::optional<std::int64_t> last_ns;
   const auto hand_on = [&](const Sample& sample) {
     ++totals.samples;
-    if (last_ns && sample.time_ns <= *last_ns) ++totals.backward;
+    if (last_ns && sample.time_ns <= *last_ns && !sample.message) ++totals.backward;
     last_ns = sample.time_ns;
     take(sample);
   };

@@ -257,14 +257,14 @@ void SessionStore::append_samples(const RecordedItems& items) {
   const auto& streams = summary_.info.streams;
   const auto stream = std::ranges::find(streams, items.stream, &wire::StreamDeclaration::id);
   if (stream == streams.end()) return;
-  const fs::path path = folder_ / session_names::samples(stream->name);
+  const fs::path path = folder_ / session_names::samples(*stream);
   UniqueFd& file = samples_[items.stream];
   std::optional<Error> error;
   if (file) {
     std::string lines;
     const auto samples = wire::parse_samples(items.payload);
     if (!samples) return;
-    for (const Sample& sample : samples.value()) lines += to_euroc_line(sample);
+    for (const Sample& sample : samples.value()) lines += to_line(sample);
     error = write_all(file.get(), as_bytes(lines), path);
   } else {
     const auto all = write_samples(folder_, *stream);

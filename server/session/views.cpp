@@ -119,14 +119,14 @@ std::optional<Error> write_drops(const fs::path& folder, std::vector<DropRecord>
 }  // namespace
 
 Result<SampleTotals> write_samples(const fs::path& folder, const wire::StreamDeclaration& stream) {
-  const std::string name = session_names::samples(stream.name);
+  const std::string name = session_names::samples(stream);
   std::error_code failed;
   fs::create_directories((folder / name).parent_path(), failed);
-  if (failed) return system_error("create " + (folder / stream.name).string(), failed.value());
+  if (failed) return system_error("create a folder for " + name, failed.value());
   View view(folder, name);
-  view.add(kEurocImuHeader);
+  view.add(stream.codec == wire::kTopicCodec ? kMessageHeader : kEurocImuHeader);
   auto totals = for_each_sample(folder, stream.id,
-                                [&view](const Sample& sample) { view.add(to_euroc_line(sample)); });
+                                [&view](const Sample& sample) { view.add(to_line(sample)); });
   if (!totals) return totals.error();
   if (auto error = view.finish()) return std::move(*error);
   return totals;

@@ -50,12 +50,79 @@ TEST(Sample, APayloadThatIsCutOrLongerOrNotFiniteIsRefused) {
   EXPECT_FALSE(wire::parse_samples(wire::encode_samples(infinite)));
 }
 
+/// A message of `bytes` bytes.
+Sample message_of(std::int64_t time_ns, std::uint64_t key, std::size_t bytes) {
+  const TopicPublisher publisher{key,   "/odom", "nav_msgs::msg::dds_::Odometry_", "a=b;", 3, true,
+                                 false, true};
+  return {time_ns,
+          {},
+          {},
+          std::make_shared<const TopicMessage>(
+              TopicMessage{std::make_shared<const TopicPublisher>(publisher), time_ns,
+                           std::vector<std::uint8_t>(bytes, static_cast<std::uint8_t>(key))})};
+}
+
+TEST(Sample, MessagesOfTopicsReadBackTheSame) {
+  const std::vector<Sample> samples = {message_of(-1, 1, 0), message_of(7, 2, 5),
+                                       message_of(7, 1, 1000)};
+  const auto payload = wire::encode_samples(samples);
+  const auto again = wire::parse_samples(payload);
+  ASSERT_TRUE(again);
+  ASSERT_EQ(again.value().size(), samples.size());
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    const TopicMessage& message = *again.value()[i].message;
+    EXPECT_EQ(*message.publisher, *samples[i].message->publisher);
+    EXPECT_EQ(message.cdr, samples[i].message->cdr);
+    EXPECT_EQ(message.time_ns, samples[i].time_ns);
+    EXPECT_EQ(again.value()[i].time_ns, samples[i].time_ns);
+  }
+  EXPECT_EQ(wire::encode_samples(again.value()), payload);
+}
+
+TEST(Sample, MessagesThatAreCutOrLongerOrOfNoPublisherAreRefused) {
+  const std::vector<Sample> samples = {message_of(1, 1, 3), message_of(2, 2, 3)};
+  auto payload = wire::encode_samples(samples);
+  for (std::size_t bytes = 0; bytes < payload.size(); ++bytes) {
+    EXPECT_FALSE(wire::parse_samples(std::span(payload).first(bytes))) << bytes;
+  }
+  payload.push_back(0);
+  EXPECT_FALSE(wire::parse_samples(payload));
+  payload.pop_back();
+  payload[payload.size() - 1 - 3 - 4 - 8] = 2;  // the second one's publisher
+  EXPECT_FALSE(wire::parse_samples(payload));
+}
+
+TEST(Sample, APublisherHasTheNamesThatRos2Allows) {
+  const TopicPublisher sound = *message_of(0, 1, 0).message->publisher;
+  EXPECT_TRUE(wire::is_valid(sound));
+  const auto with = [&sound](auto change) {
+    TopicPublisher publisher = sound;
+    change(publisher);
+    return wire::is_valid(publisher);
+  };
+  for (const char* topic : {"", "odom", "/odom/", "/a b", "/a\n", "/a%n"}) {
+    EXPECT_FALSE(with([topic](auto& each) { each.topic = topic; })) << topic;
+  }
+  for (const char* type : {"", "a b", "a,b"}) {
+    EXPECT_FALSE(with([type](auto& each) { each.type = type; })) << type;
+  }
+  EXPECT_FALSE(with([](auto& each) { each.depth = 0; }));
+  EXPECT_FALSE(with([](auto& each) { each.user_data.resize(wire::kMaxTopicTextBytes + 1); }));
+}
+
+TEST(Sample, AMessageHasALineOfItsOwn) {
+  EXPECT_EQ(to_line(message_of(5, 0xAB, 2)), "5,/odom,nav_msgs::msg::dds_::Odometry_,abab\n");
+  EXPECT_EQ(to_line(sample_of(5)), to_euroc_line(sample_of(5)));
+}
+
 TEST(Sample, AStreamsNameIsSafeAsAFolderBesideTheImages) {
   EXPECT_TRUE(wire::is_sample_stream({4, "imu0", "imu"}));
   for (const char* name : {"images", "orphans", "../imu", "imu/..", "", "imu 0"}) {
     EXPECT_FALSE(wire::is_sample_stream({4, name, "imu"})) << name;
   }
   EXPECT_FALSE(wire::is_sample_stream({4, "imu0", "other"}));
+  EXPECT_TRUE(wire::is_sample_stream({4, "images", "ros2"}));  // in topics/
+  EXPECT_FALSE(wire::is_sample_stream({4, "../imu", "ros2"}));
 }
 
 }  // namespace

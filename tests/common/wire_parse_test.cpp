@@ -293,7 +293,7 @@ TEST(WireParse, ItemsHaveAPayload) {
 }
 
 TEST(WireParse, ThePayloadOfItemsIsAsLongAsTheLimitOfABody) {
-  const Items items{4, 0, Bytes(kMaxControlBytes - kItemsHeadBytes, 1)};
+  const Items items{4, 0, Bytes(kMaxItemsBytes - kItemsHeadBytes, 1)};
   EXPECT_EQ(fault_of(encode(items)), "accepted");
 }
 

@@ -247,6 +247,19 @@ TEST(Settings, AStreamOfSamplesSaysWhereTheyComeFrom) {
   names(why({"stream.imu0.kind=iio", "stream.imu0.path=/dev/null"}),
         "stream.imu0.device: required");
   names(why({"stream.gyro.path=imu.csv"}), "begins with \"imu\"");
+  const auto topics =
+      with({"stream.odom.kind=topic", "stream.odom.topic=/odom", "stream.scan.kind=topic",
+            "stream.scan.topic=/scan", "stream.scan.policy=latest", "stream.scan.rate=2.5"})
+          .streams;
+  ASSERT_EQ(topics.size(), 2U);
+  EXPECT_EQ(topics[0].topic, "/odom");
+  EXPECT_FALSE(topics[0].is_latest_only);
+  EXPECT_TRUE(topics[1].is_latest_only);
+  EXPECT_EQ(topics[1].rate, 2.5);
+  names(why({"stream.odom.kind=topic"}), "stream.odom.topic: required");
+  names(why({"stream.odom.kind=topic", "stream.odom.topic=/odom", "stream.odom.policy=plan"}),
+        "stream.odom.policy");
+  names(why({"stream.imu0.path=imu.csv", "stream.imu0.policy=latest"}), "stream.imu0.policy");
 }
 
 TEST(Settings, CalibrationOfFourLinesIsKeptAsItIs) {

@@ -124,6 +124,7 @@ Result<bool> Recording::add(const RecordedItems& items) {
   const auto samples = wire::parse_samples(items.payload);
   if (items.stream < wire::kFirstOther || !samples) return is_written;
   for (std::uint64_t number = items.first; const Sample& sample : samples.value()) {
+    if (sample.message) continue;
     auto added = add(items.stream, number++, sample);
     if (!added) return added;
     is_written = is_written || added.value();

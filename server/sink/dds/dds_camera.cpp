@@ -19,6 +19,8 @@ constexpr dds_duration_t kLongestWrite = DDS_MSECS(100);
 constexpr std::int32_t kDepth = 256;  // messages that a slow reader may still get
 constexpr std::int32_t kRawDepth = 16;
 constexpr std::int32_t kSampleDepth = 60'000;
+constexpr std::size_t kTopicBytes = std::size_t{64} << 20U;
+constexpr std::size_t kMostWriters = 256;
 constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 
 /// What ROS 2's default readers ask for: with XCDR1, whatever Cyclone would choose. KEEP_LAST: with
@@ -168,6 +170,88 @@ std::optional<Error> DdsImu::publish(const Sample& sample) {
   const auto& [ax, ay, az] = sample.linear_acceleration;
   imu.linear_acceleration = {ax, ay, az};
   return write_message(writer_, &imu);
+}
+
+DdsTopics::DdsTopics(const DdsParticipant& participant, std::string base)
+    : participant_(participant), base_(std::move(base)) {}
+
+DdsTopics::~DdsTopics() {
+  for (Writer& writer : writers_) {
+    write(writer);
+    dds_delete(writer.entity);
+  }
+}
+
+std::optional<Error> DdsTopics::publish(std::shared_ptr<const TopicMessage> message) {
+  Writer& writer = writer_for(*message);
+  writer.waiting.push_back(std::move(message));
+  return Clock::now() < writer.begin ? std::nullopt : write(writer);
+}
+
+std::optional<Error> DdsTopics::publish_due(Clock::time_point now) {
+  std::optional<Error> failed;
+  for (Writer& writer : writers_) {
+    if (writer.begin > now) continue;
+    if (auto error = write(writer)) failed = std::move(error);
+  }
+  return failed;
+}
+
+std::optional<DdsTopics::Clock::time_point> DdsTopics::due() const {
+  std::optional<Clock::time_point> due;
+  for (const Writer& writer : writers_) {
+    if (!writer.waiting.empty()) due = std::min(due.value_or(writer.begin), writer.begin);
+  }
+  return due;
+}
+
+/// All that waits; what cannot be written is given up.
+std::optional<Error> DdsTopics::write(Writer& writer) {
+  std::optional<Error> failed;
+  for (const auto& message : std::exchange(writer.waiting, {})) {
+    const int status = writer.topic->write(writer.entity, message->cdr, message->time_ns);
+    if (status != DDS_RETCODE_OK) failed = Error{dds_strretcode(-status)};
+  }
+  return failed;
+}
+
+DdsTopics::Writer& DdsTopics::writer_for(const TopicMessage& message) {
+  TopicPublisher of = *message.publisher;
+  if (!of.is_latched) of.key = 0;
+  const auto known = std::ranges::find(writers_, of, &Writer::of);
+  if (known != writers_.end()) {
+    std::rotate(known, known + 1, writers_.end());
+    return writers_.back();
+  }
+  if (writers_.size() == kMostWriters) {
+    write(writers_.front());
+    dds_delete(writers_.front().entity);
+    writers_.erase(writers_.begin());
+  }
+  const std::string name = fmt::format("rt/{}{}", base_, of.topic);
+  auto topic = std::make_unique<RawTopic>(participant_.entity(), name, of.type);
+  const auto room =
+      static_cast<std::int32_t>(kTopicBytes / std::max<std::size_t>(message.cdr.size(), 1));
+  const Qos qos = topic_qos(std::clamp(room, kRawDepth, kSampleDepth));
+  const dds_data_representation_id_t representation =
+      of.is_xcdr2 ? DDS_DATA_REPRESENTATION_XCDR2 : DDS_DATA_REPRESENTATION_XCDR1;
+  dds_qset_data_representation(qos.get(), 1, &representation);
+  if (!of.is_reliable) {
+    dds_qset_reliability(qos.get(), DDS_RELIABILITY_BEST_EFFORT, kLongestWrite);
+  }
+  if (of.is_latched) {
+    const auto depth = static_cast<std::int32_t>(std::min<std::uint32_t>(of.depth, kDepth));
+    dds_qset_durability(qos.get(), DDS_DURABILITY_TRANSIENT_LOCAL);
+    dds_qset_durability_service(qos.get(), 0, DDS_HISTORY_KEEP_LAST, depth, DDS_LENGTH_UNLIMITED,
+                                DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED);
+  }
+  dds_qset_userdata(qos.get(), of.user_data.data(), of.user_data.size());
+  dds_qset_writer_data_lifecycle(qos.get(), false);
+  const dds_entity_t writer =
+      require_dds(dds_create_writer(participant_.entity(), topic->entity(), qos.get(), nullptr),
+                  "write to the topic " + name);
+  writers_.push_back({std::move(of), std::move(topic), writer, Clock::now() + kDiscovery});
+  return writers_.back();
 }
 
 }  // namespace orbbuf

@@ -1,13 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <deque>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "common/dds/dds_participant.hpp"
+#include "common/dds/raw_topic.hpp"
 #include "common/error.hpp"
 #include "common/jpeg.hpp"
 #include "common/sample.hpp"
@@ -65,6 +70,47 @@ class DdsImu {
   const std::string frame_id_;
   int publisher_;  // owns the writer
   int writer_ = 0;
+};
+
+/// The robot's own topics, each with the type, the QoS and the user data of its publisher, which
+/// has the hash of the type: a writer for each kind of these, and, so that late readers get what
+/// each of them kept, for each publisher that keeps messages for late readers. Of each topic up to
+/// 64 MiB are kept for readers that are slow. Otherwise as DdsCamera.
+class DdsTopics {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  /// How long what a new writer is to write waits for readers to find it: those of Fast DDS may
+  /// need more than 1 s.
+  static constexpr std::chrono::seconds kDiscovery{3};
+
+  /// base: the topics' prefix, as ROS 2 writes it, without a first slash.
+  DdsTopics(const DdsParticipant& participant, std::string base);
+  ~DdsTopics();
+  DdsTopics(const DdsTopics&) = delete;
+  DdsTopics& operator=(const DdsTopics&) = delete;
+
+  /// Now, or in a publish_due() after kDiscovery.
+  std::optional<Error> publish(std::shared_ptr<const TopicMessage> message);
+  std::optional<Error> publish_due(Clock::time_point now);
+  /// When to call publish_due(); nothing: no message waits.
+  std::optional<Clock::time_point> due() const;
+
+ private:
+  struct Writer {
+    TopicPublisher of;
+    std::unique_ptr<RawTopic> topic;
+    int entity = 0;
+    Clock::time_point begin{};
+    std::deque<std::shared_ptr<const TopicMessage>> waiting{};
+  };
+
+  Writer& writer_for(const TopicMessage& message);
+  static std::optional<Error> write(Writer& writer);
+
+  const DdsParticipant& participant_;
+  const std::string base_;
+  std::vector<Writer> writers_;  // the one that wrote last at the end
 };
 
 }  // namespace orbbuf

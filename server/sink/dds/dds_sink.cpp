@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <atomic>
 #include <boost/asio/post.hpp>
+#include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <chrono>
 #include <cstddef>
@@ -31,7 +32,6 @@ namespace asio = boost::asio;
 using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t kMostQueuedBytes = std::size_t{64} << 20U;
-constexpr std::chrono::seconds kDiscovery{3};  // a reader of Fast DDS may need more than 1 s
 constexpr std::chrono::seconds kLastSecond{1};
 
 /// What all sinks share.
@@ -42,7 +42,7 @@ struct Dds {
   bool is_over() const { return Clock::now() > end.load(); }
 
   const DdsParticipant participant;
-  const Clock::time_point begin = Clock::now() + kDiscovery;
+  const Clock::time_point begin = Clock::now() + DdsTopics::kDiscovery;
   std::atomic<Clock::time_point> end{Clock::time_point::max()};
   std::atomic<std::size_t> waiting_bytes{0};  // of the frames that `dds` has not come to
   JpegCodec codec;                            // `dds` only
@@ -55,7 +55,7 @@ std::unique_ptr<Dds>& the_dds() {
 }
 
 /// A session's topics. On `dds` only, but for `losses`.
-class Topics {
+class Topics : public std::enable_shared_from_this<Topics> {
  public:
   Topics(const SessionInfo& info, std::string_view frame_id)
       : losses(fmt::format("{} {}: dds", info.robot_id, info.session_id)),
@@ -63,7 +63,8 @@ class Topics {
         name_(ros_name(info.robot_id)),
         frame_id_(ros_frame_id(frame_id, name_)),
         cameras_(calibrated_cameras(info.calibration, session_ + ": published")),
-        streams_(info.streams) {
+        streams_(info.streams),
+        topics_(the_dds()->participant, name_) {
     if (name_ != info.robot_id) {
       log_info("{}: ROS 2 allows letters, digits and _ in a topic's name: publishing on /{}",
                info.robot_id, name_);
@@ -81,7 +82,9 @@ class Topics {
     if (is_stereo) warn_without_right_camera(cameras_, session_);
   }
   void open() {
-    for (const wire::StreamDeclaration& stream : streams_) open(stream);
+    for (const wire::StreamDeclaration& stream : streams_) {
+      if (stream.codec == wire::kSampleCodec) open(stream);
+    }
     open(cameras_.right.has_value());
   }
 
@@ -97,11 +100,13 @@ class Topics {
     const auto stream = std::ranges::find(streams_, items.stream, &wire::StreamDeclaration::id);
     const auto samples = wire::parse_samples(items.payload);
     if (stream == streams_.end() || !samples) return std::nullopt;
-    DdsImu& imu = open(*stream);
+    std::optional<Error> failed;
     for (const Sample& sample : samples.value()) {
-      if (auto error = imu.publish(sample)) return error;
+      auto error = sample.message ? topics_.publish(sample.message) : open(*stream).publish(sample);
+      if (error) failed = std::move(error);
     }
-    return std::nullopt;
+    if (const auto due = topics_.due()) publish_at(*due);
+    return failed;
   }
 
   Losses losses;
@@ -114,6 +119,17 @@ class Topics {
                                      frame_id_);
     }
     return *imu;
+  }
+
+  /// What waits for readers of its topic.
+  void publish_at(Clock::time_point due) {
+    timer_.expires_at(due);
+    timer_.async_wait([weak = weak_from_this()](const boost::system::error_code& cancelled) {
+      const auto self = weak.lock();
+      if (!self || cancelled) return;
+      if (const auto error = self->topics_.publish_due(Clock::now())) self->losses.add(error->text);
+      if (const auto next = self->topics_.due()) self->publish_at(*next);
+    });
   }
 
   static std::optional<Error> publish(DdsCamera& camera, std::int64_t time_ns,
@@ -132,6 +148,8 @@ class Topics {
   const CalibratedCameras cameras_;
   const std::vector<wire::StreamDeclaration> streams_;
   std::map<wire::StreamId, std::unique_ptr<DdsImu>> imus_;
+  DdsTopics topics_;
+  asio::steady_timer timer_{the_dds()->thread};
   std::unique_ptr<DdsCamera> left_;   // or the only one
   std::unique_ptr<DdsCamera> right_;  // null: not stereo
 };

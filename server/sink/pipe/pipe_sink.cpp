@@ -249,7 +249,9 @@ void PipeSink::add_samples(wire::StreamId stream, const std::vector<std::uint8_t
   if (declared == streams_.end()) return;
   const auto items = wire::parse_samples(payload);
   if (!items) return;
-  for (const Sample& sample : items.value()) samples.push_back({declared->name, sample});
+  for (const Sample& sample : items.value()) {
+    if (!sample.message) samples.push_back({declared->name, sample});
+  }
   while (samples.size() > kMostSamples) samples.pop_front();
 }
 

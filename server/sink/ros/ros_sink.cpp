@@ -145,7 +145,9 @@ class Stream : public std::enable_shared_from_this<Stream> {
   bool has_subscribers(const EncodedFrame& frame) const {
     RosNode& node = the_ros().node;
     if (!node.is_connected()) return false;
-    for (const wire::StreamDeclaration& stream : streams_) node.advertise_imu(topic_of(stream));
+    for (const wire::StreamDeclaration& stream : streams_) {
+      if (stream.codec == wire::kSampleCodec) node.advertise_imu(topic_of(stream));
+    }
     return std::ranges::all_of(images(frame), [&](const Image& image) {
       node.advertise(image.base, settings_.queue);
       return node.has_image_subscriber(image.base);
@@ -191,7 +193,7 @@ class Stream : public std::enable_shared_from_this<Stream> {
     RosNode& node = the_ros().node;
     const auto stream = std::ranges::find(streams_, items.stream, &wire::StreamDeclaration::id);
     const auto samples = wire::parse_samples(items.payload);
-    if (stream == streams_.end() || !samples) return;
+    if (stream == streams_.end() || !samples || samples.value().front().message) return;
     if (!node.is_connected()) return losses.add("no master");
     const std::string topic = topic_of(*stream);
     bool is_whole = true;

@@ -40,7 +40,7 @@ class Ros2SamplesTest : public testing::Test {
     while (samples_.size() < samples) io_.run_one();
   }
 
-  const SampleStreamSettings settings_{"imu0", "ros2", {}, 1U << 20U, {}, kImuTopic};
+  SampleStreamSettings settings_{"imu0", "ros2", {}, 1U << 20U, {}, kImuTopic};
   boost::asio::io_context io_;
   std::vector<Sample> samples_;
   std::optional<Ros2Samples> source_;
@@ -65,6 +65,21 @@ TEST_F(Ros2SamplesTest, WhatIsNotFiniteIsIgnoredAndLoggedOnce) {
   run_until(1);
   EXPECT_EQ(samples_[0].time_ns, 3'000'000'007);
   EXPECT_THAT(log.lines("imu0: a message of topic /imu/data is ignored"), SizeIs(1));
+}
+
+TEST_F(Ros2SamplesTest, MessagesOfATopicAreTakenAsTheyAreAndAsOftenAsTheRateAllows) {
+  settings_.kind = "topic";
+  settings_.rate = 1e-3;
+  make();
+  write(1, 5);
+  run_until(1);
+  const TopicMessage& message = *samples_[0].message;
+  EXPECT_EQ(message.publisher->type, "sensor_msgs::msg::dds_::Imu_");
+  EXPECT_EQ(message.cdr.at(4), 1);  // the stamp's seconds
+  EXPECT_EQ(samples_[0].time_ns, message.time_ns);
+  write(2, 5);
+  io_.run_for(std::chrono::milliseconds(1500));  // it looks each second
+  EXPECT_EQ(samples_.size(), 1U);
 }
 
 TEST_F(Ros2SamplesTest, NothingRunsAfterItsEnd) {

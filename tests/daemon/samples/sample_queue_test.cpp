@@ -107,5 +107,58 @@ TEST_F(SampleQueueTest, WhatIsNotNewerIsNotTaken) {
   EXPECT_EQ(queue_.captured(), 1U);
 }
 
+Sample message_of(std::int64_t time_ns, std::size_t bytes) {
+  TopicMessage message{std::make_shared<const TopicPublisher>(), time_ns, {}};
+  message.cdr.resize(bytes);
+  return {time_ns, {}, {}, std::make_shared<const TopicMessage>(std::move(message))};
+}
+
+TEST(TopicQueue, AnyTimesAreTakenAndBytesAreTheLimit) {
+  SampleQueue queue(10'000);
+  for (const std::int64_t time : {5, 5, 3}) EXPECT_TRUE(queue.push(message_of(time, 3000)));
+  EXPECT_EQ(queue.lost(), 0U);
+  EXPECT_TRUE(queue.push(message_of(6, 3000)));
+  EXPECT_EQ(queue.lost(), 1U);
+  EXPECT_TRUE(queue.push(message_of(7, 100'000)));  // one may be of any size
+  EXPECT_EQ(queue.lost(), 4U);
+  EXPECT_EQ(queue.take(kAll)->first, 4U);
+  EXPECT_TRUE(queue.push(message_of(8, 10)));
+  EXPECT_EQ(queue.waiting(), 1U);
+  EXPECT_EQ(queue.captured(), 6U);
+}
+
+TEST(TopicQueue, ManyBytesGoInSeveralBatches) {
+  SampleQueue queue(1 << 20);
+  for (int i = 0; i < 4; ++i) queue.push(message_of(i, 25'000));
+  EXPECT_EQ(queue.unrecorded().samples.size(), 2U);
+  EXPECT_EQ(queue.take(kAll)->samples.size(), 2U);
+  queue.push(message_of(5, 70'000));
+  EXPECT_EQ(queue.take(kAll)->samples.size(), 2U);
+  EXPECT_EQ(queue.take(kAll)->first, 4U);
+  EXPECT_FALSE(queue.take(kAll));
+}
+
+TEST(TopicQueue, OfAMessageThatIsTooLongTheNumberIsLost) {
+  SampleQueue queue(4 << 20);
+  EXPECT_FALSE(queue.push(message_of(1, wire::kMaxTopicMessageBytes + 1)));
+  EXPECT_TRUE(queue.push(message_of(2, wire::kMaxTopicMessageBytes)));
+  EXPECT_EQ(queue.take(kAll)->first, 1U);
+  EXPECT_EQ(queue.lost(), 1U);
+  EXPECT_EQ(queue.captured(), 2U);
+}
+
+TEST(TopicQueue, OnlyTheLatestWaitsToBeSent) {
+  SampleQueue queue(1 << 20, true);
+  for (int i = 0; i < 3; ++i) queue.push(message_of(i, 10));
+  EXPECT_EQ(queue.take(kAll)->first, 2U);
+  for (int i = 3; i < 6; ++i) queue.push(message_of(i, 10));
+  EXPECT_EQ(queue.waiting(), 2U);  // what was sent stays
+  EXPECT_EQ(queue.take(kAll)->first, 5U);
+  queue.rewind(0);
+  EXPECT_EQ(queue.take(kAll)->first, 2U);
+  EXPECT_EQ(queue.take(kAll)->first, 5U);
+  EXPECT_EQ(queue.lost(), 4U);
+}
+
 }  // namespace
 }  // namespace orbbuf

@@ -151,5 +151,42 @@ TEST_F(TopicReaderTest, SaysOnceWhyThereIsNoMessage) {
   EXPECT_THAT(log.lines("messages again"), SizeIs(1));
 }
 
+TEST_F(TopicReaderTest, WithoutTypesMessagesOfAnyAreBytesAndNameTheirPublisher) {
+  reader_.emplace(kImageTopic, TopicReader::Types{}, 4);
+  const TopicWriter reliable(sensor_msgs_msg_dds__CompressedImage__desc, kImageTopic);
+  const TopicWriter best_effort(sensor_msgs_msg_dds__Image__desc, kImageTopic,
+                                TopicWriter::kBestEffort);
+  EXPECT_FALSE(reader_->take());
+  EXPECT_EQ(reliable.reader(), TopicWriter::kReliable);
+  EXPECT_EQ(best_effort.reader(), TopicWriter::kBestEffort);
+  write_jpeg(reliable, 5, {7});
+  const auto message = reader_->take();
+  ASSERT_TRUE(message && message->raw);
+  const TopicPublisher& publisher = *message->raw->publisher;
+  EXPECT_EQ(publisher.topic, kImageTopic);
+  EXPECT_EQ(publisher.type, "sensor_msgs::msg::dds_::CompressedImage_");
+  EXPECT_TRUE(publisher.is_reliable);
+  EXPECT_FALSE(publisher.is_latched);
+  EXPECT_GT(message->raw->time_ns, 0);
+  ASSERT_GT(message->raw->cdr.size(), 8U);
+  EXPECT_EQ(message->raw->cdr[1], 1);  // little endian
+  EXPECT_EQ(message->raw->cdr[4], 5);  // the stamp's seconds
+  EXPECT_FALSE(reader_->take());
+}
+
+TEST_F(TopicReaderTest, WithoutTypesMessagesOfAPublisherThatHasLeftAreRead) {
+  reader_.emplace(kImageTopic, TopicReader::Types{}, 4);
+  {
+    const TopicWriter writer(sensor_msgs_msg_dds__CompressedImage__desc, kImageTopic);
+    EXPECT_FALSE(reader_->take());
+    write_jpeg(writer, 1, {1});
+  }
+  EXPECT_TRUE(reader_->take());
+  EXPECT_FALSE(reader_->take());
+  const TopicWriter another(sensor_msgs_msg_dds__CompressedImage__desc, kImageTopic);
+  write_jpeg(another, 2, {2});  // before the reader has looked for it
+  EXPECT_TRUE(reader_->take());
+}
+
 }  // namespace
 }  // namespace orbbuf

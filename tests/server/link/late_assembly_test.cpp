@@ -65,8 +65,8 @@ TEST_F(LateAssemblyTest, APartThatIsNotTheNextOneIsRefused) {
 
 TEST_F(LateAssemblyTest, ARecordOverTheLimitIsRefusedBeforeItComes) {
   // The limit of a JPEG is below that of a message of items.
-  const auto most = static_cast<std::uint32_t>(wire::kMaxControlBytes + wire::kMaxLateHeadBytes);
-  EXPECT_EQ(fault_of(0, 0, most + 1), "late frame of 65648 bytes is over the limit of 65647");
+  const auto most = static_cast<std::uint32_t>(wire::kMaxItemsBytes + wire::kMaxLateHeadBytes);
+  EXPECT_EQ(fault_of(0, 0, most + 1), "late frame of 2097264 bytes is over the limit of 2097263");
   EXPECT_EQ(fault_of(0, 0, most), "taken");
 }
 

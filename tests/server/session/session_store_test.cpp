@@ -66,6 +66,32 @@ TEST_F(SessionStoreTest, SamplesAreInTheirFileAsTheyCome) {
   lines({0, 10, 20, 30});
 }
 
+TEST_F(SessionStoreTest, MessagesOfATopicAreInTheirFile) {
+  const SessionInfo info{"robot", "session", "", {}, {{4, "odom", "ros2"}}};
+  const auto publisher = std::make_shared<const TopicPublisher>(
+      TopicPublisher{1, "/odom", "nav_msgs::msg::dds_::Odometry_", ""});
+  const auto message = [&](std::int64_t time_ns, std::uint8_t byte) {
+    return Sample{
+        time_ns,
+        {},
+        {},
+        std::make_shared<const TopicMessage>(TopicMessage{publisher, time_ns, {0, 1, 0, 0, byte}})};
+  };
+  const auto store = SessionStore::open(folder_, info, Durability::kAck);
+  const std::vector<Sample> first{message(5, 0xA0), message(3, 0xA1)};
+  EXPECT_FALSE(store.value()->write_items({4, 0, 2, wire::encode_samples(first)}));
+  // The first two again, and one that is new.
+  const std::vector<Sample> late{first[0], first[1], message(6, 0xA2)};
+  EXPECT_FALSE(store.value()->write_late({4, 0, wire::encode_samples(late)}));
+  EXPECT_FALSE(store.value()->finish(true));
+  EXPECT_FALSE(make_views(folder_, Views::kAll));
+  EXPECT_EQ(read_file(folder_ / "topics/odom.csv"),
+            std::string(kMessageHeader) +
+                "5,/odom,nav_msgs::msg::dds_::Odometry_,00010000a0\n"
+                "3,/odom,nav_msgs::msg::dds_::Odometry_,00010000a1\n"
+                "6,/odom,nav_msgs::msg::dds_::Odometry_,00010000a2\n");
+}
+
 TEST_F(SessionStoreTest, RightImagesOfStereoFramesHaveTheirOwnFolder) {
   const auto store = open();
   write(*store, plain_pair(0, 10, 20));

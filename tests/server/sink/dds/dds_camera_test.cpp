@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 #include <ros_messages.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <string>
 #include <vector>
@@ -132,6 +133,48 @@ TEST_F(DdsCameraTest, ASampleHasTheBytesOfRos2) {
   Bytes expected = with_header(0, {});
   expected.insert(expected.end(), rest.begin(), rest.end());
   EXPECT_EQ(take(reader), expected);
+}
+
+TEST_F(DdsCameraTest, AMessageOfATopicIsAsItsPublishersWere) {
+  DdsTopics topics(*participant_, "robot");
+  const auto publish = [&](std::uint64_t key, std::uint8_t byte) {
+    const TopicPublisher publisher{key,  "/imu", "sensor_msgs::msg::dds_::Imu_", "typehash=x;", 1,
+                                   true, true};
+    EXPECT_FALSE(topics.publish(std::make_shared<const TopicMessage>(
+        TopicMessage{std::make_shared<const TopicPublisher>(publisher), kTimeNs,
+                     Bytes{0, 1, 0, 0, byte, 2, 3, 4}})));
+  };
+  publish(1, 1);
+  EXPECT_FALSE(topics.publish_due(*topics.due() - std::chrono::nanoseconds(1)));
+  EXPECT_TRUE(topics.due());
+  publish(1, 2);  // replaces the first
+  publish(2, 3);  // another publisher's
+  EXPECT_FALSE(topics.publish_due(*topics.due() + DdsTopics::kDiscovery));
+  EXPECT_FALSE(topics.due());
+  const RawTopic topic(participant_->entity(), "rt/robot/imu", "sensor_msgs::msg::dds_::Imu_");
+  dds_qos_t* const qos = dds_create_qos();
+  dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_SECS(1));
+  dds_qset_durability(qos, DDS_DURABILITY_TRANSIENT_LOCAL);
+  dds_qset_history(qos, DDS_HISTORY_KEEP_ALL, 0);
+  const dds_entity_t reader =
+      dds_create_reader(participant_->entity(), topic.entity(), qos, nullptr);
+  dds_delete_qos(qos);
+  std::vector<int> bytes;
+  while (const auto message = take_raw(reader)) {
+    EXPECT_EQ(message->time_ns, kTimeNs);
+    bytes.push_back(message->cdr.at(4));
+  }
+  std::ranges::sort(bytes);
+  EXPECT_EQ(bytes, (std::vector<int>{2, 3}));
+  dds_instance_handle_t writer = 0;
+  ASSERT_EQ(dds_get_matched_publications(reader, &writer, 1), 2);
+  auto* const endpoint = dds_get_matched_publication_data(reader, writer);
+  void* data = nullptr;
+  std::size_t size = 0;
+  EXPECT_TRUE(dds_qget_userdata(endpoint->qos, &data, &size));
+  EXPECT_EQ(std::string(static_cast<char*>(data), size), "typehash=x;");
+  dds_free(data);
+  dds_builtintopic_free_endpoint(endpoint);
 }
 
 TEST_F(DdsCameraTest, ACameraInfoHasTheBytesOfRos2) {
