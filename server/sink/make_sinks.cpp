@@ -58,7 +58,9 @@ std::vector<std::shared_ptr<FrameSink>> make_sinks(const SinkSettings& settings,
                                                    asio::thread_pool& pool) {
   std::vector<std::shared_ptr<FrameSink>> sinks;
   std::optional<KeptFrames> kept;
+  [[maybe_unused]] std::filesystem::path folder;
   if (opened.store) {
+    folder = opened.store->folder();
     kept.emplace();
     if (settings.files_enabled) {
       *kept = {opened.store->folder(), opened.position[wire::kFrames], std::move(earlier)};
@@ -68,7 +70,8 @@ std::vector<std::shared_ptr<FrameSink>> make_sinks(const SinkSettings& settings,
   const SlamSettings& slam = settings.slam_for(info.robot_id);
   if (slam.is_on()) sinks.push_back(make_slam_sink(slam, info, kept, main, pool));
 #ifdef ORBBUF_DDS
-  if (settings.dds_enabled) sinks.push_back(make_dds_sink(main, info, settings.dds_frame_id));
+  if (settings.dds_enabled)
+    sinks.push_back(make_dds_sink(main, info, settings.dds_frame_id, {folder, opened.position}));
 #endif
 #ifdef ORBBUF_ROS
   if (settings.ros.enabled) sinks.push_back(make_ros_sink(main, info, settings.ros));

@@ -8,6 +8,7 @@
 #include <boost/asio/thread_pool.hpp>
 #include <chrono>
 #include <cstddef>
+#include <deque>
 #include <exception>
 #include <map>
 #include <optional>
@@ -21,6 +22,7 @@
 #include "common/log.hpp"
 #include "common/sample.hpp"
 #include "server/calibration/camera_info.hpp"
+#include "server/session/session_reader.hpp"
 #include "server/sink/dds/dds_camera.hpp"
 #include "server/sink/losses.hpp"
 #include "server/sink/ros_name.hpp"
@@ -81,7 +83,8 @@ class Topics : public std::enable_shared_from_this<Topics> {
     if (is_stereo) right_ = std::make_unique<DdsCamera>(participant, name_ + "/right", frame_id_);
     if (is_stereo) warn_without_right_camera(cameras_, session_);
   }
-  void open() {
+  void open(const DdsBefore& before) {
+    publish_latched(before);
     for (const wire::StreamDeclaration& stream : streams_) {
       if (stream.codec == wire::kSampleCodec) open(stream);
     }
@@ -119,6 +122,30 @@ class Topics : public std::enable_shared_from_this<Topics> {
                                      frame_id_);
     }
     return *imu;
+  }
+
+  /// As many of each publisher as it keeps.
+  void publish_latched(const DdsBefore& before) {
+    for (const wire::StreamDeclaration& stream : streams_) {
+      const std::uint64_t end = before.position[stream.id];
+      if (stream.codec != wire::kTopicCodec || end == 0 || before.folder.empty()) continue;
+      std::map<std::uint64_t, std::deque<std::shared_ptr<const TopicMessage>>> kept;
+      const auto error = read_items(before.folder, stream.id, [&](const RecordedItems& items) {
+        const auto samples = wire::parse_samples(items.payload);
+        if (items.is_late || items.next > end || !samples) return;
+        for (const Sample& sample : samples.value()) {
+          if (!sample.message || !sample.message->publisher->is_latched) continue;
+          auto& messages = kept[sample.message->publisher->key];
+          messages.push_back(sample.message);
+          if (messages.size() > sample.message->publisher->depth) messages.pop_front();
+        }
+      });
+      if (error) log_warn("{}: {} is not published again: {}", session_, stream.name, error->text);
+      for (const auto& [key, messages] : kept) {
+        for (const auto& message : messages) topics_.publish(message);
+      }
+    }
+    if (const auto due = topics_.due()) publish_at(*due);
   }
 
   /// What waits for readers of its topic.
@@ -168,11 +195,12 @@ void publish(Topics& topics, const Message& message) {
 
 class DdsSink final : public FrameSink {
  public:
-  DdsSink(asio::io_context& main, const SessionInfo& info, std::string_view frame_id)
+  DdsSink(asio::io_context& main, const SessionInfo& info, std::string_view frame_id,
+          const DdsBefore& before)
       : main_(main), topics_(std::make_shared<Topics>(info, frame_id)) {
-    asio::post(the_dds()->thread, [topics = topics_] {
+    asio::post(the_dds()->thread, [topics = topics_, before] {
       try {
-        topics->open();
+        topics->open(before);
       } catch (const std::exception&) {  // the first frame tries again, and says why
       }
     });
@@ -221,8 +249,8 @@ class DdsSink final : public FrameSink {
 void begin_dds() { the_dds() = std::make_unique<Dds>(); }
 
 std::shared_ptr<FrameSink> make_dds_sink(asio::io_context& main, const SessionInfo& info,
-                                         std::string_view frame_id) {
-  return std::make_shared<DdsSink>(main, info, frame_id);
+                                         std::string_view frame_id, const DdsBefore& before) {
+  return std::make_shared<DdsSink>(main, info, frame_id, before);
 }
 
 void end_dds() {
