@@ -68,6 +68,7 @@ wire::Fault malformed(std::string_view what) {
 std::vector<std::uint8_t> encode_messages(std::span<const Sample> samples) {
   std::vector<const TopicPublisher*> writers;
   std::vector<std::uint16_t> writer_of;
+  writer_of.reserve(samples.size());
   for (const Sample& sample : samples) {
     const auto same = std::ranges::find_if(
         writers, [&sample](const auto* writer) { return *writer == *sample.message->publisher; });
@@ -103,6 +104,7 @@ wire::Parsed<std::vector<Sample>> parse_messages(wire::Reader& in, std::size_t c
     message.time_ns = in.take<std::int64_t>();
     in.require(writer < writers.size());
     const auto cdr = in.take_bytes(in.take<std::uint32_t>());
+    in.require(cdr.size() >= wire::kMinTopicMessageBytes);
     if (in.is_short()) break;
     message.publisher = writers[writer];
     message.cdr.assign(cdr.begin(), cdr.end());

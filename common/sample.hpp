@@ -70,6 +70,7 @@ inline constexpr std::string_view kSampleCodec = "imu";
 /// And of one of messages.
 inline constexpr std::string_view kTopicCodec = "ros2";
 inline constexpr std::size_t kMaxSamplesPerMessage = 1024;
+inline constexpr std::size_t kMinTopicMessageBytes = 4;
 inline constexpr std::size_t kMaxTopicMessageBytes = std::size_t{1} << 20U;  ///< TopicMessage::cdr
 inline constexpr std::size_t kMaxTopicTextBytes = 512;  ///< each text of a TopicPublisher
 

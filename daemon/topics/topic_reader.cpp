@@ -253,7 +253,7 @@ std::optional<TopicReader::Message> TopicReader::take_raw() {
       }
       if (publisher == publishers_.end() || !publisher->second.writer) continue;
       const auto& writer = publisher->second.writer;
-      if (raw_kind(*writer) != kind) continue;
+      if (raw_kind(*writer) != kind || raw->cdr.size() < wire::kMinTopicMessageBytes) continue;
       const std::int64_t time_ns = raw->time_ns > 0 ? raw->time_ns : system_time_ns();
       return Message{
           0, nullptr,

@@ -63,7 +63,7 @@ Sample message_of(std::int64_t time_ns, std::uint64_t key, std::size_t bytes) {
 }
 
 TEST(Sample, MessagesOfTopicsReadBackTheSame) {
-  const std::vector<Sample> samples = {message_of(-1, 1, 0), message_of(7, 2, 5),
+  const std::vector<Sample> samples = {message_of(-1, 1, 4), message_of(7, 2, 5),
                                        message_of(7, 1, 1000)};
   const auto payload = wire::encode_samples(samples);
   const auto again = wire::parse_samples(payload);
@@ -80,7 +80,7 @@ TEST(Sample, MessagesOfTopicsReadBackTheSame) {
 }
 
 TEST(Sample, MessagesThatAreCutOrLongerOrOfNoPublisherAreRefused) {
-  const std::vector<Sample> samples = {message_of(1, 1, 3), message_of(2, 2, 3)};
+  const std::vector<Sample> samples = {message_of(1, 1, 4), message_of(2, 2, 5)};
   auto payload = wire::encode_samples(samples);
   for (std::size_t bytes = 0; bytes < payload.size(); ++bytes) {
     EXPECT_FALSE(wire::parse_samples(std::span(payload).first(bytes))) << bytes;
@@ -88,8 +88,13 @@ TEST(Sample, MessagesThatAreCutOrLongerOrOfNoPublisherAreRefused) {
   payload.push_back(0);
   EXPECT_FALSE(wire::parse_samples(payload));
   payload.pop_back();
-  payload[payload.size() - 1 - 3 - 4 - 8] = 2;  // the second one's publisher
+  payload[payload.size() - 1 - 5 - 4 - 8] = 2;  // the second one's publisher
   EXPECT_FALSE(wire::parse_samples(payload));
+}
+
+TEST(Sample, AMessageHasTheHeaderOfCdr) {
+  const std::vector<Sample> samples = {message_of(1, 1, 3)};
+  EXPECT_FALSE(wire::parse_samples(wire::encode_samples(samples)));
 }
 
 TEST(Sample, APublisherHasTheNamesThatRos2Allows) {

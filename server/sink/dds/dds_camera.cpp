@@ -184,6 +184,10 @@ DdsTopics::~DdsTopics() {
 
 std::optional<Error> DdsTopics::publish(std::shared_ptr<const TopicMessage> message) {
   Writer& writer = writer_for(*message);
+  if (waiting_bytes_ + message->cdr.size() > kTopicBytes) {
+    return Error{"64 MiB wait until readers have found the topics"};
+  }
+  waiting_bytes_ += message->cdr.size();
   writer.waiting.push_back(std::move(message));
   return Clock::now() < writer.begin ? std::nullopt : write(writer);
 }
@@ -209,6 +213,7 @@ std::optional<DdsTopics::Clock::time_point> DdsTopics::due() const {
 std::optional<Error> DdsTopics::write(Writer& writer) {
   std::optional<Error> failed;
   for (const auto& message : std::exchange(writer.waiting, {})) {
+    waiting_bytes_ -= message->cdr.size();
     const int status = writer.topic->write(writer.entity, message->cdr, message->time_ns);
     if (status != DDS_RETCODE_OK) failed = Error{dds_strretcode(-status)};
   }

@@ -90,7 +90,7 @@ class DdsTopics {
   DdsTopics(const DdsTopics&) = delete;
   DdsTopics& operator=(const DdsTopics&) = delete;
 
-  /// Now, or in a publish_due() after kDiscovery.
+  /// Now, or in a publish_due() after kDiscovery. An error, too, if 64 MiB wait for that.
   std::optional<Error> publish(std::shared_ptr<const TopicMessage> message);
   std::optional<Error> publish_due(Clock::time_point now);
   /// When to call publish_due(); nothing: no message waits.
@@ -106,10 +106,11 @@ class DdsTopics {
   };
 
   Writer& writer_for(const TopicMessage& message);
-  static std::optional<Error> write(Writer& writer);
+  std::optional<Error> write(Writer& writer);
 
   const DdsParticipant& participant_;
   const std::string base_;
+  std::size_t waiting_bytes_ = 0;
   std::vector<Writer> writers_;  // the one that wrote last at the end
 };
 
