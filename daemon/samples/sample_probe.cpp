@@ -6,14 +6,15 @@
 #include <algorithm>
 #include <boost/asio/executor_work_guard.hpp>
 #include <limits>
+#include <utility>
 
 #include "common/seconds.hpp"
 #include "daemon/samples/sample_streams.hpp"
 
 namespace orbbuf {
 
-SampleProbe::SampleProbe(const SampleStreamSettings& settings)
-    : settings_(settings),
+SampleProbe::SampleProbe(SampleStreamSettings settings)
+    : settings_(std::move(settings)),
       source_(make_sample_source(io_, settings_,
                                  [this](const Sample& sample) {
                                    samples_.push_back(sample);

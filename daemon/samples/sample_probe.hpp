@@ -18,7 +18,7 @@ namespace orbbuf {
 class SampleProbe {
  public:
   /// Throws std::runtime_error if the source cannot be opened.
-  explicit SampleProbe(const SampleStreamSettings& settings);
+  explicit SampleProbe(SampleStreamSettings settings);
   SampleProbe(const SampleProbe&) = delete;
   SampleProbe& operator=(const SampleProbe&) = delete;
   ~SampleProbe();
