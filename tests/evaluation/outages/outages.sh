@@ -50,8 +50,9 @@ said 'RESULT outages.all.drop-oldest.against_uniform 0 0 6 4 0.0312'
 said 'square/constant-1.5/1s-1s/0/catch-up,1,1,0,0.6000,1.0866,0.000,0.00,0.2516,0.00,4'
 
 "$1/orbbuf-world" "$work/world" --seed 3 --frames 130 >/dev/null
-"$1/orbbuf-outages" make "$work/world" "$work/made" --links constant:1.5 --outages 2 --places 2 --lead 2 --tail 1 \
-  --truth "$work/world/truth.txt" --policies catch-up drop-oldest oracle unbroken 2>/dev/null
+"$(dirname "$0")/../../../evaluation/outages/convert_link.py" model roaming "$work/roaming.json"
+"$1/orbbuf-outages" make "$work/world" "$work/made" --traces "$work" --links constant:1.5 roaming.json:9 \
+  --outages 2 --places 2 --lead 2 --tail 1 --truth "$work/world/truth.txt" --policies catch-up drop-oldest oracle unbroken 2>/dev/null
 made=$work/made/world/constant-1.5/2s-1s/00
 names=("$made"/*)
 [ "${names[*]##*/}" = 'catch-up.csv drop-oldest.csv oracle.csv truth.txt unbroken.csv' ]
@@ -72,6 +73,7 @@ awk -v oracle="$oracle" -v step="$step" 'BEGIN { exit !(oracle <= step + 1e-6) }
 read -r oldest _ < <(steps "$made/drop-oldest.csv")
 awk -v oldest="$oldest" 'BEGIN { exit !(oldest > 1) }'
 [ "$(grep -c '^[^#i]' "$made/unbroken.csv")" -gt 100 ]
+[ "$(grep -c '^[^#i]' "$work/made/world/roaming-9/2s-1s/00/catch-up.csv")" -gt 50 ]
 
 "$1/orbbuf-outages" folder "$made/catch-up.csv" "$work/world" "$work/folder"
 images=("$work"/folder/images/*)
