@@ -137,6 +137,8 @@ def measure(file):
                 if min(before, after) > 1e6:
                     changes.append(math.log(after / before))
     lost = [seconds for seconds in found[12] if seconds > 0]
+    if min(len(lost), len(changes), len(found[4])) < 2:
+        raise Refused(f'{file}: too few runs of 15 s')
     deciles, quarters = statistics.quantiles(lost, n=10), statistics.quantiles(changes, n=4)
     print(f'median of {len(runs)} runs: {statistics.median(medians) / 1e6:.1f} Mbit/s')
     for second, name in ((12, 'hand-overs'), (4, 'times between')):

@@ -125,15 +125,19 @@ class Links(unittest.TestCase):
 
     def test_what_is_measured_is_right(self):
         lines = [ROAD.split('\n', 1)[0]]
-        for minute, hour in ((m, h) for h in (10, 11) for m in range(60)):  # each fourth has no link at :12
-            for second in range(5, 20):
+        for minute in range(60):  # each fourth has no link at :12; twice as fast after it; nothing happens from :27 on
+            for second in (*range(5, 20), *range(27, 42)):
                 rate = 0 if second == 12 and minute % 4 == 0 else 10_000_000 if second < 12 else 20_000_000
-                lines.append(f'2024-01-11 {hour}:{minute:02}:{second:02},2024-01-11 {hour}:{minute:02}:{second + 1:02},'
+                lines.append(f'2024-01-11 10:{minute:02}:{second:02},2024-01-11 10:{minute:02}:{second + 1:02},'
                              f'192.0.2.1,v4,UDP,1,{rate},1,')
         (self.folder / 'in.csv').write_text('\n'.join(lines) + '\n')
-        said = self.run_program('measure', self.folder / 'in.csv').stdout
-        self.assertIn('median of 120 runs: 20.0 Mbit/s\n', said)
-        self.assertIn('hand-overs with a second below half: 30 of 120, 0.250\n', said)
+        said = self.run_program('measure', self.folder / 'in.csv').stdout.split('\n')
+        self.assertEqual(said[:3], ['median of 120 runs: 20.0 Mbit/s',
+                                    'hand-overs with a second below half: 15 of 60, 0.250',
+                                    'times between with a second below half: 0 of 60, 0.000'])
+        self.assertEqual(said[3], 'seconds lost then: mean 2.00, deciles 2.00 and 2.00')  # 1 + two at half the median
+        (self.folder / 'in.csv').write_text(ROAD)
+        self.assertIn('in.csv: too few runs', self.run_program('measure', self.folder / 'in.csv').stderr)
 
 
 if __name__ == '__main__':
