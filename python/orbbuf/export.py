@@ -80,6 +80,11 @@ class _Output:
             except ValueError as error:
                 self.notes.append(f"no calibration: {error}")
 
+        kalibr = session.folder / "camchain-imucam.yaml"
+        if kalibr.exists():
+            self.text(kalibr.name, kalibr.read_text())
+            self.notes.append(f"{kalibr.name} is copied; orbbuf-server export also writes what it has beyond camera.txt")
+
     def text(self, name: str, content: str) -> None:
         path = self.folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -109,7 +114,7 @@ def to_tum(session: Session, out: PathLike) -> list[str]:
     if session.is_stereo:
         output.notes.append("TUM RGB-D has one camera: the right images are left out")
     if session.camera is not None:
-        output.notes.append("TUM RGB-D has no file for a calibration: camera.txt is left out")
+        output.notes.append("TUM RGB-D has no file for a calibration: it is left out")
     return output.notes
 
 
@@ -126,13 +131,13 @@ def to_kitti(session: Session, out: PathLike) -> list[str]:
     if camera is None:
         return output.notes
     if camera.model != "Pinhole":
-        output.notes.append(f"no calib.txt: KITTI's knows no lens distortion, and camera.txt is {camera.model}")
+        output.notes.append(f"no calib.txt: KITTI's knows no lens distortion, and the camera is {camera.model}")
         return output.notes
     calib = "P0: " + _projection(camera, 0)
     if session.is_stereo and camera.baseline_m:
         calib += "P1: " + _projection(camera, camera.baseline_m)
     elif session.is_stereo:
-        output.notes.append("no P1 in calib.txt: camera.txt has no baseline in a fifth line")
+        output.notes.append("no P1 in calib.txt: the calibration is of no rectified pair")
     output.text("calib.txt", calib)
     return output.notes
 
@@ -160,14 +165,14 @@ def to_euroc(session: Session, out: PathLike) -> list[str]:
     if session.is_stereo and output.camera.baseline_m:
         output.text("mav0/cam1/sensor.yaml", _sensor_yaml(output.camera, session.rate_hz, output.camera.baseline_m))
     elif session.is_stereo:
-        output.notes.append("no cam1/sensor.yaml: camera.txt has no baseline in a fifth line")
+        output.notes.append("no cam1/sensor.yaml: the calibration has no right camera")
     return output.notes
 
 
 def _sensor_yaml(camera: Camera, rate_hz: float, x_m: float) -> str:
     rate = f"rate_hz: {rate_hz:.3f}\n" if rate_hz else ""
     return f"""sensor_type: camera
-comment: camera.txt ({camera.model}), by orbbuf
+comment: by orbbuf
 T_BS:
   cols: 4
   rows: 4

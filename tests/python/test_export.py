@@ -41,6 +41,13 @@ class ExportTest(FolderTest):
             orbbuf.to_euroc(orbbuf.Session(self.folder / "empty"), self.folder / "new")
         self.assertFalse((self.folder / "new").exists())
 
+    def test_kalibrs_file_goes_along(self):
+        session, _, _ = self.export("kitti", "radtan")
+        (session / "camchain-imucam.yaml").write_text("cam0:\n")
+        _, out, notes = self.export("euroc", "radtan")
+        self.assertEqual((out / "camchain-imucam.yaml").read_text(), "cam0:\n")
+        self.assertRegex(notes[0], "camchain-imucam.yaml is copied")
+
     def test_calibration_that_is_none_is_refused(self):
         for text in ("", "Pinhole 1 2 3 4\n640 480\ncrop\n640 480\n", "Pinhole 1 2 3 4 x\n640 480\ncrop\n640 480\n",
                      "1 2 3\n640 480\ncrop\n640 480\n", "Pinhole 1 2 3 4 0\n640\ncrop\n640 480\n",
