@@ -18,8 +18,9 @@ struct CameraInfo {
   std::string distortion_model;    ///< as ROS calls it: plumb_bob or equidistant
   std::vector<double> distortion;  ///< D: five numbers, or four
   std::array<double, 9> k{};       ///< row by row, in pixels
-  std::array<double, 9> r{};       ///< row by row: from the camera to the rectified one
-  std::array<double, 12> p{};      ///< row by row, rectified; of the right camera, with its place
+  /// Row by row: from the camera to the rectified one.
+  std::array<double, 9> r{1, 0, 0, 0, 1, 0, 0, 0, 1};
+  std::array<double, 12> p{};  ///< row by row, rectified; of the right camera, with its place
 };
 
 /// What can be told of a session's cameras.
