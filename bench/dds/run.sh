@@ -30,34 +30,19 @@ end_all() {
   pids=()
 }
 trap 'end_all; rm -rf "$work"' EXIT
-fail() { echo "dds: $*" >&2 && tail -n 5 "$at"/*.log >&2 && exit 1; }
+fail() { echo "dds: $*" >&2 && tail -n 5 "$logs"/*.log >&2 && exit 1; }
 
-ip link set lo up
-ip link add v0 type veth peer name v1
-ip address add 10.99.0.1/24 dev v0
-ip link set v0 up
-ip link set v1 up
-export ROS_DOMAIN_ID=0
+# shellcheck source=bench/dds/parts.sh
+. "$(dirname "${BASH_SOURCE[0]}")/parts.sh"
+lay_network
 
-start() { # NAME COMMAND...
-  "${@:2}" >"$at/$1.log" 2>&1 &
-  pids+=("$!")
-}
-until_true() { # WHAT COMMAND...
-  SECONDS=0
-  until "${@:2}"; do
-    [ $SECONDS -lt 60 ] || fail "not within a minute: $1"
-    sleep 0.05
-  done
-}
-says() { grep -sq -- "$2" "$at/$1.log"; }                             # NAME TEXT
-images() { [ "$(grep -c '^[0-9]' "$at/$1.log")" -ge "$2" ]; }         # READER COUNT
+images() { [ "$(grep -c '^[0-9]' "$logs/$1.log")" -ge "$2" ]; } # READER COUNT
 busy() { while :; do :; done; }
 
 good=(one-raw one-jpeg two-raw)
 once() { # NAME [READER...]: with these beside the good ones
-  at=$work/$1
-  mkdir "$at"
+  logs=$work/$1
+  mkdir "$logs"
   local readers=("${good[@]}" "${@:2}") stopped='' reader robot robots=()
   start one-raw "$build/bench/orbbuf-dds-timed-reader" one/image_raw raw
   start one-jpeg "$build/bench/orbbuf-dds-timed-reader" one/image_raw/compressed compressed
@@ -69,13 +54,13 @@ once() { # NAME [READER...]: with these beside the good ones
     esac
   done
   for reader in "${readers[@]}"; do until_true "$reader is ready" says "$reader" ready; done
-  start server "$build/server/orbbuf-server" --set listen.address=127.0.0.1:0 --set "files.path=$at/data" \
+  start server "$build/server/orbbuf-server" --set listen.address=127.0.0.1:0 --set "files.path=$logs/data" \
     --set dds.enabled=true
   until_true 'the server listens' says server 'listening on'
   sleep 4 # it publishes nothing in its first 3 s, and would then have to catch up
   for robot in one two; do
     start "robot-$robot" "$build/daemon/orbbufd" --set "robot.id=$robot" --set buffer.policy=drop-oldest \
-      --set "link.server=$(sed -n 's/.*listening on //p' "$at/server.log")" --set source.width=1280 \
+      --set "link.server=$(sed -n 's/.*listening on //p' "$logs/server.log")" --set source.width=1280 \
       --set source.height=1024 --set "source.fps=$rate" --set "source.frames=$((rate * (seconds + 10)))"
     robots+=("${pids[-1]}")
   done
@@ -83,16 +68,16 @@ once() { # NAME [READER...]: with these beside the good ones
   start loop-1 busy
   start loop-2 busy
   [ -z "$stopped" ] || kill -STOP "$stopped"
-  date +%s.%N >"$at/begin"
+  date +%s.%N >"$logs/begin"
   sleep "$seconds"
-  date +%s.%N >"$at/end"
+  date +%s.%N >"$logs/end"
   kill -TERM "${robots[@]}"
   wait "${robots[@]}" || fail "a robot ended with $?"
   local came='' before=none
   while [ "$came" != "$before" ]; do # until nothing comes for as long as a stall lasts
     before=$came
     sleep 2
-    came=$(cd "$at" && wc -l "${good[@]/%/.log}")
+    came=$(cd "$logs" && wc -l "${good[@]/%/.log}")
   done
   end_all
 }
@@ -100,7 +85,7 @@ once() { # NAME [READER...]: with these beside the good ones
 # judge READER ROBOT: appends its images' delays in ms, since capture and since the server's write, to `delays`; prints
 # how many it lost, and the longest time without an image, in ms.
 judge() {
-  awk -v begin="$(cat "$at/begin")" -v end="$(cat "$at/end")" -v delays="$at/delays" '
+  awk -v begin="$(cat "$logs/begin")" -v end="$(cat "$logs/end")" -v delays="$logs/delays" '
     FILENAME ~ /times.txt$/ { if ($2 >= begin && $2 < end) wanted[$2] = 1; next }
     /^[0-9]/ {
       came = $1 + $2
@@ -111,7 +96,7 @@ judge() {
       if (end - last > gap) gap = end - last
       for (time in wanted) ++lost
       printf "%d %d\n", lost, gap * 1000
-    }' "$at"/data/"$2"/*/times.txt "$at/$1.log"
+    }' "$logs"/data/"$2"/*/times.txt "$logs/$1.log"
 }
 
 lost=0 stalls=0
@@ -123,7 +108,7 @@ tell() { # what became of the good readers' images
     [ "$gap" -lt 2000 ] || stalls=$((stalls + 1))
     line+=" $reader lost $missing, longest wait $gap ms;"
   done
-  echo "dds: ${at##*/}:${line%;}"
+  echo "dds: ${logs##*/}:${line%;}"
 }
 percentile() { # OF FIELD FILE...
   cut -d' ' -f"$2" "${@:3}" | sort -n | awk -v p="$1" '{ v[NR] = $1 } END { print v[int((NR - 1) * p) + 1] }'

@@ -22,6 +22,7 @@ while [ $# -gt 0 ]; do
   shift
 done
 work=$(mktemp -d "${TMPDIR:-/tmp}/orbbuf-topics.XXXXXX")
+logs=$work
 pids=()
 cleanup() {
   for pid in "${pids[@]}"; do kill -TERM "$pid" || true; done 2>/dev/null
@@ -31,28 +32,12 @@ cleanup() {
 trap cleanup EXIT
 fail() { echo "topics: $*" >&2 && tail -n 20 "$work"/{server,robot,writer}.log >&2 && exit 1; }
 
-# DDS finds its peers by multicast on v0; the robot's link is on lo, which can be cut.
-ip link set lo up
-ip link add v0 type veth peer name v1
-ip address add 10.99.0.1/24 dev v0
-ip link set v0 up
-ip link set v1 up
+# shellcheck source=bench/dds/parts.sh
+. "$(dirname "${BASH_SOURCE[0]}")/parts.sh"
+lay_network
 nft add table inet link
 nft add chain inet link input '{ type filter hook input priority 0; }'
-export ROS_DOMAIN_ID=0
 
-start() { # NAME COMMAND...
-  "${@:2}" >"$work/$1.log" 2>&1 &
-  pids+=("$!")
-}
-until_true() { # WHAT COMMAND...
-  SECONDS=0
-  until "${@:2}"; do
-    [ $SECONDS -lt 60 ] || fail "not within a minute: $1"
-    sleep 0.05
-  done
-}
-says() { grep -sq -- "$2" "$work/$1.log"; } # NAME TEXT
 messages() { grep -s "^$2 " "$work/$1.log" || true; } # TAP NAME
 has_written() { [ "$(messages source odom | wc -l)" -ge "$1" ]; }
 

@@ -8,6 +8,7 @@ if [ -z "${ORBBUF_OWN_NAMESPACE-}" ]; then
 fi
 build=$(cd "$1" && pwd)
 work=$(mktemp -d)
+logs=$work
 pids=()
 cleanup() {
   for pid in "${pids[@]}"; do kill -TERM "$pid" || true; kill -CONT "$pid" || true; done 2>/dev/null
@@ -17,28 +18,11 @@ cleanup() {
 trap cleanup EXIT
 fail() { echo "dds: $*" >&2 && tail -n 20 "$work"/*.log >&2 && exit 1; }
 
-# DDS finds its peers by multicast on v0; the robot's link is on lo, which can be cut.
-ip link set lo up
-ip link add v0 type veth peer name v1
-ip address add 10.99.0.1/24 dev v0
-ip link set v0 up
-ip link set v1 up
+# shellcheck source=bench/dds/parts.sh
+. "$(dirname "${BASH_SOURCE[0]}")/../../bench/dds/parts.sh"
+lay_network
 nft add table inet link
 nft add chain inet link input '{ type filter hook input priority 0; }'
-export ROS_DOMAIN_ID=0
-
-start() { # NAME COMMAND...
-  "${@:2}" >"$work/$1.log" 2>&1 &
-  pids+=("$!")
-}
-until_true() { # WHAT COMMAND...
-  SECONDS=0
-  until "${@:2}"; do
-    [ $SECONDS -lt 60 ] || fail "not within a minute: $1"
-    sleep 0.05
-  done
-}
-says() { grep -sq -- "$2" "$work/$1.log"; } # NAME TEXT
 
 serve() { # NAME ADDRESS
   start "$1" "$build/server/orbbuf-server" --set "listen.address=$2" --set "files.path=$work/data" \
