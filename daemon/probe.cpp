@@ -39,6 +39,7 @@ struct Footage {
   int defects = 0;
   std::deque<RawFrame> last;  // without a defect
   std::vector<ImageMotion> motions{};
+  std::chrono::seconds patience{0};  // how long it was waited for
 };
 
 double ms_since(Clock::time_point start) {
@@ -53,12 +54,13 @@ Footage capture(FrameSource& source, const JpegSettings& jpeg, bool with_motion)
   std::stop_source stop;
   std::mutex mutex;
   std::condition_variable_any ended;
+  Footage footage;
+  footage.patience = time + kPatience - kCaptureTime;
   const std::jthread alarm([&](const std::stop_token& is_captured) {
     std::unique_lock lock(mutex);
-    ended.wait_for(lock, is_captured, time + kPatience - kCaptureTime, [] { return false; });
+    ended.wait_for(lock, is_captured, footage.patience, [] { return false; });
     stop.request_stop();
   });
-  Footage footage;
   Clock::time_point first;
   while (auto frame = source.next(stop.get_token())) {
     if (footage.frames++ == 0) {
@@ -156,7 +158,7 @@ std::string probe(const Settings& settings) {
   const Footage footage = capture(*source, settings.jpeg, !streams.empty());
   if (footage.last.size() < 2 || footage.last_ns <= footage.first_ns) {
     throw std::runtime_error(fmt::format("{}: fewer than two usable frames within {} s",
-                                         description, kPatience.count()));
+                                         description, footage.patience.count()));
   }
   ProbeResult result;
   result.fps = (footage.frames - 1) * 1e9 / static_cast<double>(footage.last_ns - footage.first_ns);
