@@ -93,7 +93,8 @@ class Server {
                                           std::size_t robots, const Settings& more) {
     const std::string count = std::to_string(robots);
     Settings settings = {"listen.address=127.0.0.1:0",
-                         "listen.max_connections=" + count,
+                         // All say hello at once, and a quarter of the places is for who has not yet.
+                         "listen.max_connections=" + std::to_string(4 * robots),
                          "listen.max_connections_per_address=" + count,
                          "listen.max_robots=" + count,
                          "files.path=" + files.string(),
