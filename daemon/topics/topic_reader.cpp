@@ -11,13 +11,14 @@
 
 #include "common/event_fd.hpp"
 #include "common/log.hpp"
+#include "common/ros_type.hpp"
 #include "common/seconds.hpp"
 #include "common/system_clock.hpp"
 
 namespace orbbuf {
 namespace {
 
-constexpr std::size_t kMostKinds = 8;
+constexpr std::size_t kMostKinds = 64;
 
 std::shared_ptr<const DdsParticipant> the_participant() {
   static std::weak_ptr<const DdsParticipant> shared;
@@ -37,18 +38,6 @@ std::unique_ptr<dds_listener, void (*)(dds_listener*)> make_listener(const Uniqu
   return listener;
 }
 
-/// `sensor_msgs::msg::dds_::Imu_` as ROS 2 has it: `sensor_msgs/msg/Imu`.
-std::string ros_type(std::string_view dds_type) {
-  constexpr std::string_view kModule = "::dds_::";
-  std::string type(dds_type);
-  if (const auto at = type.find(kModule); at != std::string::npos && type.ends_with('_')) {
-    type.replace(at, kModule.size(), "/");
-    type.pop_back();
-  }
-  if (const auto at = type.find("::"); at != std::string::npos) type.replace(at, 2, "/");
-  return type;
-}
-
 using Qos = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
 
 /// Remote programs say how many messages they keep in one of two ways, or not at all.
@@ -66,11 +55,10 @@ std::uint32_t depth_of(const dds_qos_t* qos) {
   return static_cast<std::uint32_t>(most);
 }
 
-TopicPublisher writer_of(const dds_builtintopic_endpoint_t& found, std::uint64_t key,
-                         const std::string& topic) {
+TopicPublisher writer_of(const dds_builtintopic_endpoint_t& found, std::uint64_t key) {
   TopicPublisher writer;
   writer.key = key;
-  writer.topic = topic;
+  writer.topic = found.topic_name + 2;  // is_of()
   writer.type = found.type_name;
   void* data = nullptr;
   std::size_t size = 0;
@@ -96,12 +84,20 @@ TopicPublisher writer_of(const dds_builtintopic_endpoint_t& found, std::uint64_t
 
 /// Writers of a kind have a reader in common.
 std::string raw_kind(const TopicPublisher& writer) {
-  return fmt::format("{} as {}{}", ros_type(writer.type),
+  return fmt::format("{}: {} as {}{}", writer.topic, ros_type(writer.type),
                      writer.is_reliable ? "reliable" : "best effort",
                      writer.is_latched ? ", transient local" : "");
 }
 
 std::string with_slash(std::string topic) { return topic.starts_with('/') ? topic : "/" + topic; }
+
+/// Those of ROS 2 have the prefix `rt`.
+bool is_of(std::string_view dds_topic, std::string_view topic) {
+  if (!dds_topic.starts_with("rt")) return false;
+  dds_topic.remove_prefix(2);
+  return topic.ends_with('*') ? dds_topic.starts_with(topic.substr(0, topic.size() - 1))
+                              : dds_topic == topic;
+}
 
 }  // namespace
 
@@ -139,7 +135,6 @@ std::optional<TopicReader::Message> TopicReader::take() {
 }
 
 void TopicReader::look_for_publishers() {
-  const std::string name = fmt::format("rt{}", topic_);
   void* samples[1] = {nullptr};
   dds_sample_info_t info;
   while (dds_take(publications_, samples, &info, 1, 1) > 0) {
@@ -150,7 +145,7 @@ void TopicReader::look_for_publishers() {
       } else {
         publishers_.erase(info.instance_handle);
       }
-    } else if (info.valid_data && found.topic_name == name) {
+    } else if (info.valid_data && is_of(found.topic_name, topic_)) {
       dds_reliability_kind_t kind = DDS_RELIABILITY_BEST_EFFORT;
       dds_qget_reliability(found.qos, &kind, nullptr);
       publishers_[info.instance_handle] = {ros_type(found.type_name),
@@ -199,7 +194,7 @@ void TopicReader::open(const Kind& kind) {
 
 void TopicReader::add_raw(std::uint64_t handle, const dds_builtintopic_endpoint_t& found) {
   constexpr unsigned char kHasKey = 0x02;  // the kind of a writer, in its GUID
-  TopicPublisher writer = writer_of(found, handle, topic_);
+  TopicPublisher writer = writer_of(found, handle);
   if (found.key.v[15] == kHasKey || !wire::is_valid(writer)) {
     log_warn(
         "topic {}: a publisher is passed over: its type {} has a key, or no name that ROS 2 allows",
@@ -218,12 +213,12 @@ void TopicReader::add_raw(std::uint64_t handle, const dds_builtintopic_endpoint_
 void TopicReader::open(const TopicPublisher& writer) {
   const std::string kind = raw_kind(writer);
   if (raw_readers_.size() == kMostKinds) {
-    return log_error("topic {}: {} is not read: it has {} kinds of publishers already", topic_,
+    return log_error("topic {}: {} is not read: there are {} kinds of publishers already", topic_,
                      kind, kMostKinds);
   }
   RawReader reader;
   reader.topic =
-      std::make_unique<RawTopic>(participant_->entity(), fmt::format("rt{}", topic_), writer.type);
+      std::make_unique<RawTopic>(participant_->entity(), "rt" + writer.topic, writer.type);
   const Qos qos(dds_create_qos(), &dds_delete_qos);
   dds_qset_reliability(
       qos.get(), writer.is_reliable ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT, 0);
@@ -236,9 +231,9 @@ void TopicReader::open(const TopicPublisher& writer) {
   dds_qset_userdata(qos.get(), writer.user_data.data(), writer.user_data.size());
   reader.entity = require_dds(
       dds_create_reader(participant_->entity(), reader.topic->entity(), qos.get(), listener_.get()),
-      "read the topic " + topic_);
+      "read the topic " + writer.topic);
   raw_readers_[kind] = std::move(reader);
-  log_info("topic {}: {}", topic_, kind);
+  log_info("topic {}", kind);
 }
 
 /// What comes from a publisher of another kind has another reader. A message may come before the

@@ -33,8 +33,9 @@ class TopicReader {
   using Types = std::vector<const dds_topic_descriptor*>;
 
   /// topic: as ROS 2 has it, `/imu/data`. types: those to read, by idlc; if publishers have
-  /// several, the first of them counts; none: messages of any type, as bytes. depth: the messages
-  /// that wait for take(); what is older is lost. Throws std::runtime_error.
+  /// several, the first of them counts; none: messages of any type, as bytes, and the topic may be
+  /// `/camera/*`: each one whose name begins so. depth: the messages that wait for take(); what is
+  /// older is lost. Throws std::runtime_error.
   TopicReader(const std::string& topic, Types types, int depth,
               std::chrono::nanoseconds patience = kPatience);
   ~TopicReader();

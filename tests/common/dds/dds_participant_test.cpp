@@ -6,17 +6,14 @@
 #include <cstdlib>
 #include <stdexcept>
 
+#include "testing/loopback_dds.hpp"
+
 namespace orbbuf {
 namespace {
 
 class DdsParticipantTest : public testing::Test {
  protected:
-  static void SetUpTestSuite() {
-    ::setenv("CYCLONEDDS_URI",
-             "<General><Interfaces><NetworkInterface name='lo' multicast='false'/></Interfaces>"
-             "</General>",
-             1);
-  }
+  static void SetUpTestSuite() { test::use_loopback_dds("0"); }
 };
 
 TEST_F(DdsParticipantTest, ItsDomainIsRos2s) {

@@ -4,9 +4,8 @@
 #include <dds/dds.h>
 #include <gtest/gtest.h>
 
-#include <cstdlib>
-
 #include "common/dds/dds_participant.hpp"
+#include "testing/loopback_dds.hpp"
 
 namespace orbbuf {
 namespace {
@@ -15,13 +14,7 @@ using Bytes = std::vector<std::uint8_t>;
 
 class RawTopicTest : public testing::Test {
  protected:
-  static void SetUpTestSuite() {
-    ::setenv("CYCLONEDDS_URI",
-             "<General><Interfaces><NetworkInterface name='lo' multicast='false'/></Interfaces>"
-             "</General>",
-             1);
-    ::setenv("ROS_DOMAIN_ID", "79", 1);
-  }
+  static void SetUpTestSuite() { test::use_loopback_dds("79"); }
 
   dds_entity_t make_reader(const RawTopic& topic) const {
     dds_qos_t* const qos = dds_create_qos();

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "testing/captured_log.hpp"
+#include "testing/loopback_dds.hpp"
 #include "tests/daemon/topics/topic_writer.hpp"
 
 namespace orbbuf {
@@ -21,7 +22,7 @@ const std::string kImuTopic = "/imu/data";
 
 class Ros2SamplesTest : public testing::Test {
  protected:
-  static void SetUpTestSuite() { test::use_loopback_dds(); }
+  static void SetUpTestSuite() { test::use_loopback_dds("78"); }
 
   void make() {
     source_.emplace(io_, settings_, [this](const Sample& sample) { samples_.push_back(sample); });

@@ -5,6 +5,7 @@
 #include <poll.h>
 
 #include "testing/captured_log.hpp"
+#include "testing/loopback_dds.hpp"
 #include "tests/daemon/topics/topic_writer.hpp"
 
 namespace orbbuf {
@@ -19,7 +20,7 @@ const std::string kImageTopic = "/camera/image";
 
 class TopicReaderTest : public testing::Test {
  protected:
-  static void SetUpTestSuite() { test::use_loopback_dds(); }
+  static void SetUpTestSuite() { test::use_loopback_dds("78"); }
 
   void make(std::chrono::nanoseconds patience = TopicReader::kPatience) {
     reader_.emplace(
@@ -186,6 +187,18 @@ TEST_F(TopicReaderTest, WithoutTypesMessagesOfAPublisherThatHasLeftAreRead) {
   const TopicWriter another(sensor_msgs_msg_dds__CompressedImage__desc, kImageTopic);
   write_jpeg(another, 2, {2});  // before the reader has looked for it
   EXPECT_TRUE(reader_->take());
+}
+
+TEST_F(TopicReaderTest, APatternIsEachTopicThatBeginsSo) {
+  reader_.emplace("/camera/*", TopicReader::Types{}, 4);
+  const TopicWriter image(sensor_msgs_msg_dds__CompressedImage__desc, kImageTopic);
+  const TopicWriter other(sensor_msgs_msg_dds__CompressedImage__desc, "/camera/right/image");
+  const TopicWriter none(sensor_msgs_msg_dds__CompressedImage__desc, "/cameras");
+  EXPECT_FALSE(reader_->take());
+  for (const TopicWriter* writer : {&image, &other, &none}) write_jpeg(*writer, 1, {1});
+  std::vector<std::string> topics;
+  while (const auto message = reader_->take()) topics.push_back(message->raw->publisher->topic);
+  EXPECT_THAT(topics, testing::UnorderedElementsAre(kImageTopic, "/camera/right/image"));
 }
 
 }  // namespace

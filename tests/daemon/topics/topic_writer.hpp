@@ -5,21 +5,11 @@
 #include <gtest/gtest.h>
 #include <ros_messages.h>
 
-#include <cstdlib>
 #include <optional>
 #include <string>
 #include <vector>
 
 namespace orbbuf::test {
-
-/// Before the first participant of the process.
-inline void use_loopback_dds() {
-  ::setenv("ROS_DOMAIN_ID", "78", 1);
-  ::setenv("CYCLONEDDS_URI",
-           "<General><Interfaces><NetworkInterface name='lo' multicast='false'/></Interfaces>"
-           "</General>",
-           1);
-}
 
 /// A publisher of ROS 2 in this process; made when there is a reader in the domain, and destroyed
 /// before the last one.

@@ -10,6 +10,7 @@
 
 #include "testing/captured_log.hpp"
 #include "tests/daemon/capture/source_test_support.hpp"
+#include "testing/loopback_dds.hpp"
 #include "tests/daemon/topics/topic_writer.hpp"
 
 namespace orbbuf {
@@ -29,7 +30,7 @@ const Bytes kJpeg{0xFF, 0xD8, 1, 2, 3, 0xFF, 0xD9};
 
 class Ros2SourceTest : public testing::Test {
  protected:
-  static void SetUpTestSuite() { test::use_loopback_dds(); }
+  static void SetUpTestSuite() { test::use_loopback_dds("78"); }
 
   /// A publisher that writes as soon as the source reads it.
   void publish(const dds_topic_descriptor_t& type, std::function<void(const TopicWriter&)> write) {
