@@ -102,7 +102,7 @@ SlamSettings load_slam(ConfigReader& reader, const std::string& table,
 void check_slam(const ConfigReader& reader, const std::string& table, const SlamSettings& slam,
                 const SinkSettings& sinks) {
   const bool is_kept = sinks.is_kept();
-  if (!slam.is_on() && !is_kept && !sinks.ros.enabled && !sinks.dds_enabled) {
+  if (!slam.is_on() && !is_kept && !sinks.ros.enabled && !sinks.dds.enabled) {
     const auto text =
         fmt::format("frames need a sink: files, mcap, {0}.command, {0}.fifo, ros or dds", table);
     reader.fail("files.enabled", text);
@@ -137,13 +137,14 @@ std::string load_frame_id(ConfigReader& reader, const std::string& key,
   return id;
 }
 
+constexpr double kSlowestPace = 1.1;  // with less, frames that are late stay so
+constexpr double kFastestPace = 1000;
+
 void load_ros(ConfigReader& reader, RosSettings& ros) {
   constexpr std::int64_t kMostQueued = 100'000;
-  constexpr double kSlowest = 1.1;  // with less, frames that are late stay so
-  constexpr double kFastest = 1000;
   ros.frame_id = load_frame_id(reader, "ros.frame_id", ros.frame_id);
   reader.read("ros.queue", ros.queue, 1, kMostQueued);
-  reader.read("ros.pace", ros.pace, kSlowest, kFastest);
+  reader.read("ros.pace", ros.pace, kSlowestPace, kFastestPace);
   reader.read("ros.wait_for_subscriber", ros.wait_for_subscriber, {}, std::chrono::hours{1});
   reader.read("ros.enabled", ros.enabled);
 #ifndef ORBBUF_ROS
@@ -161,10 +162,11 @@ void load_sinks(ConfigReader& reader, SinkSettings& sinks) {
   reader.read("mcap.enabled", sinks.mcap_enabled);
   reader.read("mcap.split", sinks.mcap_split, milliseconds(0), hours(24 * 365));
   load_ros(reader, sinks.ros);
-  sinks.dds_frame_id = load_frame_id(reader, "dds.frame_id", sinks.dds_frame_id);
-  reader.read("dds.enabled", sinks.dds_enabled);
+  sinks.dds.frame_id = load_frame_id(reader, "dds.frame_id", sinks.dds.frame_id);
+  reader.read("dds.pace", sinks.dds.pace, kSlowestPace, kFastestPace);
+  reader.read("dds.enabled", sinks.dds.enabled);
 #ifndef ORBBUF_DDS
-  if (sinks.dds_enabled) {
+  if (sinks.dds.enabled) {
     reader.fail("dds.enabled", "this server was built without DDS (cmake -DORBBUF_WITH_DDS=ON)");
   }
 #endif

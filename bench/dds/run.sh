@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # What slow readers of ROS 2's topics cost the others. Two robots send images of 1280x1024 at 15 Hz, in a network
 # namespace of its own. Reliable readers of the first one's raw images: a good one, one that takes less than half of
-# them, and one that is stopped by SIGSTOP; of its JPEG images, and of the other robot's raw ones: a good one each. Two
-# loops keep the processors busy. The good readers must get each image; none of them may wait for 2 s (a stall). A first
-# run without the two bad readers tells what this machine can do (`alone`).
+# them, and one that is stopped by SIGSTOP; of its JPEG images, of its inertial sensor (200 Hz), and of the other robot's
+# raw images: a good one each. Two loops keep the processors busy. The good readers must get each message; none of them
+# may wait for 2 s (a stall). A first run without the two bad readers tells what this machine can do (`alone`).
 # Usage: bench/dds/run.sh BUILD_FOLDER [--quick] [--runs N] [--seconds N]; --quick: one run of 3 s, without the first one
 set -euo pipefail
 if [ -z "${ORBBUF_OWN_NAMESPACE-}" ]; then
@@ -39,13 +39,14 @@ lay_network
 images() { [ "$(grep -c '^[0-9]' "$logs/$1.log")" -ge "$2" ]; } # READER COUNT
 busy() { while :; do :; done; }
 
-good=(one-raw one-jpeg two-raw)
+good=(one-raw one-jpeg one-imu two-raw)
 once() { # NAME [READER...]: with these beside the good ones
   logs=$work/$1
   mkdir "$logs"
   local readers=("${good[@]}" "${@:2}") stopped='' reader robot robots=()
   start one-raw "$build/bench/orbbuf-dds-timed-reader" one/image_raw raw
   start one-jpeg "$build/bench/orbbuf-dds-timed-reader" one/image_raw/compressed compressed
+  start one-imu "$build/bench/orbbuf-dds-timed-reader" one/imu0 imu
   start two-raw "$build/bench/orbbuf-dds-timed-reader" two/image_raw raw
   for reader in "${@:2}"; do
     case $reader in
@@ -61,7 +62,7 @@ once() { # NAME [READER...]: with these beside the good ones
   for robot in one two; do
     start "robot-$robot" "$build/daemon/orbbufd" --set "robot.id=$robot" --set buffer.policy=drop-oldest \
       --set "link.server=$(sed -n 's/.*listening on //p' "$logs/server.log")" --set source.width=1280 \
-      --set source.height=1024 --set "source.fps=$rate" --set "source.frames=$((rate * (seconds + 10)))"
+      --set stream.imu0.kind=generated --set source.height=1024 --set "source.fps=$rate" --set "source.frames=$((rate * (seconds + 10)))"
     robots+=("${pids[-1]}")
   done
   for reader in "${readers[@]}"; do until_true "$reader has images" images "$reader" 5; done
@@ -82,11 +83,15 @@ once() { # NAME [READER...]: with these beside the good ones
   end_all
 }
 
-# judge READER ROBOT: appends its images' delays in ms, since capture and since the server's write, to `delays`; prints
-# how many it lost, and the longest time without an image, in ms.
+# judge READER ROBOT: appends its messages' delays in ms, since capture and since the server's write, to `delays`; prints
+# how many it lost, and the longest time without one, in ms.
 judge() {
-  awk -v begin="$(cat "$logs/begin")" -v end="$(cat "$logs/end")" -v delays="$logs/delays" '
-    FILENAME ~ /times.txt$/ { if ($2 >= begin && $2 < end) wanted[$2] = 1; next }
+  local is_imu=
+  [ "$1" != one-imu ] || is_imu=1
+  awk -v is_imu="$is_imu" -v begin="$(cat "$logs/begin")" -v end="$(cat "$logs/end")" -v delays="$logs/delays${is_imu:+-imu}" '
+    function want(time) { if (time >= begin && time < end) wanted[time] = 1 }
+    FILENAME ~ /times.txt$/ { if (!is_imu) want($2); next }
+    FILENAME ~ /data.csv$/ { if (is_imu && /^[0-9]/) want(substr($1, 1, 10) "." substr($1, 11, 9)); next }
     /^[0-9]/ {
       came = $1 + $2
       if (came > begin && came < end) { if (came - last > gap && last > 0) gap = came - last; last = came }
@@ -96,11 +101,11 @@ judge() {
       if (end - last > gap) gap = end - last
       for (time in wanted) ++lost
       printf "%d %d\n", lost, gap * 1000
-    }' "$logs"/data/"$2"/*/times.txt "$logs/$1.log"
+    }' "$logs"/data/"$2"/*/{times.txt,imu0/data.csv} "$logs/$1.log"
 }
 
 lost=0 stalls=0
-tell() { # what became of the good readers' images
+tell() { # what became of the good readers' messages
   local reader missing gap line=''
   for reader in "${good[@]}"; do
     read -r missing gap <<<"$(judge "$reader" "${reader%-*}")"
@@ -122,11 +127,13 @@ done
 result() { echo "RESULT dds.slow_reader.$1 $2"; }
 result runs "$runs"
 result images "$(cat "$work"/run-*/delays | wc -l)"
+result samples "$(cat "$work"/run-*/delays-imu | wc -l)"
 result others_lost "$lost"
 for kind in 'p50_ms 0.5 1' 'p99_ms 0.99 1' 'since_write_p50_ms 0.5 2' 'since_write_p99_ms 0.99 2'; do
   read -r name part field <<<"$kind"
   [ -n "$is_quick" ] || result "alone_$name" "$(percentile "$part" "$field" "$work/alone/delays")"
   result "others_$name" "$(percentile "$part" "$field" "$work"/run-*/delays)"
+  result "samples_$name" "$(percentile "$part" "$field" "$work"/run-*/delays-imu)"
 done
 result stalls "$stalls"
 [ "$lost" -eq 0 ] && [ "$stalls" -eq 0 ]

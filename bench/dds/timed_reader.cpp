@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A reliable ROS 2 reader that says when each image came: `orbbuf-dds-timed-reader TOPIC
-// raw|compressed [MS]`, TOPIC as ROS 2 writes it, without a first slash. A line for each: its
+// A reliable ROS 2 reader that says when each message came: `orbbuf-dds-timed-reader TOPIC
+// raw|compressed|imu [MS]`, TOPIC as ROS 2 writes it, without a first slash. A line for each: its
 // stamp, and seconds from there and from the server's write to its arrival. With MS it takes one
-// image in that time and has no room for more than 4, so that the writer has to keep them.
+// message in that time and has no room for more than 4, so that the writer has to keep them.
 #include <dds/dds.h>
 #include <ros_messages.h>
 
@@ -25,10 +25,14 @@ dds_entity_t require(dds_entity_t entity, const char* attempt) {
   std::exit(1);
 }
 
-dds_entity_t make_reader(dds_entity_t participant, const char* topic_name, bool is_raw,
-                         bool is_slow) {
-  const auto& type =
-      is_raw ? sensor_msgs_msg_dds__Image__desc : sensor_msgs_msg_dds__CompressedImage__desc;
+const dds_topic_descriptor_t& type_of(std::string_view kind) {
+  if (kind == "raw") return sensor_msgs_msg_dds__Image__desc;
+  if (kind == "imu") return sensor_msgs_msg_dds__Imu__desc;
+  return sensor_msgs_msg_dds__CompressedImage__desc;
+}
+
+dds_entity_t make_reader(dds_entity_t participant, const char* topic_name,
+                         const dds_topic_descriptor_t& type, bool is_slow) {
   const std::string name = "rt/" + std::string(topic_name);
   const dds_entity_t topic =
       require(dds_create_topic(participant, &type, name.c_str(), nullptr, nullptr), "topic");
@@ -41,7 +45,7 @@ dds_entity_t make_reader(dds_entity_t participant, const char* topic_name, bool 
   return reader;
 }
 
-/// Both types begin with it.
+/// All types begin with it.
 void say(const std_msgs_msg_dds__Header_& header, dds_time_t written_ns) {
   const std::chrono::duration<double> now = system_clock::now().time_since_epoch();
   const double stamp = header.stamp.sec + header.stamp.nanosec * 1e-9;
@@ -59,7 +63,7 @@ int main(int argc, char** argv) {
   const dds_entity_t participant =
       require(dds_create_participant(DDS_DOMAIN_DEFAULT, nullptr, nullptr), "join");
   const dds_entity_t reader =
-      make_reader(participant, argv[1], std::string_view(argv[2]) == "raw", pause.count() > 0);
+      make_reader(participant, argv[1], type_of(argv[2]), pause.count() > 0);
   const dds_entity_t waitset = require(dds_create_waitset(participant), "wait");
   require(dds_waitset_attach(
               waitset, require(dds_create_readcondition(reader, DDS_ANY_STATE), "condition"), 0),

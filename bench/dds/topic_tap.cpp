@@ -1,18 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// What comes by /odom, /tf, /scan and /tf_static behind a prefix:
-// `orbbuf-dds-topic-tap PREFIX|'' volatile|latched`. A line `NAME SOURCE_TIME BYTES CRC_32` for
-// each message, as it was on DDS, and `publisher NAME TYPE reliable|best-effort latched|volatile
-// USER_DATA` for each publisher. volatile: /tf_static only as it comes; latched: only what its
-// publishers have kept.
+// What comes by a TurtleBot3's topics behind a prefix:
+// `orbbuf-dds-topic-tap PREFIX|'' volatile|latched [DEPTH MS]`. A line `NAME SOURCE_TIME BYTES
+// CRC_32 MS` for each message, as it was on DDS and with its age, and `publisher NAME TYPE
+// reliable|best-effort latched|volatile USER_DATA` for each publisher. Of /image_raw/compressed:
+// `camera STAMP JPEG_BYTES CRC_32 MS`; what is said behind an image came behind it. volatile:
+// /tf_static only as it comes; latched: only what its publishers have kept. DEPTH, MS: as a ROS 2
+// node of one thread, with queues of that depth (of /tf ten times it, as tf2 has), that works so
+// long at each image.
 #include <dds/dds.h>
 #include <dds/ddsi/ddsi_serdata.h>
 #include <topics.h>
 #include <zlib.h>
 
+#include <chrono>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <string>
+#include <thread>
 #include <vector>
 
 namespace {
@@ -29,15 +34,14 @@ struct Topic {
 };
 
 Topic make_reader(dds_entity_t participant, const dds_topic_descriptor_t& type,
-                  const std::string& prefix, const std::string& name, bool is_reliable,
-                  bool is_latched) {
-  const std::string topic_name = "rt" + prefix + "/" + name;
+                  const std::string& topic_name, const std::string& name, int depth,
+                  bool is_reliable, bool is_latched) {
   const dds_entity_t topic = require(
       dds_create_topic(participant, &type, topic_name.c_str(), nullptr, nullptr), name.c_str());
   dds_qos_t* const qos = dds_create_qos();
   dds_qset_reliability(qos, is_reliable ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT,
                        DDS_SECS(1));
-  dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 10'000);
+  dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, depth);
   if (is_latched) dds_qset_durability(qos, DDS_DURABILITY_TRANSIENT_LOCAL);
   const dds_entity_t reader =
       require(dds_create_reader(participant, topic, qos, nullptr), name.c_str());
@@ -45,19 +49,46 @@ Topic make_reader(dds_entity_t participant, const dds_topic_descriptor_t& type,
   return {name, reader};
 }
 
-void say_messages(const Topic& topic) {
+std::string line_of(const std::string& name, std::int64_t time_ns, const void* data,
+                    std::size_t size) {
+  char text[128];
+  std::snprintf(text, sizeof text, " %lld %zu %08lx %.2f\n", static_cast<long long>(time_ns), size,
+                crc32(0, static_cast<const Bytef*>(data), static_cast<uInt>(size)),
+                static_cast<double>(dds_time() - time_ns) / DDS_NSECS_IN_MSEC);
+  return name + text;
+}
+
+/// So many of those that wait.
+std::string take_messages(const Topic& topic, int most) {
+  std::string lines;
   ddsi_serdata* data = nullptr;
   dds_sample_info_t info{};
-  while (dds_takecdr(topic.reader, &data, 1, &info, DDS_ANY_STATE) > 0) {
+  while (most-- > 0 && dds_takecdr(topic.reader, &data, 1, &info, DDS_ANY_STATE) > 0) {
     if (info.valid_data) {
       std::vector<unsigned char> bytes(ddsi_serdata_size(data));
       ddsi_serdata_to_ser(data, 0, bytes.size(), bytes.data());
-      const auto crc = crc32(0, bytes.data(), static_cast<uInt>(bytes.size()));
-      std::printf("%s %lld %zu %08lx\n", topic.name.c_str(),
-                  static_cast<long long>(info.source_timestamp), bytes.size(), crc);
+      lines += line_of(topic.name, info.source_timestamp, bytes.data(), bytes.size());
     }
     ddsi_serdata_unref(data);
   }
+  return lines;
+}
+
+std::string take_images(dds_entity_t reader, int most) {
+  std::string lines;
+  void* message = nullptr;
+  dds_sample_info_t info{};
+  while (most-- > 0 && dds_take(reader, &message, &info, 1, 1) > 0) {
+    if (info.valid_data) {
+      const auto& image = *static_cast<const sensor_msgs_msg_dds__CompressedImage_*>(message);
+      const auto& [sec, nanosec] = image.header.stamp;
+      lines += line_of("camera", sec * DDS_NSECS_IN_SEC + nanosec, image.data._buffer,
+                       image.data._length);
+    }
+    dds_return_loan(reader, &message, 1);
+    message = nullptr;
+  }
+  return lines;
 }
 
 void say_publishers(dds_entity_t publications, const std::string& prefix) {
@@ -98,13 +129,25 @@ int main(int argc, char** argv) {
       dds_create_reader(participant, DDS_BUILTIN_TOPIC_DCPSPUBLICATION, nullptr, nullptr), "look");
   const auto& tf = tf2_msgs_msg_dds__TFMessage__desc;
   const bool is_latched = std::string(argv[2]) == "latched";
-  std::vector<Topic> topics = {make_reader(participant, tf, prefix, "tf_static", true, is_latched)};
+  const int depth = argc > 3 ? std::atoi(argv[3]) : 10'000;
+  const std::chrono::milliseconds work(argc > 4 ? std::atoi(argv[4]) : 0);
+  const int most = work.count() > 0 ? 1 : depth;
+  std::vector<Topic> topics;
+  const auto read = [&](const dds_topic_descriptor_t& type, const std::string& name,
+                        bool is_reliable) {
+    topics.push_back(make_reader(participant, type, "rt" + prefix + "/" + name, name,
+                                 name == "tf" ? 10 * depth : depth, is_reliable, is_latched));
+  };
+  read(tf, "tf_static", true);
+  dds_entity_t camera = 0;
   if (!is_latched) {
-    topics.push_back(make_reader(participant, tf, prefix, "tf", true, false));
-    topics.push_back(
-        make_reader(participant, nav_msgs_msg_dds__Odometry__desc, prefix, "odom", true, false));
-    topics.push_back(make_reader(participant, sensor_msgs_msg_dds__LaserScan__desc, prefix, "scan",
-                                 false, false));
+    read(tf, "tf", true);
+    read(nav_msgs_msg_dds__Odometry__desc, "odom", true);
+    read(sensor_msgs_msg_dds__Imu__desc, "imu", true);
+    read(sensor_msgs_msg_dds__LaserScan__desc, "scan", false);
+    camera = make_reader(participant, sensor_msgs_msg_dds__CompressedImage__desc,
+                         "rt" + prefix + "/image_raw/compressed", "camera", depth, true, false)
+                 .reader;
   }
   const dds_entity_t waitset = require(dds_create_waitset(participant), "wait");
   const auto attach = [waitset](dds_entity_t reader) {
@@ -114,11 +157,15 @@ int main(int argc, char** argv) {
   };
   attach(publications);
   for (const Topic& topic : topics) attach(topic.reader);
+  if (camera > 0) attach(camera);
   std::puts("ready");
   for (;;) {
     say_publishers(publications, prefix);
-    for (const Topic& topic : topics) say_messages(topic);
+    const std::string images = camera > 0 ? take_images(camera, most) : "";
+    for (const Topic& topic : topics) std::fputs(take_messages(topic, most).c_str(), stdout);
+    std::fputs(images.c_str(), stdout);
     std::fflush(stdout);
+    if (!images.empty()) std::this_thread::sleep_for(work);
     dds_waitset_wait(waitset, nullptr, 0, DDS_INFINITY);
   }
 }

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The topics of a TurtleBot3 but its camera: `orbbuf-dds-topic-writer SECONDS READERS`. It waits
-// until each of /odom (30 Hz), /tf (30 Hz, by two publishers), /scan (5 Hz, best effort) and
-// /tf_static (twice, by two publishers, latched) has so many readers, then writes for so long, and
-// stays until it is ended. Says `ready`, then `NAME COUNT` of each, then `done`.
+// The topics of a TurtleBot3: `orbbuf-dds-topic-writer SECONDS READERS JPEG...`. It waits until
+// each of /image_raw/compressed (25 Hz, these files in turn), /imu (20 Hz), /odom (30 Hz), /tf (30
+// Hz, by two publishers), /scan (5 Hz, best effort) and /tf_static (twice, by two publishers,
+// latched) has so many readers, then writes for so long, and stays until it is ended. Says `ready`,
+// then `NAME COUNT` of each, then `done`.
 #include <dds/dds.h>
 #include <topics.h>
 #include <unistd.h>
@@ -12,9 +13,12 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <fstream>
+#include <iterator>
 #include <random>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 namespace {
@@ -36,8 +40,8 @@ struct Writer {
 };
 
 Writer make_writer(dds_entity_t participant, const dds_topic_descriptor_t& type, const char* name,
-                   int per_second, bool is_reliable) {
-  const std::string topic_name = "rt/" + std::string(name);
+                   int per_second, bool is_reliable, const char* topic_as = nullptr) {
+  const std::string topic_name = "rt/" + std::string(topic_as != nullptr ? topic_as : name);
   const dds_entity_t topic =
       require(dds_create_topic(participant, &type, topic_name.c_str(), nullptr, nullptr), name);
   dds_qos_t* const qos = dds_create_qos();
@@ -61,7 +65,11 @@ int readers_of(const Writer& writer) {
 /// Messages with values of their own, and of the lengths that a TurtleBot3's have.
 class Messages {
  public:
+  explicit Messages(std::vector<std::vector<std::uint8_t>> images) : images_(std::move(images)) {}
+
   void write(const Writer& writer) {
+    if (writer.name == std::string("camera")) return write_image(writer.entity);
+    if (writer.name == std::string("imu")) return write_imu(writer.entity);
     if (writer.name == std::string("odom")) return write_odom(writer.entity);
     if (writer.name == std::string("scan")) return write_scan(writer.entity);
     write_tf(writer.entity);
@@ -77,6 +85,25 @@ class Messages {
   }
   static void send(dds_entity_t writer, const void* message) {
     require(dds_write(writer, message), "write");
+  }
+
+  void write_image(dds_entity_t writer) {
+    sensor_msgs_msg_dds__CompressedImage_ image{};
+    image.header = header_of(base_);
+    std::string format = "jpeg";
+    image.format = format.data();
+    auto& data = images_[next_image_++ % images_.size()];
+    const auto size = static_cast<std::uint32_t>(data.size());
+    image.data = {size, size, data.data(), false};
+    send(writer, &image);
+  }
+
+  void write_imu(dds_entity_t writer) {
+    sensor_msgs_msg_dds__Imu_ imu{};
+    imu.header = header_of(base_);
+    imu.angular_velocity = {any(), any(), any()};
+    imu.linear_acceleration = {any(), any(), any()};
+    send(writer, &imu);
   }
 
   void write_odom(dds_entity_t writer) {
@@ -112,26 +139,36 @@ class Messages {
     send(writer, &message);
   }
 
+  std::vector<std::vector<std::uint8_t>> images_;
+  std::size_t next_image_ = 0;
   std::mt19937_64 random_{1};
   std::uniform_real_distribution<double> values_{-1, 1};
   std::string odom_ = "odom";
   std::string base_ = "base_footprint";
 };
 
+std::vector<std::uint8_t> read_file(const char* path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc < 3) return 2;
+  if (argc < 4) return 2;
   const dds_entity_t participant =
       require(dds_create_participant(DDS_DOMAIN_DEFAULT, nullptr, nullptr), "join");
   const auto& tf = tf2_msgs_msg_dds__TFMessage__desc;
   std::vector<Writer> writers = {
       make_writer(participant, tf, "tf_static", 0, true),
       make_writer(participant, tf, "tf_static", 0, true),
+      make_writer(participant, sensor_msgs_msg_dds__Imu__desc, "imu", 20, true),
       make_writer(participant, nav_msgs_msg_dds__Odometry__desc, "odom", 30, true),
       make_writer(participant, tf, "tf", 30, true),
       make_writer(participant, tf, "tf", 30, true),
-      make_writer(participant, sensor_msgs_msg_dds__LaserScan__desc, "scan", 5, false)};
+      make_writer(participant, sensor_msgs_msg_dds__LaserScan__desc, "scan", 5, false),
+      make_writer(participant, sensor_msgs_msg_dds__CompressedImage__desc, "camera", 25, true,
+                  "image_raw/compressed")};
   for (const Writer& writer : writers) {
     while (readers_of(writer) < std::atoi(argv[2])) {
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -139,7 +176,9 @@ int main(int argc, char** argv) {
   }
   std::puts("ready");
   std::fflush(stdout);
-  Messages messages;
+  std::vector<std::vector<std::uint8_t>> images;
+  for (int i = 3; i < argc; ++i) images.push_back(read_file(argv[i]));
+  Messages messages(std::move(images));
   const Clock::time_point end = Clock::now() + std::chrono::seconds(std::atoi(argv[1]));
   for (Writer& writer : writers) writer.due = Clock::now();
   for (;;) {

@@ -8,9 +8,6 @@
 
 #include "common/log.hpp"
 #include "server/sink/record_sink.hpp"
-#ifdef ORBBUF_DDS
-#include "server/sink/dds/dds_sink.hpp"
-#endif
 
 namespace orbbuf {
 namespace asio = boost::asio;
@@ -70,8 +67,9 @@ std::vector<std::shared_ptr<FrameSink>> make_sinks(const SinkSettings& settings,
   const SlamSettings& slam = settings.slam_for(info.robot_id);
   if (slam.is_on()) sinks.push_back(make_slam_sink(slam, info, kept, main, pool));
 #ifdef ORBBUF_DDS
-  if (settings.dds_enabled)
-    sinks.push_back(make_dds_sink(main, info, settings.dds_frame_id, {folder, opened.position}));
+  if (settings.dds.enabled) {
+    sinks.push_back(make_dds_sink(main, info, settings.dds, {folder, opened.position}));
+  }
 #endif
 #ifdef ORBBUF_ROS
   if (settings.ros.enabled) sinks.push_back(make_ros_sink(main, info, settings.ros));
@@ -81,7 +79,7 @@ std::vector<std::shared_ptr<FrameSink>> make_sinks(const SinkSettings& settings,
 
 void begin_sinks([[maybe_unused]] const SinkSettings& settings) {
 #ifdef ORBBUF_DDS
-  if (settings.dds_enabled) begin_dds();
+  if (settings.dds.enabled) begin_dds();
 #endif
 }
 

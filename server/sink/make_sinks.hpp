@@ -19,6 +19,7 @@
 #include "server/session/earlier_frames.hpp"
 #include "server/session/session_info.hpp"
 #include "server/session/session_stores.hpp"
+#include "server/sink/dds/dds_sink.hpp"
 #include "server/sink/frame_sink.hpp"
 #include "server/sink/pipe/slam.hpp"
 #include "server/sink/ros/ros_sink.hpp"
@@ -35,8 +36,7 @@ struct SinkSettings {
   SlamSettings slam;
   std::map<std::string, SlamSettings> slam_of;  ///< robot id -> its own, in place of `slam`
   RosSettings ros;
-  bool dds_enabled = false;              ///< requires ORBBUF_DDS
-  std::string dds_frame_id = "{robot}";  ///< see ros_frame_id()
+  DdsSettings dds;
 
   /// Whether sessions are kept on disk.
   bool is_kept() const { return files_enabled || mcap_enabled; }

@@ -3,16 +3,17 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstdint>
 #include <optional>
 
 #include "common/frame.hpp"
 
 namespace orbbuf {
 
-/// Spreads the frames of one session that arrive in a burst, as after an outage: for readers that
-/// keep the newest message only. Two frames are at least the camera's period apart, divided by
-/// `speed`. The period is the step in capture time, divided by the step in sequence numbers, so
-/// that frames which the policy dropped do not change it. Reentrant.
+/// Spreads the frames of one session, or the messages of one of its topics, that arrive in a burst,
+/// as after an outage: for readers that keep the newest few only. Two are at least their period
+/// apart, divided by `speed`. The period is the step in time, divided by the step in numbers, so
+/// that those which were dropped do not change it. Reentrant.
 class Pace {
  public:
   using Clock = std::chrono::steady_clock;
@@ -20,31 +21,42 @@ class Pace {
   /// A camera that stood still, or a clock that was set, delays one frame by this at most.
   static constexpr std::chrono::nanoseconds kLongest = std::chrono::milliseconds{100};
 
-  /// speed: > 0; above 1, since otherwise the frames after a burst stay late.
-  explicit Pace(double speed) : speed_(speed) {}
+  /// speed: > 0; above 1, since otherwise the frames after a burst stay late. longest: between two.
+  /// ahead: so much earlier one may come, so that one that came late delays no other.
+  explicit Pace(double speed, std::chrono::nanoseconds longest = kLongest,
+                std::chrono::nanoseconds ahead = {})
+      : speed_(speed), longest_(longest), ahead_(ahead) {}
 
-  /// The earliest time at which `frame` may follow the last one.
-  Clock::time_point due(const EncodedFrame& frame) const {
-    if (!last_ || frame.sequence <= last_->sequence) return Clock::time_point::min();
-    const auto frames = static_cast<double>(frame.sequence - last_->sequence);
-    const auto step_ns = static_cast<double>(frame.capture_time_ns - last_->capture_time_ns);
-    const std::chrono::duration<double, std::nano> spacing(
-        std::clamp(step_ns / frames / speed_, 0.0, static_cast<double>(kLongest.count())));
-    return last_->time + std::chrono::duration_cast<Clock::duration>(spacing);
+  /// The earliest time at which that one may follow the last one.
+  Clock::time_point due(Sequence number, std::int64_t time_ns) const {
+    if (!last_ || number <= last_->number) return Clock::time_point::min();
+    return last_->due + spacing(number, time_ns) - ahead_;
   }
 
-  void published(const EncodedFrame& frame, Clock::time_point now) {
-    last_ = Last{frame.sequence, frame.capture_time_ns, now};
+  void published(Sequence number, std::int64_t time_ns, Clock::time_point now) {
+    const bool is_next = last_ && number > last_->number;
+    const auto due = is_next ? last_->due + spacing(number, time_ns) : now;
+    last_ = Last{number, time_ns, std::clamp(due, now, now + ahead_)};
   }
 
  private:
   struct Last {
-    Sequence sequence;
-    std::int64_t capture_time_ns;
-    Clock::time_point time;
+    Sequence number;
+    std::int64_t time_ns;
+    Clock::time_point due;  // `ahead_` after it was published, at most
   };
 
+  Clock::duration spacing(Sequence number, std::int64_t time_ns) const {
+    const auto steps = static_cast<double>(number - last_->number);
+    const auto step_ns = static_cast<double>(time_ns - last_->time_ns);
+    const std::chrono::duration<double, std::nano> spacing(
+        std::clamp(step_ns / steps / speed_, 0.0, static_cast<double>(longest_.count())));
+    return std::chrono::duration_cast<Clock::duration>(spacing);
+  }
+
   const double speed_;
+  const std::chrono::nanoseconds longest_;
+  const std::chrono::nanoseconds ahead_;
   std::optional<Last> last_;
 };
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // bench/dds/topic_writer.cpp by Fast DDS, which is another implementation than orbbufd's:
-// `orbbuf-fast-dds-topic-writer SECONDS READERS`.
+// `orbbuf-fast-dds-topic-writer SECONDS READERS JPEG...`.
+#include <ros_messagesPubSubTypes.h>
 #include <topicsPubSubTypes.h>
 #include <unistd.h>
 
@@ -13,7 +14,9 @@
 #include <fastdds/dds/publisher/Publisher.hpp>
 #include <fastdds/dds/publisher/qos/DataWriterQos.hpp>
 #include <fastdds/dds/topic/TypeSupport.hpp>
+#include <fstream>
 #include <functional>
+#include <iterator>
 #include <map>
 #include <random>
 #include <string>
@@ -25,6 +28,8 @@ namespace {
 namespace fast = eprosima::fastdds::dds;
 using Clock = std::chrono::steady_clock;
 using nav_msgs::msg::dds_::Odometry_;
+using sensor_msgs::msg::dds_::CompressedImage_;
+using sensor_msgs::msg::dds_::Imu_;
 using sensor_msgs::msg::dds_::LaserScan_;
 using tf2_msgs::msg::dds_::TFMessage_;
 
@@ -59,6 +64,22 @@ void fill(TFMessage_& message) {
   }
 }
 
+void fill(Imu_& imu) { imu.angular_velocity().x(any()); }
+
+std::vector<std::vector<std::uint8_t>> images;
+
+/// Each its stamp.
+void fill(CompressedImage_& image) {
+  static std::size_t next = 0;
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  const auto seconds = std::chrono::floor<std::chrono::seconds>(now);
+  image.header().stamp().sec(static_cast<std::int32_t>(seconds.count()));
+  image.header().stamp().nanosec(
+      static_cast<std::uint32_t>(std::chrono::nanoseconds(now - seconds).count()));
+  image.format("jpeg");
+  image.data(images[next++ % images.size()]);
+}
+
 struct Writer {
   std::string name;
   fast::DataWriter* writer;
@@ -71,13 +92,14 @@ struct Writer {
 class Writers {
  public:
   template <class Message, class MessageType>
-  void add(const std::string& name, int per_second, bool is_reliable) {
+  void add(const std::string& name, int per_second, bool is_reliable, std::string topic_as = "") {
+    if (topic_as.empty()) topic_as = name;
     const fast::TypeSupport type(new MessageType);
     type.register_type(participant_);
     auto*& topic = topics_[name];
     if (topic == nullptr) {
-      topic = require(
-          participant_->create_topic("rt/" + name, type.get_type_name(), fast::TOPIC_QOS_DEFAULT));
+      topic = require(participant_->create_topic("rt/" + topic_as, type.get_type_name(),
+                                                 fast::TOPIC_QOS_DEFAULT));
     }
     fast::DataWriterQos qos;
     qos.reliability().kind =
@@ -140,7 +162,11 @@ class Writers {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc < 3) return 2;
+  if (argc < 4) return 2;
+  for (int i = 3; i < argc; ++i) {
+    std::ifstream in(argv[i], std::ios::binary);
+    images.emplace_back(std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>());
+  }
   Writers writers;
   for (int i = 0; i < 2; ++i) {
     writers.add<TFMessage_, tf2_msgs::msg::dds_::TFMessage_PubSubType>("tf_static", 0, true);
@@ -148,6 +174,9 @@ int main(int argc, char** argv) {
   }
   writers.add<Odometry_, nav_msgs::msg::dds_::Odometry_PubSubType>("odom", 30, true);
   writers.add<LaserScan_, sensor_msgs::msg::dds_::LaserScan_PubSubType>("scan", 5, false);
+  writers.add<Imu_, sensor_msgs::msg::dds_::Imu_PubSubType>("imu", 20, true);
+  writers.add<CompressedImage_, sensor_msgs::msg::dds_::CompressedImage_PubSubType>(
+      "camera", 25, true, "image_raw/compressed");
   writers.run(std::chrono::seconds(std::atoi(argv[1])), std::atoi(argv[2]));
   for (;;) ::pause();
 }

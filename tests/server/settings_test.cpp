@@ -119,7 +119,7 @@ TEST(Settings, ABridgeToRosHasToBeBuilt) {
 
 TEST(Settings, TopicsOfDdsHaveToBeBuilt) {
 #ifdef ORBBUF_DDS
-  EXPECT_TRUE(load({"dds.enabled=true", "files.enabled=false"}).sinks.dds_enabled);
+  EXPECT_TRUE(load({"dds.enabled=true", "files.enabled=false"}).sinks.dds.enabled);
 #else
   EXPECT_THROW(load({"dds.enabled=true"}), ConfigError);
 #endif
@@ -173,6 +173,7 @@ INSTANTIATE_TEST_SUITE_P(
         BadValue{{"robot.a.slam.fifo=/f", "robot.a.slam.command=cat"}, "robot.a.slam.command"},
         BadValue{{"files.enabled=false", "slam.command=cat", "slam.resume=backlog"}, "slam.resume"},
         BadValue{{"ros.queue=0"}, "ros.queue"}, BadValue{{"ros.pace=1"}, "ros.pace"},
+        BadValue{{"dds.pace=1"}, "dds.pace"},
         BadValue{{"ros.wait_for_subscriber=-1 s"}, "ros.wait_for_subscriber"},
         BadValue{{"slam.format=png"}, "slam.format"},
         BadValue{{"slam.restart=yes"}, "slam.restart"},

@@ -176,51 +176,17 @@ DdsTopics::DdsTopics(const DdsParticipant& participant, std::string base)
     : participant_(participant), base_(std::move(base)) {}
 
 DdsTopics::~DdsTopics() {
-  for (Writer& writer : writers_) {
-    write(writer);
-    dds_delete(writer.entity);
-  }
+  for (const Writer& writer : writers_) dds_delete(writer.entity);
 }
 
-std::optional<Error> DdsTopics::publish(std::shared_ptr<const TopicMessage> message) {
-  Writer& writer = writer_for(*message);
-  if (waiting_bytes_ + message->cdr.size() > kTopicBytes) {
-    return Error{"64 MiB wait until readers have found the topics"};
-  }
-  waiting_bytes_ += message->cdr.size();
-  writer.waiting.push_back(std::move(message));
-  return Clock::now() < writer.begin ? std::nullopt : write(writer);
+std::optional<Error> DdsTopics::publish(const TopicMessage& message) {
+  const Writer& writer = writer_for(message);
+  const int status = writer.topic->write(writer.entity, message.cdr, message.time_ns);
+  if (status != DDS_RETCODE_OK) return Error{dds_strretcode(-status)};
+  return std::nullopt;
 }
 
-std::optional<Error> DdsTopics::publish_due(Clock::time_point now) {
-  std::optional<Error> failed;
-  for (Writer& writer : writers_) {
-    if (writer.begin > now) continue;
-    if (auto error = write(writer)) failed = std::move(error);
-  }
-  return failed;
-}
-
-std::optional<DdsTopics::Clock::time_point> DdsTopics::due() const {
-  std::optional<Clock::time_point> due;
-  for (const Writer& writer : writers_) {
-    if (!writer.waiting.empty()) due = std::min(due.value_or(writer.begin), writer.begin);
-  }
-  return due;
-}
-
-/// All that waits; what cannot be written is given up.
-std::optional<Error> DdsTopics::write(Writer& writer) {
-  std::optional<Error> failed;
-  for (const auto& message : std::exchange(writer.waiting, {})) {
-    waiting_bytes_ -= message->cdr.size();
-    const int status = writer.topic->write(writer.entity, message->cdr, message->time_ns);
-    if (status != DDS_RETCODE_OK) failed = Error{dds_strretcode(-status)};
-  }
-  return failed;
-}
-
-DdsTopics::Writer& DdsTopics::writer_for(const TopicMessage& message) {
+const DdsTopics::Writer& DdsTopics::writer_for(const TopicMessage& message) {
   TopicPublisher of = *message.publisher;
   if (!of.is_latched) of.key = 0;
   const auto known = std::ranges::find(writers_, of, &Writer::of);
@@ -229,7 +195,6 @@ DdsTopics::Writer& DdsTopics::writer_for(const TopicMessage& message) {
     return writers_.back();
   }
   if (writers_.size() == kMostWriters) {
-    write(writers_.front());
     dds_delete(writers_.front().entity);
     writers_.erase(writers_.begin());
   }

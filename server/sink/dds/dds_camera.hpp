@@ -4,7 +4,6 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
-#include <deque>
 #include <memory>
 #include <optional>
 #include <span>
@@ -90,11 +89,10 @@ class DdsTopics {
   DdsTopics(const DdsTopics&) = delete;
   DdsTopics& operator=(const DdsTopics&) = delete;
 
-  /// Now, or in a publish_due() after kDiscovery. An error, too, if 64 MiB wait for that.
-  std::optional<Error> publish(std::shared_ptr<const TopicMessage> message);
-  std::optional<Error> publish_due(Clock::time_point now);
-  /// When to call publish_due(); nothing: no message waits.
-  std::optional<Clock::time_point> due() const;
+  /// When readers have found its writer, which is made if there is none. Throws
+  /// std::runtime_error.
+  Clock::time_point begin_of(const TopicMessage& message) { return writer_for(message).begin; }
+  std::optional<Error> publish(const TopicMessage& message);
 
  private:
   struct Writer {
@@ -102,15 +100,12 @@ class DdsTopics {
     std::unique_ptr<RawTopic> topic;
     int entity = 0;
     Clock::time_point begin{};
-    std::deque<std::shared_ptr<const TopicMessage>> waiting{};
   };
 
-  Writer& writer_for(const TopicMessage& message);
-  std::optional<Error> write(Writer& writer);
+  const Writer& writer_for(const TopicMessage& message);
 
   const DdsParticipant& participant_;
   const std::string base_;
-  std::size_t waiting_bytes_ = 0;
   std::vector<Writer> writers_;  // the one that wrote last at the end
 };
 

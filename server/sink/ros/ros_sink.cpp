@@ -2,16 +2,10 @@
 #include "server/sink/ros/ros_sink.hpp"
 
 #include <algorithm>
-#include <atomic>
 #include <boost/asio/post.hpp>
-#include <boost/asio/steady_timer.hpp>
-#include <boost/asio/thread_pool.hpp>
 #include <chrono>
-#include <cstddef>
-#include <deque>
 #include <future>
 #include <optional>
-#include <set>
 #include <span>
 #include <string>
 #include <utility>
@@ -19,10 +13,8 @@
 
 #include "common/jpeg.hpp"
 #include "common/log.hpp"
-#include "common/sample.hpp"
 #include "server/calibration/camera_info.hpp"
-#include "server/sink/losses.hpp"
-#include "server/sink/pace.hpp"
+#include "server/sink/paced_sink.hpp"
 #include "server/sink/ros/ros_node.hpp"
 #include "server/sink/ros_name.hpp"
 
@@ -30,26 +22,15 @@ namespace orbbuf {
 namespace {
 
 namespace asio = boost::asio;
-using Clock = Pace::Clock;
 
-constexpr std::size_t kMostWaitingBytes = std::size_t{64} << 20U;
-constexpr std::size_t kMostPacedBytes = std::size_t{32} << 20U;
 constexpr std::chrono::milliseconds kLookForSubscriber{50};
 constexpr std::chrono::seconds kFarewell{1};
 
-class Stream;
-
 /// The node and the thread it lives on.
 struct Ros {
-  Ros() {
-    asio::post(thread, [] { name_this_thread("ros"); });
-  }
-
-  std::atomic<std::size_t> waiting_bytes{0};  // of all frames that are not published
-  RosNode node;                               // this and the following: used on `ros` only
+  RosNode node;  // this and the following: used on `ros` only
   JpegCodec codec;
-  std::set<std::shared_ptr<Stream>> busy;  // those with frames that wait
-  asio::thread_pool thread{1};
+  PacedThread thread{"ros"};
 };
 
 /// Never destroyed: roscpp's own statics are younger, so they would be gone by then.
@@ -58,39 +39,14 @@ Ros& the_ros() {
   return ros;
 }
 
-/// The frames of a session on their way to ROS. On `ros` only, but for `losses`.
-class Stream : public std::enable_shared_from_this<Stream> {
+class RosSession final : public PacedSession {
  public:
-  Stream(const SessionInfo& info, const RosSettings& settings)
-      : losses(info.robot_id + " " + info.session_id + ": ros"),
+  RosSession(const SessionInfo& info, const RosSettings& settings)
+      : PacedSession(the_ros().thread, info, "ros", settings.pace),
         settings_(settings),
-        session_(info.robot_id + " " + info.session_id),
         topic_("/" + ros_name(info.robot_id)),
         frame_id_(ros_frame_id(settings.frame_id, ros_name(info.robot_id))),
-        cameras_(calibrated_cameras(info.calibration, session_ + ": published")),
-        streams_(info.streams) {}
-
-  /// One of the two.
-  struct Message {
-    FramePtr frame;
-    ItemsPtr items;  // of a stream of samples
-
-    std::size_t bytes() const { return frame ? frame->jpeg.size() : items->payload.size(); }
-  };
-
-  void add(Message message) {
-    if (first_arrival_ == Clock::time_point{}) first_arrival_ = Clock::now();
-    messages_.push_back(std::move(message));
-    if (the_ros().busy.insert(shared_from_this()).second) publish_due();
-  }
-
-  /// Gives up what waits. The caller removes it from `busy`.
-  void end() {
-    for (; !messages_.empty(); pop()) losses.add("the server stops");
-    timer_.cancel();
-  }
-
-  Losses losses;
+        cameras_(calibrated_cameras(info.calibration, session_ + ": published")) {}
 
  private:
   struct Image {
@@ -100,46 +56,16 @@ class Stream : public std::enable_shared_from_this<Stream> {
     GrayImage gray;  // empty: not decoded
   };
 
-  void publish_due() {
-    while (!messages_.empty()) {
-      const auto& [frame, items] = messages_.front();
-      const auto now = Clock::now();
-      const auto due = due_time(frame.get(), now);
-      if (due > now) {
-        timer_.expires_at(due);
-        return timer_.async_wait([self = shared_from_this()](boost::system::error_code error) {
-          if (!error) self->publish_due();
-        });
-      }
-      if (frame) {
-        publish(*frame);
-        pace_.published(*frame, now);
-      } else {
-        publish(*items);
-      }
-      pop();
-    }
-    the_ros().busy.erase(shared_from_this());
-  }
-
-  void pop() {
-    the_ros().waiting_bytes -= messages_.front().bytes();
-    messages_.pop_front();
-  }
-
-  /// frame: null for samples, which wait for the frames before them only.
-  Clock::time_point due_time(const EncodedFrame* frame, Clock::time_point now) {
-    if (!is_begun_) {
-      const auto last_look = first_arrival_ + settings_.wait_for_subscriber;
-      const auto first = std::ranges::find_if(
-          messages_, [](const Message& each) { return each.frame != nullptr; });
-      const bool is_awaited = first == messages_.end() || !has_subscribers(*first->frame);
-      if (is_awaited && now < last_look) return std::min(now + kLookForSubscriber, last_look);
-      is_begun_ = true;
-      if (is_awaited) log_info("{}: ros: publishing without a subscriber", session_);
-    }
-    const bool is_paced = frame != nullptr && the_ros().waiting_bytes <= kMostPacedBytes;
-    return is_paced ? pace_.due(*frame) : now;
+  std::optional<Clock::time_point> wait_for_readers() override {
+    if (is_begun_) return std::nullopt;
+    const auto now = Clock::now();
+    if (!last_look_) last_look_ = now + settings_.wait_for_subscriber;
+    const EncodedFrame* const first = first_frame();
+    const bool is_awaited = first == nullptr || !has_subscribers(*first);
+    if (is_awaited && now < *last_look_) return std::min(now + kLookForSubscriber, *last_look_);
+    is_begun_ = true;
+    if (is_awaited) log_info("{}: ros: publishing without a subscriber", session_);
+    return std::nullopt;
   }
 
   bool has_subscribers(const EncodedFrame& frame) const {
@@ -160,9 +86,9 @@ class Stream : public std::enable_shared_from_this<Stream> {
             {topic_ + "/right", frame.right(), cameras_.right, {}}};
   }
 
-  void publish(const EncodedFrame& frame) {
+  std::optional<Error> publish(const EncodedFrame& frame) override {
     RosNode& node = the_ros().node;
-    if (!node.is_connected()) return losses.add("no master");
+    if (!node.is_connected()) return Error{"no master"};
     if (frame.is_stereo() && !std::exchange(is_stereo_, true)) {
       warn_without_right_camera(cameras_, session_);
     }
@@ -182,26 +108,22 @@ class Stream : public std::enable_shared_from_this<Stream> {
         problem = "a subscriber of " + image.base + " is slow, and ros.queue messages wait for it";
       }
     }
-    if (!problem.empty()) losses.add(problem);
+    return problem.empty() ? std::nullopt : std::optional(Error{problem});
   }
 
   std::string topic_of(const wire::StreamDeclaration& stream) const {
     return topic_ + "/" + ros_name(stream.name);
   }
 
-  void publish(const wire::Items& items) {
+  std::optional<Error> publish(const wire::StreamDeclaration& stream,
+                               const Sample& sample) override {
+    if (stream.codec != wire::kSampleCodec) return std::nullopt;
     RosNode& node = the_ros().node;
-    const auto stream = std::ranges::find(streams_, items.stream, &wire::StreamDeclaration::id);
-    const auto samples = wire::parse_samples(items.payload);
-    if (stream == streams_.end() || !samples || samples.value().front().message) return;
-    if (!node.is_connected()) return losses.add("no master");
-    const std::string topic = topic_of(*stream);
-    bool is_whole = true;
-    for (const Sample& each : samples.value()) {
-      const RosImu imu{each.time_ns, each.angular_velocity, each.linear_acceleration};
-      is_whole = node.publish(topic, frame_id_, imu) && is_whole;
-    }
-    if (!is_whole) losses.add("a subscriber of " + topic + " is slow");
+    if (!node.is_connected()) return Error{"no master"};
+    const std::string topic = topic_of(stream);
+    const RosImu imu{sample.time_ns, sample.angular_velocity, sample.linear_acceleration};
+    if (node.publish(topic, frame_id_, imu)) return std::nullopt;
+    return Error{"a subscriber of " + topic + " is slow"};
   }
 
   /// Those that have a subscriber. If one cannot be decoded then none is, and the reason returned.
@@ -219,67 +141,29 @@ class Stream : public std::enable_shared_from_this<Stream> {
   }
 
   const RosSettings settings_;
-  const std::string session_;
   const std::string topic_;
   const std::string frame_id_;
   const CalibratedCameras cameras_;
-  const std::vector<wire::StreamDeclaration> streams_;
-  std::deque<Message> messages_;
-  Pace pace_{settings_.pace};
-  asio::steady_timer timer_{the_ros().thread};
-  Clock::time_point first_arrival_;
-  bool is_begun_ = false;  // nothing waits for the first subscriber any more
+  std::optional<Clock::time_point> last_look_;  // for the first subscriber
+  bool is_begun_ = false;                       // nothing waits for subscribers any more
   bool is_stereo_ = false;
-};
-
-class RosSink final : public FrameSink {
- public:
-  RosSink(asio::io_context& main, const SessionInfo& info, const RosSettings& settings)
-      : main_(main), stream_(std::make_shared<Stream>(info, settings)) {}
-
-  void async_write(FramePtr frame, Done done) override {
-    publish_later({std::move(frame), nullptr});
-    asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
-  }
-
-  bool takes_items() const override { return true; }
-  void async_write_items(ItemsPtr items, Done done) override {
-    if (items->stream >= wire::kFirstOther) publish_later({nullptr, std::move(items)});
-    asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
-  }
-
-  std::uint64_t lost() const override { return stream_->losses.count(); }
-
- private:
-  void publish_later(Stream::Message message) {
-    Ros& ros = the_ros();
-    if (ros.waiting_bytes + message.bytes() > kMostWaitingBytes) {
-      return stream_->losses.add("64 MiB of frames wait for ROS");
-    }
-    ros.waiting_bytes += message.bytes();
-    asio::post(ros.thread,
-               [stream = stream_, message = std::move(message)] { stream->add(message); });
-  }
-
-  asio::io_context& main_;
-  const std::shared_ptr<Stream> stream_;  // shared with what waits on `ros`
 };
 
 }  // namespace
 
 std::shared_ptr<FrameSink> make_ros_sink(asio::io_context& main, const SessionInfo& info,
                                          const RosSettings& settings) {
-  return std::make_shared<RosSink>(main, info, settings);
+  return std::make_shared<PacedSink>(main, the_ros().thread,
+                                     std::make_shared<RosSession>(info, settings));
 }
 
 bool end_ros() {
   const auto ended = std::make_shared<std::promise<void>>();
-  asio::post(the_ros().thread, [ended] {
+  asio::post(the_ros().thread.pool, [ended] {
     Ros& ros = the_ros();
-    for (const auto& stream : ros.busy) stream->end();
-    ros.busy.clear();
+    ros.thread.finish(Pace::Clock::time_point::min());
     ros.node.close();
-    asio::post(ros.thread, [ended] { ended->set_value(); });  // after what the streams log
+    ended->set_value();
   });
   return ended->get_future().wait_for(kFarewell) == std::future_status::ready;
 }

@@ -7,9 +7,10 @@
 #include <ros_messages.h>
 
 #include <algorithm>
-#include <cstdlib>
 #include <string>
 #include <vector>
+
+#include "testing/loopback_dds.hpp"
 
 namespace orbbuf {
 namespace {
@@ -17,15 +18,12 @@ namespace {
 using Bytes = std::vector<std::uint8_t>;
 
 constexpr std::int64_t kTimeNs = 1'000'000'002;  // 1 s and 2 ns
-const std::string kLoopback =
-    "<General><Interfaces><NetworkInterface name='lo' multicast='false'/></Interfaces></General>";
 
 /// A camera and a reader of one of its topics, in this process.
 class DdsCameraTest : public testing::Test {
  protected:
-  static void SetUpTestSuite() { ::setenv("CYCLONEDDS_URI", kLoopback.c_str(), 1); }
+  static void SetUpTestSuite() { test::use_loopback_dds("77"); }
   void SetUp() override {
-    ::setenv("ROS_DOMAIN_ID", "77", 1);
     participant_.emplace();
     camera_.emplace(*participant_, "robot", "cam");
   }
@@ -140,17 +138,17 @@ TEST_F(DdsCameraTest, AMessageOfATopicIsAsItsPublishersWere) {
   const auto publish = [&](std::uint64_t key, std::uint8_t byte) {
     const TopicPublisher publisher{key,  "/imu", "sensor_msgs::msg::dds_::Imu_", "typehash=x;", 1,
                                    true, true};
-    EXPECT_FALSE(topics.publish(std::make_shared<const TopicMessage>(
-        TopicMessage{std::make_shared<const TopicPublisher>(publisher), kTimeNs,
-                     Bytes{0, 1, 0, 0, byte, 2, 3, 4}})));
+    const TopicMessage message{std::make_shared<const TopicPublisher>(publisher), kTimeNs,
+                               Bytes{0, 1, 0, 0, byte, 2, 3, 4}};
+    const auto begin = topics.begin_of(message);
+    EXPECT_FALSE(topics.publish(message));
+    return begin;
   };
-  publish(1, 1);
-  EXPECT_FALSE(topics.publish_due(*topics.due() - std::chrono::nanoseconds(1)));
-  EXPECT_TRUE(topics.due());
-  publish(1, 2);  // replaces the first
-  publish(2, 3);  // another publisher's
-  EXPECT_FALSE(topics.publish_due(*topics.due() + DdsTopics::kDiscovery));
-  EXPECT_FALSE(topics.due());
+  const auto now = DdsTopics::Clock::now();
+  const auto begin = publish(1, 1);
+  EXPECT_GE(begin, now + DdsTopics::kDiscovery);
+  EXPECT_EQ(publish(1, 2), begin);  // replaces the first
+  EXPECT_GT(publish(2, 3), begin);  // another publisher's
   const RawTopic topic(participant_->entity(), "rt/robot/imu", "sensor_msgs::msg::dds_::Imu_");
   dds_qos_t* const qos = dds_create_qos();
   dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_SECS(1));

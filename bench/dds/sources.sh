@@ -1,0 +1,94 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# A camera by its topic of ROS 2 against one that orbbufd captures itself (the generated scene), 25 images of 320x240 a
+# second each, through the same link in the same run, with cuts of 2 s, as ROS 2 readers at the server see them. And what
+# a TurtleBot3's other topics cost: one orbbufd has the camera alone, one has them too. In a network namespace of its own.
+# Usage: bench/dds/sources.sh BUILD_FOLDER [--cuts N]
+set -euo pipefail
+if [ -z "${ORBBUF_OWN_NAMESPACE-}" ]; then
+  ORBBUF_OWN_NAMESPACE=1 exec unshare --net --map-root-user "$0" "$@"
+fi
+build=$(cd "$1" && pwd)
+shift
+cuts=5
+while [ $# -gt 0 ]; do
+  case $1 in
+    --cuts) cuts=$2 && shift ;;
+    *) echo "sources: unknown option $1" >&2 && exit 2 ;;
+  esac
+  shift
+done
+work=$(mktemp -d "${TMPDIR:-/tmp}/orbbuf-sources.XXXXXX")
+logs=$work
+pids=()
+cleanup() {
+  for pid in "${pids[@]}"; do kill -TERM "$pid" || true; done 2>/dev/null
+  wait
+  rm -rf "$work"
+}
+trap cleanup EXIT
+fail() { echo "sources: $*" >&2 && tail -n 20 "$logs"/*.log >&2 && exit 1; }
+
+# shellcheck source=bench/dds/parts.sh
+. "$(dirname "${BASH_SOURCE[0]}")/parts.sh"
+lay_network
+nft add table inet link
+nft add chain inet link input '{ type filter hook input priority 0; }'
+
+start server "$build/server/orbbuf-server" --set listen.address=127.0.0.1:0 --set "files.path=$work/data" --set dds.enabled=true
+until_true 'the server listens' says server 'listening on'
+address=$(sed -n 's/.*listening on //p' "$work/server.log" | head -n 1)
+scene=(--set source.kind=generated --set source.width=320 --set source.height=240 --set source.fps=25)
+"$build/daemon/orbbufd" --set robot.id=pictures --set "link.server=$address" "${scene[@]}" --set source.realtime=false \
+  --set source.frames=50 >"$work/pictures.log" 2>&1 || fail "the pictures ended with $?"
+
+robots=(captured topic all)
+declare -A pid_of
+for robot in "${robots[@]}"; do
+  start "by-$robot" "$build/bench/orbbuf-dds-timed-reader" "$robot/image_raw/compressed" compressed
+done
+run_robot() { # NAME SETTING...
+  start "$1" "$build/daemon/orbbufd" --set "robot.id=$1" --set "link.server=$address" "${@:2}"
+  pid_of[$1]=${pids[-1]}
+}
+camera=(--set source.kind=ros2 --set source.topic=/image_raw/compressed)
+streams=()
+for topic in imu odom tf tf_static scan; do
+  streams+=(--set "stream.$topic.kind=topic" --set "stream.$topic.topic=/$topic")
+done
+run_robot topic "${camera[@]}"
+run_robot all "${camera[@]}" "${streams[@]}"
+start writer "$build/bench/orbbuf-dds-topic-writer" $((cuts * 10 + 10)) 1 "$work"/data/pictures/*/images/*.jpg
+run_robot captured "${scene[@]}" --set source.frames=100000
+for robot in "${robots[@]}"; do until_true "images of $robot" grep -q '^[0-9]' "$work/by-$robot.log"; done
+ticks() { awk '{ print $14 + $15 }' "/proc/${pid_of[$1]}/stat"; }
+declare -A before
+for robot in "${robots[@]}"; do before[$robot]=$(ticks "$robot"); done
+begin=$(date +%s.%N)
+for _ in $(seq "$cuts"); do
+  sleep 4
+  nft add rule inet link input tcp dport "${address##*:}" drop
+  sleep 2
+  nft flush chain inet link input
+  sleep 4
+done
+end=$(date +%s.%N)
+
+percentile() { # ROBOT OF: how late images of that time are, in ms
+  awk -v begin="$begin" -v end="$end" '/^[0-9]/ && $1 >= begin && $1 < end { print $2 * 1000 }' "$work/by-$1.log" | sort -n |
+    awk -v p="$2" '{ v[NR] = $1 } END { printf "%.1f", v[int((NR - 1) * p) + 1] }'
+}
+gap() { # ROBOT: the longest time between two images that were captured and came, in ms
+  sort "$work/by-$1.log" | awk -v begin="$begin" -v end="$end" '/^[0-9]/ && $1 >= begin && $1 < end {
+    if (last > 0 && $1 - last > gap) gap = $1 - last; last = $1 } END { printf "%.0f", gap * 1000 }'
+}
+cpu() { # ROBOT: in percent of a processor
+  awk -v t="$(($(ticks "$1") - before[$1]))" -v hz="$(getconf CLK_TCK)" -v s="$(awk "BEGIN { print $end - $begin }")" \
+    'BEGIN { printf "%.2f", t / hz / s * 100 }'
+}
+for robot in "${robots[@]}"; do
+  echo "RESULT dds.source.$robot.late_p50_ms $(percentile "$robot" 0.5)"
+  echo "RESULT dds.source.$robot.late_p95_ms $(percentile "$robot" 0.95)"
+  echo "RESULT dds.source.$robot.gap_ms $(gap "$robot")"
+  echo "RESULT dds.source.$robot.cpu_percent $(cpu "$robot")"
+done

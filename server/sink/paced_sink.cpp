@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sink/paced_sink.hpp"
+
+#include <fmt/core.h>
+
+#include <algorithm>
+#include <boost/asio/post.hpp>
+#include <chrono>
+#include <exception>
+#include <type_traits>
+#include <utility>
+
+#include "common/log.hpp"
+
+namespace orbbuf {
+namespace {
+
+namespace asio = boost::asio;
+
+constexpr std::size_t kMostWaitingBytes = std::size_t{64} << 20U;
+constexpr std::size_t kMostPacedBytes = std::size_t{32} << 20U;
+/// A reader that keeps 10 messages may be busy for 30 ms.
+constexpr std::chrono::milliseconds kBetweenMessages{5};
+
+}  // namespace
+
+PacedThread::PacedThread(const char* name) {
+  asio::post(pool, [name] { name_this_thread(name); });
+}
+
+void PacedThread::finish(Pace::Clock::time_point end) {
+  last = end;
+  for (const auto& session : std::set(busy)) session->publish_due();
+}
+
+PacedSession::PacedSession(PacedThread& thread, const SessionInfo& info, std::string_view kind,
+                           double pace, std::chrono::nanoseconds ahead)
+    : losses(fmt::format("{} {}: {}", info.robot_id, info.session_id, kind)),
+      session_(info.robot_id + " " + info.session_id),
+      streams_(info.streams),
+      thread_(thread),
+      frames_(pace, Pace::kLongest, ahead),
+      paces_(streams_.size(), Pace(pace * kFaster, kBetweenMessages, 2 * kBetweenMessages)),
+      timer_(thread.pool) {}
+
+void PacedSession::add(FramePtr frame) {
+  const std::size_t bytes = frame->jpeg.size();
+  messages_.push_back({std::move(frame), 0, 0, {}, bytes});
+  publish_due();
+}
+
+void PacedSession::add(const wire::Items& items) {
+  const auto stream = std::ranges::find(streams_, items.stream, &wire::StreamDeclaration::id);
+  auto samples = wire::parse_samples(items.payload);
+  thread_.waiting_bytes -= items.payload.size();
+  if (stream == streams_.end() || !samples) return;
+  const auto index = static_cast<std::size_t>(stream - streams_.begin());
+  Sequence number = items.first;
+  for (Sample& sample : samples.value()) add(index, number++, std::move(sample));
+  publish_due();
+}
+
+void PacedSession::add(std::size_t stream, Sequence number, Sample sample) {
+  Message message{nullptr, stream, number, std::move(sample), sizeof(Message)};
+  attempt([&]() -> std::optional<Error> {
+    if (const auto& of_topic = message.sample.message) {
+      message.bytes += of_topic->cdr.size();
+      message.begin = begin_of(*of_topic);
+    }
+    return std::nullopt;
+  });
+  thread_.waiting_bytes += message.bytes;
+  messages_.push_back(std::move(message));
+}
+
+void PacedSession::attempt(const std::function<std::optional<Error>()>& work) {
+  try {
+    if (const auto error = work()) losses.add(error->text);
+  } catch (const std::exception& error) {
+    losses.add(error.what());
+  }
+}
+
+void PacedSession::publish_due() {
+  const auto self = shared_from_this();
+  thread_.busy.insert(self);
+  if (const auto next = publish_until()) {
+    timer_.expires_at(*next);
+    timer_.async_wait([weak = weak_from_this()](const boost::system::error_code& error) {
+      const auto session = weak.lock();
+      if (session && !error) session->publish_due();
+    });
+  } else {
+    timer_.cancel();
+    thread_.busy.erase(self);
+  }
+}
+
+const EncodedFrame* PacedSession::first_frame() const {
+  const auto first =
+      std::ranges::find_if(messages_, [](const Message& each) { return each.frame != nullptr; });
+  return first == messages_.end() ? nullptr : first->frame.get();
+}
+
+/// When to go on; nothing: nothing waits.
+std::optional<PacedSession::Clock::time_point> PacedSession::publish_until() {
+  if (!thread_.last) {
+    if (const auto next = wait_for_readers()) return next;
+  }
+  std::optional<Clock::time_point> next;
+  for (auto message = messages_.begin(); message != messages_.end();) {
+    const auto now = Clock::now();
+    if (message->begin > now && !thread_.last) {
+      next = std::min(next.value_or(message->begin), message->begin);
+      ++message;
+      continue;
+    }
+    if (const auto due = due_time(*message); due > now) {
+      next = std::min(next.value_or(due), due);
+      break;
+    }
+    publish(*message);
+    thread_.waiting_bytes -= message->bytes;
+    message = messages_.erase(message);
+  }
+  return next;
+}
+
+PacedSession::Clock::time_point PacedSession::due_time(const Message& message) const {
+  if (thread_.last || thread_.waiting_bytes > kMostPacedBytes) return {};
+  if (message.frame) return frames_.due(message.frame->sequence, message.frame->capture_time_ns);
+  return paces_[message.stream].due(message.number, message.sample.time_ns);
+}
+
+void PacedSession::publish(const Message& message) {
+  const auto now = Clock::now();
+  if (thread_.last && now > *thread_.last) return losses.add("the server stops");
+  if (message.frame) {
+    const EncodedFrame& frame = *message.frame;
+    attempt([&] { return publish(frame); });
+    frames_.published(frame.sequence, frame.capture_time_ns, now);
+  } else {
+    attempt([&] { return publish(streams_[message.stream], message.sample); });
+    paces_[message.stream].published(message.number, message.sample.time_ns, now);
+  }
+}
+
+PacedSink::PacedSink(asio::io_context& main, PacedThread& thread,
+                     std::shared_ptr<PacedSession> session)
+    : main_(main), thread_(thread), session_(std::move(session)) {}
+
+PacedSink::~PacedSink() {
+  asio::post(thread_.pool, [session = std::move(session_)] {});  // which ends there
+}
+
+void PacedSink::async_write(FramePtr frame, Done done) {
+  const std::size_t bytes = frame->jpeg.size();
+  publish_later(std::move(frame), bytes);
+  asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
+}
+
+void PacedSink::async_write_items(ItemsPtr items, Done done) {
+  const std::size_t bytes = items->payload.size();
+  if (items->stream >= wire::kFirstOther) publish_later(std::move(items), bytes);
+  asio::post(main_, [done = std::move(done)] { done(std::nullopt); });
+}
+
+template <class Message>
+void PacedSink::publish_later(Message message, std::size_t bytes) {
+  if (thread_.waiting_bytes + bytes > kMostWaitingBytes) {
+    return session_->losses.add("64 MiB of frames and messages wait");
+  }
+  thread_.waiting_bytes += bytes;
+  asio::post(thread_.pool, [session = session_, message = std::move(message)] {
+    if constexpr (std::is_same_v<Message, ItemsPtr>) {
+      session->add(*message);
+    } else {
+      session->add(message);
+    }
+  });
+}
+
+}  // namespace orbbuf
