@@ -36,7 +36,7 @@ server/calibration: common
 server/session: common common/journal server/calibration server/runtime
 server/foxglove: common server/calibration
 server/sink/ros_name:
-server/dataset/mcap: common server/runtime server/session server/calibration server/foxglove
+server/dataset/mcap: common server/runtime server/session server/calibration server/foxglove server/sink/ros_name
 server/dataset: common common/journal server/calibration server/session server/dataset/mcap
 server/retention: common common/journal server/runtime server/session
 server/live: common server/session

@@ -189,7 +189,6 @@ std::optional<Error> write_recording(const RecordedSession& session, std::int64_
     if (const auto added = recording.add(drop); !added) return added.error();
   }
   for (const wire::StreamDeclaration& stream : session.summary.info.streams) {
-    if (stream.codec == wire::kTopicCodec) continue;
     std::uint64_t number = 0;  // what was lost is not left out
     std::optional<Error> failed;
     const auto totals = for_each_sample(session.folder, stream.id, [&](Sample sample) {

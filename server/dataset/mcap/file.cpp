@@ -21,12 +21,13 @@ void extend(std::optional<TimeSpan>& time, const TimeSpan& more) {
 
 }  // namespace
 
-Result<File> File::create(std::filesystem::path path, std::string_view library) {
+Result<File> File::create(std::filesystem::path path, std::string_view profile,
+                          std::string_view library) {
   File file(std::move(path));
   file.file_ = UniqueFd(::open(file.path_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644));
   if (!file.file_) return system_error("create " + file.path_.string(), errno);
   Bytes head(kMagic.begin(), kMagic.end());
-  put_header(head, library);
+  put_header(head, profile, library);
   if (auto error = file.write(head)) return std::move(*error);
   return file;
 }

@@ -22,8 +22,10 @@ class File {
  public:
   static constexpr std::uint64_t kChunkBytes = std::uint64_t{1} << 20;
 
-  /// Makes the file, in place of one that is there. library: what its header names as its writer.
-  static Result<File> create(std::filesystem::path path, std::string_view library);
+  /// Makes the file, in place of one that is there. profile: what its header promises of all
+  /// messages, `ros2` or nothing. library: what it names as its writer.
+  static Result<File> create(std::filesystem::path path, std::string_view profile,
+                             std::string_view library);
 
   /// Before the first message that needs it.
   void add(const Schema& schema);

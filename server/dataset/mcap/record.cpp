@@ -62,9 +62,8 @@ constexpr std::string_view kNoCompression;
 
 }  // namespace
 
-void put_header(Bytes& out, std::string_view library) {
-  constexpr std::string_view kNoProfile;  // nothing is promised of the messages
-  put_record(out, Opcode::kHeader, kNoProfile, library);
+void put_header(Bytes& out, std::string_view profile, std::string_view library) {
+  put_record(out, Opcode::kHeader, profile, library);
 }
 
 void put_schema(Bytes& out, const Schema& schema) {

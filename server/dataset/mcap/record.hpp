@@ -100,7 +100,7 @@ struct Statistics {
   std::map<std::uint16_t, std::uint64_t> messages;  ///< by channel
 };
 
-void put_header(Bytes& out, std::string_view library);
+void put_header(Bytes& out, std::string_view profile, std::string_view library);
 void put_schema(Bytes& out, const Schema& schema);
 void put_channel(Bytes& out, const Channel& channel);
 void put_message(Bytes& out, const MessageHead& head, std::span<const std::uint8_t> data);

@@ -8,7 +8,10 @@
 #include <utility>
 
 #include "common/as_bytes.hpp"
+#include "common/ros_type.hpp"
+#include "server/dataset/mcap/ros2.hpp"
 #include "server/foxglove/messages.hpp"
+#include "server/sink/ros_name.hpp"
 
 namespace orbbuf::mcap {
 namespace {
@@ -19,6 +22,7 @@ enum SchemaId : std::uint16_t {
   kDropSchema,
   kQualitySchema,
   kImuSchema,
+  kFirstRosSchema,
 };
 enum ChannelId : std::uint16_t {
   kImage = 1,
@@ -29,7 +33,8 @@ enum ChannelId : std::uint16_t {
   kRightCalibration,
   kDrops,
   kQuality,
-  kFirstStream,  // of wire::kFirstOther; the others follow
+  kFirstStream,        // of wire::kFirstOther; the others follow
+  kFirstTopic = 1024,  // of ROS 2
 };
 
 struct ChannelKind {
@@ -49,6 +54,15 @@ constexpr std::array<ChannelKind, 8> kChannels = {{{kImageSchema, "", "/image"},
                                                    {kQualitySchema, "", "/quality"}}};
 
 constexpr ChannelKind kStreamChannel{kImuSchema, "", ""};
+constexpr std::size_t kMostTopics = 1000;
+
+std::string_view ros_topic(SchemaId schema) {
+  return schema == kImageSchema ? "/image_raw/compressed" : "/camera_info";
+}
+std::string_view ros_type_of(SchemaId schema) {
+  if (schema == kImageSchema) return ros2::kImageType;
+  return schema == kImuSchema ? ros2::kImuType : ros2::kInfoType;
+}
 
 const ChannelKind& kind_of(std::uint16_t channel) {
   return channel < kFirstStream ? kChannels.at(channel - 1U) : kStreamChannel;
@@ -72,17 +86,24 @@ void with_schema(std::uint16_t id, Put put) {
   put(Schema{id, schema.name, "protobuf", schema.descriptors});
 }
 
+bool has_topics(const SessionInfo& info) {
+  return std::ranges::find(info.streams, wire::kTopicCodec, &wire::StreamDeclaration::codec) !=
+         info.streams.end();
+}
+
 }  // namespace
 
 Result<Recording> Recording::create(const std::filesystem::path& path, const SessionInfo& info) {
-  auto file = File::create(path, fmt::format("orbbuf-server {}", ORBBUF_VERSION));
+  auto file = File::create(path, has_topics(info) ? "ros2" : "",
+                           fmt::format("orbbuf-server {}", ORBBUF_VERSION));
   if (!file) return std::move(file).error();
   return Recording(std::move(file).value(), info);
 }
 
 Recording::Recording(File file, const SessionInfo& info)
     : file_(std::move(file)),
-      robot_id_(info.robot_id),
+      is_of_ros_(has_topics(info)),
+      robot_id_(is_of_ros_ ? ros_name(info.robot_id) : info.robot_id),
       streams_(info.streams),
       cameras_(calibrated_cameras(info.calibration)) {}
 
@@ -96,13 +117,16 @@ Result<bool> Recording::add(const EncodedFrame& frame) {
   };
   const auto put_side = [&](std::uint16_t channel, std::span<const std::uint8_t> jpeg,
                             const std::optional<CameraInfo>& camera) {
-    put(channel, foxglove::compressed_image(time_ns, frame_id(channel), jpeg));
+    const std::string id = frame_id(channel);
+    put(channel, is_of_ros_ ? ros2::compressed_image(time_ns, id, jpeg)
+                            : foxglove::compressed_image(time_ns, id, jpeg));
     if (!camera) return;
-    put(channel + 1, foxglove::camera_calibration(time_ns, frame_id(channel), *camera));
+    put(channel + 1, is_of_ros_ ? ros2::camera_info(time_ns, id, *camera)
+                                : foxglove::camera_calibration(time_ns, id, *camera));
   };
   put_side(is_stereo ? kLeftImage : kImage, frame.left(), cameras_.left);
   if (is_stereo) put_side(kRightImage, frame.right(), cameras_.right);
-  if (frame.quality > 0 || frame.is_reduced()) {
+  if (!is_of_ros_ && (frame.quality > 0 || frame.is_reduced())) {
     put(kQuality, as_bytes(foxglove::quality_json(frame)));
   }
   return is_written;
@@ -110,6 +134,7 @@ Result<bool> Recording::add(const EncodedFrame& frame) {
 
 Result<bool> Recording::add(const DropRecord& range) {
   bool is_written = false;
+  if (is_of_ros_) return is_written;
   for (Sequence sequence = range.sequence; sequence < range.end(); ++sequence) {
     const DropRecord one{sequence, range.capture_time_of(sequence), range.reason, range.similarity};
     auto added = add(kDrops, sequence, one.capture_time_ns, as_bytes(foxglove::drop_json(one)));
@@ -124,7 +149,6 @@ Result<bool> Recording::add(const RecordedItems& items) {
   const auto samples = wire::parse_samples(items.payload);
   if (items.stream < wire::kFirstOther || !samples) return is_written;
   for (std::uint64_t number = items.first; const Sample& sample : samples.value()) {
-    if (sample.message) continue;
     auto added = add(items.stream, number++, sample);
     if (!added) return added;
     is_written = is_written || added.value();
@@ -133,18 +157,49 @@ Result<bool> Recording::add(const RecordedItems& items) {
 }
 
 Result<bool> Recording::add(wire::StreamId stream, std::uint64_t number, const Sample& sample) {
+  if (sample.message) return add(number, *sample.message, sample.time_ns);
   const auto channel = static_cast<std::uint16_t>(kFirstStream + stream - wire::kFirstOther);
+  if (is_of_ros_) return add(channel, number, sample.time_ns, ros2::imu(sample, robot_id_));
   const std::string frame_id = robot_id_ + name_of(channel);
   return add(channel, number, sample.time_ns, as_bytes(foxglove::imu_json(sample, frame_id)));
+}
+
+/// Of a topic with many types, more than any robot has, not all.
+Result<bool> Recording::add(std::uint64_t number, const TopicMessage& message,
+                            std::int64_t time_ns) {
+  const std::pair topic(message.publisher->topic, ros_type(message.publisher->type));
+  const auto known = std::ranges::find(topics_, topic);
+  const auto index = static_cast<std::size_t>(known - topics_.begin());
+  if (index == kMostTopics) return false;
+  const auto channel = static_cast<std::uint16_t>(kFirstTopic + index);
+  if (known == topics_.end()) {
+    topics_.push_back(topic);
+    file_.add(Channel{channel, ros_schema(topic.second), topic.first, "cdr"});
+  }
+  return add(channel, number, time_ns, message.cdr);
+}
+
+std::uint16_t Recording::ros_schema(std::string_view type) {
+  const auto known = std::ranges::find(ros_types_, type);
+  const auto id = static_cast<std::uint16_t>(kFirstRosSchema + (known - ros_types_.begin()));
+  if (known == ros_types_.end()) {
+    const std::string text = ros2::definition_of(type);
+    file_.add(Schema{id, type, text.empty() ? "" : "ros2msg", as_bytes(text)});
+    ros_types_.emplace_back(type);
+  }
+  return id;
 }
 
 /// What stands behind the robot's id in a channel's topic: the stream's name, or that of its kind.
 std::string Recording::name_of(std::uint16_t channel) const {
   const ChannelKind& kind = kind_of(channel);
-  if (channel < kFirstStream) return fmt::format("{}{}", kind.frame, kind.topic);
+  if (channel < kFirstStream) {
+    return fmt::format("{}{}", kind.frame, is_of_ros_ ? ros_topic(kind.schema) : kind.topic);
+  }
   const auto id = static_cast<wire::StreamId>(channel - kFirstStream + wire::kFirstOther);
   const auto stream = std::ranges::find(streams_, id, &wire::StreamDeclaration::id);
-  return stream == streams_.end() ? fmt::format("/{}", id) : "/" + stream->name;
+  const std::string name = stream == streams_.end() ? std::to_string(id) : stream->name;
+  return "/" + (is_of_ros_ ? ros_name(name) : name);
 }
 
 std::optional<Error> Recording::finish(std::int64_t clock_offset_ns) {
@@ -158,11 +213,15 @@ Result<bool> Recording::add(std::uint16_t channel, Sequence sequence, std::int64
                             std::span<const std::uint8_t> data) {
   const ChannelKind& kind = kind_of(channel);
   if (!file_.has_channel(channel)) {
-    if (!file_.has_schema(kind.schema)) {
-      with_schema(kind.schema, [&](const Schema& schema) { file_.add(schema); });
-    }
     const std::string topic = fmt::format("/{}{}", robot_id_, name_of(channel));
-    file_.add({channel, kind.schema, topic, kind.schema >= kDropSchema ? "json" : "protobuf"});
+    if (is_of_ros_) {
+      file_.add(Channel{channel, ros_schema(ros_type_of(kind.schema)), topic, "cdr"});
+    } else {
+      if (!file_.has_schema(kind.schema)) {
+        with_schema(kind.schema, [&](const Schema& schema) { file_.add(schema); });
+      }
+      file_.add({channel, kind.schema, topic, kind.schema >= kDropSchema ? "json" : "protobuf"});
+    }
   }
   return file_.add({channel, static_cast<std::uint32_t>(sequence),
                     static_cast<std::uint64_t>(std::max<std::int64_t>(time_ns, 0))},
@@ -171,7 +230,7 @@ Result<bool> Recording::add(std::uint16_t channel, Sequence sequence, std::int64
 
 /// Of the camera.
 std::string Recording::frame_id(std::uint16_t channel) const {
-  return fmt::format("{}{}", robot_id_, kind_of(channel).frame);
+  return is_of_ros_ ? robot_id_ : fmt::format("{}{}", robot_id_, kind_of(channel).frame);
 }
 
 }  // namespace orbbuf::mcap

@@ -19,7 +19,7 @@ using testing::Pair;
 class McapFileTest : public testing::Test {
  protected:
   File create() const {
-    auto file = File::create(path_, "test 1");
+    auto file = File::create(path_, "", "test 1");
     EXPECT_TRUE(file) << file.error().text;
     file.value().add(Schema{1, "s", "jsonschema", as_bytes("{}")});
     file.value().add(Channel{1, 1, "/a", "json"});
@@ -88,7 +88,7 @@ TEST_F(McapFileTest, AFullDiskIsAnError) {
 }
 
 TEST_F(McapFileTest, AFolderThatIsNotThereIsAnError) {
-  EXPECT_FALSE(File::create(folder_ / "none/s.mcap", "test 1"));
+  EXPECT_FALSE(File::create(folder_ / "none/s.mcap", "", "test 1"));
 }
 
 }  // namespace

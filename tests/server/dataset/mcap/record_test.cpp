@@ -23,7 +23,7 @@ Bytes record(char opcode, const std::string& fields) {
 
 TEST(McapRecord, AHeaderNamesTheLibrary) {
   Bytes out;
-  put_header(out, "me 1");
+  put_header(out, "", "me 1");
   EXPECT_EQ(out, record('\x01',
                         "\0\0\0\0"
                         "\4\0\0\0me 1"s));

@@ -120,5 +120,52 @@ TEST_F(McapRecordingTest, TimesBefore1970AndNumbersBeyond32BitsAreNoMatter) {
   EXPECT_EQ(found.chunk_times[0].first, 0U);
 }
 
+class Ros2RecordingTest : public McapRecordingTest {
+ protected:
+  static constexpr wire::StreamId kOdom = wire::kFirstOther + 1;
+
+  mcap::Recording create() const {
+    auto recording = mcap::Recording::create(
+        path_,
+        {"r-1", "s1", kPinhole, {}, {{wire::kFirstOther, "imu0", "imu"}, {kOdom, "odom", "ros2"}}});
+    EXPECT_TRUE(recording);
+    return std::move(recording).value();
+  }
+  static RecordedItems message_of(std::uint64_t number, const std::string& type) {
+    TopicPublisher publisher;
+    publisher.topic = "/odom";
+    publisher.type = type;
+    TopicMessage message{std::make_shared<const TopicPublisher>(publisher), 7, {0, 1, 0, 0, 'x'}};
+    const Sample sample{7, {}, {}, std::make_shared<const TopicMessage>(std::move(message))};
+    return {kOdom, number, number + 1, wire::encode_samples({&sample, 1})};
+  }
+};
+
+TEST_F(Ros2RecordingTest, ASessionWithTopicsIsOneOfRos2) {
+  auto out = create();
+  EXPECT_TRUE(out.add(plain_frame(2)));
+  EXPECT_TRUE(out.add(message_of(5, "nav_msgs::msg::dds_::Odometry_")));
+  EXPECT_TRUE(out.add(message_of(6, "my_msgs::msg::dds_::Any_")));
+  EXPECT_TRUE(out.add(wire::kFirstOther, 3, Sample{1, {}, {}}));
+  EXPECT_TRUE(out.add(DropRecord{3, 0, DropReason::kPolicy, 0}));
+  const auto found = finished(out);
+  std::vector<std::string> topics;
+  for (const auto& [channel, name] : found.topics) topics.push_back(name);
+  EXPECT_THAT(topics, ElementsAre("/r_1/image_raw/compressed", "/r_1/camera_info", "/r_1/imu0",
+                                  "/odom", "/odom"));
+  EXPECT_THAT(found.of("/r_1/image_raw/compressed"), ElementsAre(2));
+  EXPECT_THAT(found.data_of("/r_1/image_raw/compressed").at(0),
+              HasSubstr(test::as_text(plain_frame(2).jpeg)));
+  EXPECT_THAT(found.data_of("/odom").at(0), std::string("\0\1\0\0x", 5));
+  EXPECT_THAT(found.of("/r_1/imu0"), ElementsAre(3));
+  const std::string file = test::read_file(path_);
+  EXPECT_THAT(file.substr(8), HasSubstr("ros2"));
+  EXPECT_THAT(file, HasSubstr("nav_msgs/msg/Odometry"));
+  EXPECT_THAT(file, HasSubstr("MSG: geometry_msgs/Quaternion\nfloat64 x"));
+  EXPECT_THAT(file, HasSubstr("my_msgs/msg/Any"));
+  EXPECT_THAT(file, Not(HasSubstr("protobuf")));
+  EXPECT_THAT(file, Not(HasSubstr("json")));
+}
+
 }  // namespace
 }  // namespace orbbuf
