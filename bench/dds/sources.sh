@@ -35,7 +35,8 @@ lay_network
 nft add table inet link
 nft add chain inet link input '{ type filter hook input priority 0; }'
 
-start server "$build/server/orbbuf-server" --set listen.address=127.0.0.1:0 --set "files.path=$work/data" --set dds.enabled=true
+start server "$build/server/orbbuf-server" --set listen.address=127.0.0.1:0 --set "files.path=$work/data" --set dds.enabled=true \
+  --set dds.pace=1000
 until_true 'the server listens' says server 'listening on'
 address=$(sed -n 's/.*listening on //p' "$work/server.log" | head -n 1)
 scene=(--set source.kind=generated --set source.width=320 --set source.height=240 --set source.fps=25)
@@ -86,9 +87,14 @@ cpu() { # ROBOT: in percent of a processor
   awk -v t="$(($(ticks "$1") - before[$1]))" -v hz="$(getconf CLK_TCK)" -v s="$(awk "BEGIN { print $end - $begin }")" \
     'BEGIN { printf "%.2f", t / hz / s * 100 }'
 }
+ratio() { awk "BEGIN { printf \"%.3f\", $1 / $2 }"; }
+result() { echo "RESULT dds.source.$1 $2"; }
 for robot in "${robots[@]}"; do
-  echo "RESULT dds.source.$robot.late_p50_ms $(percentile "$robot" 0.5)"
-  echo "RESULT dds.source.$robot.late_p95_ms $(percentile "$robot" 0.95)"
-  echo "RESULT dds.source.$robot.gap_ms $(gap "$robot")"
-  echo "RESULT dds.source.$robot.cpu_percent $(cpu "$robot")"
+  result "$robot.late_p50_ms" "$(percentile "$robot" 0.5)"
+  result "$robot.late_p95_ms" "$(percentile "$robot" 0.95)"
+  result "$robot.gap_ms" "$(gap "$robot")"
+  result "$robot.cpu_percent" "$(cpu "$robot")"
 done
+result late_p50_ratio "$(ratio "$(percentile topic 0.5)" "$(percentile captured 0.5)")"
+result late_p95_ratio "$(ratio "$(percentile topic 0.95)" "$(percentile captured 0.95)")"
+result gap_ratio "$(ratio "$(gap topic)" "$(gap captured)")"

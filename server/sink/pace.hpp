@@ -27,15 +27,16 @@ class Pace {
                 std::chrono::nanoseconds ahead = {})
       : speed_(speed), longest_(longest), ahead_(ahead) {}
 
-  /// The earliest time at which that one may follow the last one.
-  Clock::time_point due(Sequence number, std::int64_t time_ns) const {
+  /// The earliest time at which that one may follow the last one. haste: so many times faster than
+  /// `speed`.
+  Clock::time_point due(Sequence number, std::int64_t time_ns, double haste = 1) const {
     if (!last_ || number <= last_->number) return Clock::time_point::min();
-    return last_->due + spacing(number, time_ns) - ahead_;
+    return last_->due + spacing(number, time_ns, haste) - ahead_;
   }
 
-  void published(Sequence number, std::int64_t time_ns, Clock::time_point now) {
+  void published(Sequence number, std::int64_t time_ns, Clock::time_point now, double haste = 1) {
     const bool is_next = last_ && number > last_->number;
-    const auto due = is_next ? last_->due + spacing(number, time_ns) : now;
+    const auto due = is_next ? last_->due + spacing(number, time_ns, haste) : now;
     last_ = Last{number, time_ns, std::clamp(due, now, now + ahead_)};
   }
 
@@ -46,12 +47,12 @@ class Pace {
     Clock::time_point due;  // `ahead_` after it was published, at most
   };
 
-  Clock::duration spacing(Sequence number, std::int64_t time_ns) const {
+  Clock::duration spacing(Sequence number, std::int64_t time_ns, double haste) const {
     const auto steps = static_cast<double>(number - last_->number);
     const auto step_ns = static_cast<double>(time_ns - last_->time_ns);
     const std::chrono::duration<double, std::nano> spacing(
         std::clamp(step_ns / steps / speed_, 0.0, static_cast<double>(longest_.count())));
-    return std::chrono::duration_cast<Clock::duration>(spacing);
+    return std::chrono::duration_cast<Clock::duration>(spacing / haste);
   }
 
   const double speed_;

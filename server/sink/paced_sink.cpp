@@ -34,18 +34,21 @@ void PacedThread::finish(Pace::Clock::time_point end) {
 }
 
 PacedSession::PacedSession(PacedThread& thread, const SessionInfo& info, std::string_view kind,
-                           double pace, std::chrono::nanoseconds ahead)
+                           double pace, std::chrono::nanoseconds ahead,
+                           std::chrono::nanoseconds backlog)
     : losses(fmt::format("{} {}: {}", info.robot_id, info.session_id, kind)),
       session_(info.robot_id + " " + info.session_id),
       streams_(info.streams),
       thread_(thread),
+      backlog_(backlog),
       frames_(pace, Pace::kLongest, ahead),
       paces_(streams_.size(), Pace(pace * kFaster, kBetweenMessages, 2 * kBetweenMessages)),
       timer_(thread.pool) {}
 
 void PacedSession::add(FramePtr frame) {
   const std::size_t bytes = frame->jpeg.size();
-  messages_.push_back({std::move(frame), 0, 0, {}, bytes});
+  const Sequence number = frame->sequence;
+  messages_.push_back({std::move(frame), 0, number, {}, bytes});
   publish_due();
 }
 
@@ -126,23 +129,26 @@ std::optional<PacedSession::Clock::time_point> PacedSession::publish_until() {
   return next;
 }
 
+double PacedSession::haste(const Message& message) const {
+  const auto behind = static_cast<double>(messages_.back().time_ns() - message.time_ns());
+  return std::max(1.0, behind / static_cast<double>(backlog_.count()));
+}
+
 PacedSession::Clock::time_point PacedSession::due_time(const Message& message) const {
   if (thread_.last || thread_.waiting_bytes > kMostPacedBytes) return {};
-  if (message.frame) return frames_.due(message.frame->sequence, message.frame->capture_time_ns);
-  return paces_[message.stream].due(message.number, message.sample.time_ns);
+  const Pace& pace = message.frame ? frames_ : paces_[message.stream];
+  return pace.due(message.number, message.time_ns(), haste(message));
 }
 
 void PacedSession::publish(const Message& message) {
   const auto now = Clock::now();
   if (thread_.last && now > *thread_.last) return losses.add("the server stops");
-  if (message.frame) {
-    const EncodedFrame& frame = *message.frame;
-    attempt([&] { return publish(frame); });
-    frames_.published(frame.sequence, frame.capture_time_ns, now);
-  } else {
-    attempt([&] { return publish(streams_[message.stream], message.sample); });
-    paces_[message.stream].published(message.number, message.sample.time_ns, now);
-  }
+  attempt([&] {
+    return message.frame ? publish(*message.frame)
+                         : publish(streams_[message.stream], message.sample);
+  });
+  Pace& pace = message.frame ? frames_ : paces_[message.stream];
+  pace.published(message.number, message.time_ns(), now, haste(message));
 }
 
 PacedSink::PacedSink(asio::io_context& main, PacedThread& thread,

@@ -41,9 +41,10 @@ struct PacedThread {
 };
 
 /// A session on its way to readers that do not hold the stream, in the order in which it came; what
-/// comes in a burst is spread by Pace, unless 32 MiB wait. Samples and messages of topics go up to
-/// kFaster times faster than frames, since their readers need less time for one, and 5 ms at most
-/// are between two of a stream. On the thread only, but for `losses`.
+/// comes in a burst is spread by Pace, faster if it is of more than `backlog`, and not if 32 MiB
+/// wait. Samples and messages of topics go up to kFaster times faster than frames, since their
+/// readers need less time for one, and 5 ms at most are between two of a stream. On the thread
+/// only, but for `losses`.
 class PacedSession : public std::enable_shared_from_this<PacedSession> {
  public:
   using Clock = Pace::Clock;
@@ -52,7 +53,8 @@ class PacedSession : public std::enable_shared_from_this<PacedSession> {
 
   /// kind: of the sink, for the log. ahead: as Pace has it, of frames.
   PacedSession(PacedThread& thread, const SessionInfo& info, std::string_view kind, double pace,
-               std::chrono::nanoseconds ahead = {});
+               std::chrono::nanoseconds ahead = {},
+               std::chrono::nanoseconds backlog = std::chrono::nanoseconds::max());
   virtual ~PacedSession() = default;
   PacedSession(const PacedSession&) = delete;
   PacedSession& operator=(const PacedSession&) = delete;
@@ -90,14 +92,18 @@ class PacedSession : public std::enable_shared_from_this<PacedSession> {
     Sample sample{};
     std::size_t bytes = 0;
     Clock::time_point begin{};
+
+    std::int64_t time_ns() const { return frame ? frame->capture_time_ns : sample.time_ns; }
   };
 
   void attempt(const std::function<std::optional<Error>()>& work);
   std::optional<Clock::time_point> publish_until();
+  double haste(const Message& message) const;
   Clock::time_point due_time(const Message& message) const;
   void publish(const Message& message);
 
   PacedThread& thread_;
+  const std::chrono::nanoseconds backlog_;
   std::deque<Message> messages_;
   Pace frames_;
   std::vector<Pace> paces_;  // of the streams

@@ -28,6 +28,7 @@ namespace {
 namespace asio = boost::asio;
 
 constexpr std::chrono::seconds kLastSecond{1};
+constexpr std::chrono::seconds kBacklog{10};
 /// Topics that begin within this time.
 constexpr std::chrono::seconds kTogether{1};
 /// A frame that came so late delays no other.
@@ -49,7 +50,7 @@ std::unique_ptr<Dds>& the_dds() {
 class DdsSession final : public PacedSession {
  public:
   DdsSession(const SessionInfo& info, const DdsSettings& settings)
-      : PacedSession(the_dds()->thread, info, "dds", settings.pace, kAhead),
+      : PacedSession(the_dds()->thread, info, "dds", settings.pace, kAhead, kBacklog),
         name_(ros_name(info.robot_id)),
         frame_id_(ros_frame_id(settings.frame_id, name_)),
         cameras_(calibrated_cameras(info.calibration, session_ + ": published")),

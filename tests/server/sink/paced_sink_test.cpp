@@ -56,7 +56,7 @@ class ListedSession final : public PacedSession {
              "",
              {},
              {{wire::kFirstOther, "imu0", "imu"}, {wire::kFirstOther + 1, "odom", "ros2"}}},
-            "test", 2.0) {}
+            "test", 2.0, {}, std::chrono::seconds(1)) {}
 
   struct Entry {
     std::string what;
@@ -143,6 +143,16 @@ TEST_F(PacedSinkTest, SamplesThatComeTogetherAreSpread) {
   const auto entries = all();
   ASSERT_EQ(entries.size(), 21U);
   EXPECT_GE(entries.back().time - entries.front().time, milliseconds(80));
+}
+
+TEST_F(PacedSinkTest, ALongBacklogGoesFaster) {
+  on_thread([&] {
+    for (Sequence sequence = 0; sequence < 100; ++sequence) write(frame_of(sequence));  // 4 s
+  });
+  const auto entries = all();
+  ASSERT_EQ(entries.size(), 100U);
+  EXPECT_LT(entries.back().time - entries.front().time, milliseconds(1500));  // of 2 s
+  EXPECT_GE(entries[99].time - entries[79].time, 19 * milliseconds(20));      // the last 0.8 s
 }
 
 TEST_F(PacedSinkTest, NothingGoesBeforeReadersAreThere) {
