@@ -77,8 +77,12 @@ void SampleStreams::take(Stream& stream, const Sample& sample) {
   if (!had_batch && has_batch(stream)) on_due_();
 }
 
+/// Messages of topics are fewer than samples, and one waits for no other.
 bool SampleStreams::has_batch(const Stream& stream) {
-  return stream.is_taken && std::chrono::nanoseconds(stream.queue.unsent_ns()) >= kBatch;
+  const bool is_due = stream.declaration.codec == wire::kTopicCodec
+                          ? stream.queue.has_unsent()
+                          : std::chrono::nanoseconds(stream.queue.unsent_ns()) >= kBatch;
+  return stream.is_taken && is_due;
 }
 
 std::vector<wire::StreamDeclaration> SampleStreams::declarations() const {

@@ -24,11 +24,11 @@ std::unique_ptr<SampleSource> make_sample_source(boost::asio::io_context& main,
 /// Thread-bound to `main`.
 class SampleStreams {
  public:
-  /// How much of a stream goes in one message while no frame is sent.
+  /// How much of a stream of samples goes in one message while no frame is sent.
   static constexpr std::chrono::milliseconds kBatch{20};
 
-  /// `on_due` is called when a batch of samples waits, also within on_frame(). Throws
-  /// std::runtime_error if a source cannot be opened.
+  /// `on_due` is called when a batch of samples or a message of a topic waits, also within
+  /// on_frame(). Throws std::runtime_error if a source cannot be opened.
   SampleStreams(boost::asio::io_context& main, const std::vector<SampleStreamSettings>& settings,
                 std::function<void()> on_due);
   SampleStreams(const SampleStreams&) = delete;

@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "daemon/samples/sample_streams.hpp"
 #include "testing/captured_log.hpp"
 #include "testing/loopback_dds.hpp"
 #include "tests/daemon/topics/topic_writer.hpp"
@@ -81,6 +82,18 @@ TEST_F(Ros2SamplesTest, MessagesOfATopicAreTakenAsTheyAreAndAsOftenAsTheRateAllo
   write(2, 5);
   io_.run_for(std::chrono::milliseconds(1500));  // it looks each second
   EXPECT_EQ(samples_.size(), 1U);
+}
+
+TEST_F(Ros2SamplesTest, AMessageOfATopicWaitsForNoOther) {
+  settings_.kind = "topic";
+  int due = 0;
+  SampleStreams streams(io_, {settings_}, [&due] { ++due; });
+  writer_.emplace(sensor_msgs_msg_dds__Imu__desc, kImuTopic);
+  while (!writer_->reader()) io_.run_one();
+  write(1, 5);
+  while (due == 0) io_.run_one();
+  EXPECT_FALSE(streams.take_batch().empty());
+  EXPECT_TRUE(streams.take_batch().empty());
 }
 
 TEST_F(Ros2SamplesTest, NothingRunsAfterItsEnd) {
