@@ -4,10 +4,8 @@
 #include <chrono>
 #include <condition_variable>
 #include <list>
-#include <mutex>
 #include <stop_token>
 #include <string>
-#include <utility>
 #include <vector>
 
 namespace orbbuf {

@@ -4,7 +4,6 @@
 #include <fmt/core.h>
 
 #include <exception>
-#include <optional>
 #include <utility>
 
 #include "common/watched_thread.hpp"

@@ -9,7 +9,6 @@
 #include <initializer_list>
 #include <optional>
 #include <span>
-#include <string>
 #include <vector>
 
 #include "common/error.hpp"

@@ -2,7 +2,6 @@
 #include "daemon/buffer/make_policy.hpp"
 
 #include <algorithm>
-#include <cstdint>
 #include <stdexcept>
 #include <utility>
 

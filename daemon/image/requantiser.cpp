@@ -11,7 +11,6 @@
 #include <stdexcept>
 
 #include "common/jpeg.hpp"
-#include "common/wire.hpp"
 
 extern "C" {
 #include <jpeglib.h>  // after <cstdio>, which it needs and does not include

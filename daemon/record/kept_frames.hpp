@@ -2,7 +2,6 @@
 #pragma once
 
 #include <boost/container/deque.hpp>
-#include <cstddef>
 #include <cstdint>
 #include <vector>
 

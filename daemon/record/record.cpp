@@ -1,13 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/record/record.hpp"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <stdexcept>
 #include <system_error>
 
-#include "common/log.hpp"
 #include "common/quantity.hpp"
 
 namespace orbbuf {

@@ -15,7 +15,6 @@
 #include <stop_token>
 #include <string>
 #include <thread>
-#include <utility>
 #include <vector>
 
 #include "common/drop_record.hpp"

@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <boost/asio/buffer.hpp>
 #include <cerrno>
-#include <cmath>
 #include <stdexcept>
 #include <utility>
 

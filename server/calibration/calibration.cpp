@@ -6,7 +6,6 @@
 
 #include <array>
 #include <cmath>
-#include <optional>
 #include <span>
 
 #include "common/decimal.hpp"

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/calibration/camera_info.hpp"
 
-#include <cmath>
-
 #include "common/log.hpp"
 #include "server/calibration/calibration.hpp"
 

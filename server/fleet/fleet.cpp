@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <boost/asio/ip/host_name.hpp>
-#include <boost/asio/post.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <iterator>
 #include <nlohmann/json.hpp>

@@ -3,7 +3,6 @@
 
 #include <fmt/core.h>
 
-#include <array>
 #include <bit>
 #include <cstddef>
 #include <initializer_list>

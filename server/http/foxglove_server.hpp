@@ -13,7 +13,6 @@
 #include <set>
 #include <span>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "server/calibration/camera_info.hpp"

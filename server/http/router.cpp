@@ -6,7 +6,6 @@
 #include <string_view>
 #include <utility>
 
-#include "common/address.hpp"
 #include "common/decimal.hpp"
 #include "common/journal/journal.hpp"
 #include "common/wire.hpp"

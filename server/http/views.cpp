@@ -17,6 +17,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/seconds.hpp"
 #include "common/wire.hpp"
 #include "server/calibration/calibration.hpp"
 #include "server/http/page_parts.hpp"  // made of page/ by CMake

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <boost/asio/post.hpp>
 #include <iterator>
-#include <stdexcept>
 
 #include "common/sample.hpp"
 #include "server/runtime/listen_on.hpp"

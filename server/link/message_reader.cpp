@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/link/message_reader.hpp"
 
-#include <algorithm>
-
 namespace orbbuf {
 namespace {
 

@@ -3,12 +3,12 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <vector>
 
 #include "common/decimal.hpp"
+#include "common/seconds.hpp"
 
 namespace orbbuf {
 namespace {

@@ -18,7 +18,6 @@
 #include "common/event_rate.hpp"
 #include "common/frame.hpp"
 #include "common/sample.hpp"
-#include "common/seconds.hpp"
 #include "common/wire.hpp"
 #include "server/session/session_info.hpp"
 

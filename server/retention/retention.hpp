@@ -12,7 +12,6 @@
 #include <optional>
 #include <set>
 #include <string>
-#include <vector>
 
 #include "common/error.hpp"
 #include "common/system_clock.hpp"

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <boost/asio/ip/address.hpp>
-#include <chrono>
 #include <cstddef>
 #include <map>
 #include <utility>

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <memory>
-#include <utility>
 #include <variant>
 
 #include "common/crc32.hpp"

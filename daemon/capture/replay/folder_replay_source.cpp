@@ -4,12 +4,10 @@
 #include <fmt/core.h>
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <cstdint>
 #include <fstream>
 #include <stdexcept>
-#include <string_view>
 #include <system_error>
 #include <utility>
 

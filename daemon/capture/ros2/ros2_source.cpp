@@ -10,7 +10,6 @@
 #include <string_view>
 #include <utility>
 
-#include "common/error.hpp"
 #include "common/event_fd.hpp"
 #include "common/seconds.hpp"
 #include "common/watched_thread.hpp"

@@ -10,7 +10,6 @@
 #include <string>
 #include <vector>
 
-#include "server/sink/pipe/child_output.hpp"
 #include "server/sink/pipe/pipe_reader.hpp"
 
 namespace orbbuf {

@@ -5,9 +5,7 @@
 
 #include <algorithm>
 #include <iterator>
-#include <optional>
 #include <span>
-#include <string>
 #include <string_view>
 
 #include "common/decimal.hpp"

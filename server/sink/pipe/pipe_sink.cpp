@@ -7,10 +7,8 @@
 #include <boost/asio/post.hpp>
 #include <boost/asio/write.hpp>
 #include <cassert>
-#include <chrono>
 #include <utility>
 
-#include "common/log.hpp"
 #include "server/runtime/adopt.hpp"
 #include "server/runtime/run_in_pool.hpp"
 

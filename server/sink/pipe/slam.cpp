@@ -2,7 +2,6 @@
 #include "server/sink/pipe/slam.hpp"
 
 #include <string_view>
-#include <utility>
 #include <vector>
 
 #include "server/sink/pipe/fifo.hpp"

@@ -7,7 +7,6 @@
 #include <future>
 #include <optional>
 #include <span>
-#include <string>
 #include <utility>
 #include <vector>
 
