@@ -3,23 +3,29 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/signal_set.hpp>
 #include <boost/asio/steady_timer.hpp>
+#include <chrono>
 #include <csignal>
+#include <cstdint>
 #include <functional>
 #include <limits>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "common/log.hpp"
+#include "common/seconds.hpp"
 #include "common/service_status.hpp"
+#include "common/watched_thread.hpp"
 #include "daemon/capture/make_source.hpp"
 #include "daemon/clock_watch.hpp"
-#include "daemon/health.hpp"
+#include "daemon/net/sender.hpp"
 #include "daemon/pipeline.hpp"
 #include "daemon/reducer.hpp"
 
@@ -27,6 +33,74 @@ namespace orbbuf {
 namespace asio = boost::asio;
 
 namespace {
+
+using std::chrono::nanoseconds;
+
+constexpr std::chrono::seconds kTellInterval{1};
+
+std::string describe(const ServerLink& link) {
+  if (link.is_stalled()) return "stalled";
+  if (link.is_connected()) return "connected to " + to_string(link.server());
+  if (link.last_error().empty()) return "connecting";
+  return "no connection: " + link.last_error();
+}
+
+/// Reports the daemon's state to the service manager. It is ready once a frame has been captured
+/// and the first attempt to connect has ended, with or without success. It feeds the watchdog while
+/// every watched thread has called beat() within the last half of the watchdog's period. A missing
+/// camera or server does not stop the feeding. Thread-bound to `main`.
+class Health {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  /// `service` must outlive it.
+  explicit Health(ServiceStatus& service) : service_(service), watchdog_(service.watchdog()) {}
+
+  void report(const wire::Report& report, const Sender& sender) {
+    if (Clock::now() >= reported_time_ + kTellInterval) tell(report, sender);
+    if (report.stats.captured > 0 && sender.link().has_tried()) service_.ready();
+    if (watchdog_ > nanoseconds(0)) feed_if_moving();
+  }
+
+ private:
+  void tell(const wire::Report& report, const Sender& sender) {
+    const wire::Stats& stats = report.stats;
+    const auto now = Clock::now();
+    const double seconds = to_seconds(now - std::exchange(reported_time_, now));
+    const wire::Stats before = std::exchange(reported_, stats);
+    const auto rate = [seconds](std::uint64_t from, std::uint64_t to) {
+      return static_cast<double>(to - std::min(from, to)) / seconds;
+    };
+    const auto spooled = sender.spooled();
+    const auto samples = sender.samples().stats();
+    service_.status(fmt::format(
+        "{:.1f} frames/s captured, {:.1f} delivered; buffer {} of {}{}; link {}{}{}",
+        rate(before.captured, stats.captured), rate(before.acknowledged, stats.acknowledged),
+        stats.waiting, report.capacity, spooled ? fmt::format("; spool {}", *spooled) : "",
+        describe(sender.link()), samples.empty() ? "" : "; ", samples));
+  }
+
+  void feed_if_moving() {
+    const auto limit = std::max<nanoseconds>(watchdog_ / 2, 2 * kBeatInterval);
+    const auto still = WatchedThread::find_still(limit);
+    std::set<std::string> names;
+    for (const auto& [name, time] : still) {
+      names.insert(name);
+      if (still_.contains(name)) continue;
+      log_error(
+          "thread {} has not responded for {:.1f} s; feeding the watchdog stops until it does",
+          name, to_seconds(time));
+    }
+    still_ = std::move(names);
+    if (still_.empty()) service_.feed();
+  }
+
+  ServiceStatus& service_;
+  const nanoseconds watchdog_;   // 0: none
+  std::set<std::string> still_;  // threads, and logged
+  wire::Stats reported_;         // at reported_time_
+  Clock::time_point reported_time_ = Clock::now();
+};
 
 /// Everything of one session, in the order it is built; taken down in the reverse.
 class Robot {

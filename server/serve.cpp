@@ -4,6 +4,7 @@
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/signal_set.hpp>
+#include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <chrono>
 #include <csignal>
@@ -13,18 +14,19 @@
 #include <memory>
 #include <optional>
 #include <stdexcept>
+#include <utility>
 
 #include "common/log.hpp"
 #include "common/service_status.hpp"
 #include "server/dataset/mcap/recording_parts.hpp"
 #include "server/fleet_member.hpp"
-#include "server/health.hpp"
 #include "server/http/http_server.hpp"
 #include "server/link/listener.hpp"
 #include "server/live/control_socket.hpp"
 #include "server/live/metrics.hpp"
 #include "server/retention/retention.hpp"
 #include "server/runtime/descriptors.hpp"
+#include "server/runtime/listen_on.hpp"
 #include "server/runtime/lock_folder.hpp"
 
 namespace orbbuf {
@@ -70,6 +72,63 @@ void name_threads(asio::thread_pool& files) {
   }
   all_there->wait();  // a pool that is stopped before would leave some waiting for the others
 }
+
+/// Tells the service manager how the server does. Ready: from start() on. Fed: each time that a
+/// message has gone from `main` to the `files` pool and back. So a `main` that is stuck is noticed,
+/// and a disk on which all threads of the pool are; one slow session is not a reason to restart the
+/// server. Thread-bound to `main`.
+class Health {
+ public:
+  /// All must outlive it, and its run of `main`.
+  Health(asio::io_context& main, asio::thread_pool& files, ServiceStatus& service,
+         const Listener& listener)
+      : main_(main),
+        files_(files),
+        service_(service),
+        listener_(listener),
+        address_(to_text(listener.endpoint())),
+        timer_(main),
+        interval_(service.interval()) {}
+
+  void start() {
+    service_.ready();
+    report();
+  }
+  /// Nothing more is told, and no timer is left in `main`.
+  void stop() {
+    is_stopped_ = true;
+    timer_.cancel();
+  }
+
+ private:
+  void report() {
+    if (is_stopped_) return;
+    service_.status(
+        fmt::format("listening on {}; robots connected: {}", address_, listener_.robots()));
+    if (!std::exchange(is_asking_, true)) ask_files();
+    timer_.expires_after(interval_);
+    timer_.async_wait([this](const error_code& /*error*/) { report(); });
+  }
+
+  void ask_files() {
+    asio::post(files_, [this] {
+      asio::post(main_, [this] {
+        is_asking_ = false;
+        service_.feed();
+      });
+    });
+  }
+
+  asio::io_context& main_;
+  asio::thread_pool& files_;
+  ServiceStatus& service_;
+  const Listener& listener_;
+  const std::string address_;
+  asio::steady_timer timer_;
+  const std::chrono::microseconds interval_;
+  bool is_asking_ = false;
+  bool is_stopped_ = false;
+};
 
 /// SIGHUP never ends the server.
 void await_reload(asio::signal_set& reload, const std::function<void()>& run) {
