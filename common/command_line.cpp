@@ -5,7 +5,6 @@
 
 #include <CLI/CLI.hpp>
 #include <cerrno>
-#include <filesystem>
 #include <system_error>
 
 namespace orbbuf {
@@ -53,40 +52,10 @@ CommandLine::Option& CommandLine::Option::with_default() {
 CommandLine::CommandLine(const std::string& about, const std::string& name)
     : app_(std::make_shared<CLI::App>(about, name)) {}
 
-template <class T>
-CommandLine::Option CommandLine::add_option(const std::string& name, T& value,
+CommandLine::Option CommandLine::add_option(const std::string& name, Variable value,
                                             const std::string& about) {
-  return Option(app_->add_option(name, value, about));
+  return std::visit([&](auto* at) { return Option(app_->add_option(name, *at, about)); }, value);
 }
-
-template CommandLine::Option CommandLine::add_option(const std::string&, std::string&,
-                                                     const std::string&);
-template CommandLine::Option CommandLine::add_option(const std::string&, std::filesystem::path&,
-                                                     const std::string&);
-template CommandLine::Option CommandLine::add_option(const std::string&, int&, const std::string&);
-template CommandLine::Option CommandLine::add_option(const std::string&, unsigned&,
-                                                     const std::string&);
-template CommandLine::Option CommandLine::add_option(const std::string&, unsigned long&,
-                                                     const std::string&);
-template CommandLine::Option CommandLine::add_option(const std::string&, unsigned long long&,
-                                                     const std::string&);
-template CommandLine::Option CommandLine::add_option(const std::string&, double&,
-                                                     const std::string&);
-template CommandLine::Option CommandLine::add_option(const std::string&, std::vector<std::string>&,
-                                                     const std::string&);
-template CommandLine::Option CommandLine::add_option(const std::string&,
-                                                     std::vector<std::filesystem::path>&,
-                                                     const std::string&);
-template CommandLine::Option CommandLine::add_option(const std::string&, std::vector<unsigned>&,
-                                                     const std::string&);
-template CommandLine::Option CommandLine::add_option(const std::string&,
-                                                     std::vector<unsigned long>&,
-                                                     const std::string&);
-template CommandLine::Option CommandLine::add_option(const std::string&,
-                                                     std::vector<unsigned long long>&,
-                                                     const std::string&);
-template CommandLine::Option CommandLine::add_option(const std::string&, std::vector<double>&,
-                                                     const std::string&);
 
 CommandLine::Option CommandLine::add_flag(const std::string& name, bool& is_given,
                                           const std::string& about) {

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <optional>
 #include <string>
+#include <variant>
 #include <vector>
 
 namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's
@@ -18,6 +20,11 @@ namespace orbbuf {
 /// compiled in command_line.cpp alone, since it takes ten seconds a file. Start-up only.
 class CommandLine {
  public:
+  template <class... Types>
+  using Pointers = std::variant<Types*..., std::vector<Types>*...>;
+  using Variable = Pointers<std::string, std::filesystem::path, int, unsigned, unsigned long,
+                            unsigned long long, double>;
+
   /// What else is known of an option; each returns the option itself.
   class Option {
    public:
@@ -43,10 +50,11 @@ class CommandLine {
   explicit CommandLine(const std::string& about, const std::string& name = "");
 
   /// Writes into `value`, which must outlive parse(). name: `--name`, or without the dashes for an
-  /// argument that goes by its place. T: std::string, std::filesystem::path, int, unsigned types,
-  /// double, and vectors of these but int.
+  /// argument that goes by its place. T: one of Variable.
   template <class T>
-  Option add_option(const std::string& name, T& value, const std::string& about = "");
+  Option add_option(const std::string& name, T& value, const std::string& about = "") {
+    return add_option(name, Variable(&value), about);
+  }
   Option add_flag(const std::string& name, bool& is_given, const std::string& about = "");
   Option add_flag(const std::string& name, std::function<void()> when_given,
                   const std::string& about = "");
@@ -65,6 +73,7 @@ class CommandLine {
   std::optional<int> parse(int argc, char** argv);
 
  private:
+  Option add_option(const std::string& name, Variable value, const std::string& about);
   explicit CommandLine(std::shared_ptr<CLI::App> app) : app_(std::move(app)) {}
 
   std::shared_ptr<CLI::App> app_;

@@ -85,18 +85,6 @@ int check(const std::vector<std::string>& sessions) {
   return is_good ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
-void add_check(orbbuf::CommandLine& app, Command& command) {
-  const auto sessions = std::make_shared<std::vector<std::string>>();
-  auto check_app = app.add_subcommand(
-      "check", "Compare recorded sessions with what was received: checksums, order, times, drops",
-      [&command, sessions] { command = [sessions] { return check(*sessions); }; });
-  check_app.add_option("SESSION", *sessions, "Folder of a session, PATH/ROBOT/SESSION")
-      .required()
-      .value_name("");
-  check_app.add_footer(
-      "A line for each problem and one for each session; exit status 0: no problem.");
-}
-
 /// While a server uses the folder of all sessions it keeps times.txt up itself.
 std::optional<orbbuf::Error> make_views(const std::filesystem::path& session) {
   orbbuf::UniqueFd lock;
@@ -120,14 +108,18 @@ int make_all_views(const std::vector<std::string>& sessions) {
   return is_good ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
-void add_views(orbbuf::CommandLine& app, Command& command) {
+/// A subcommand whose arguments are folders of sessions.
+orbbuf::CommandLine add_for_sessions(orbbuf::CommandLine& app, Command& command,
+                                     const std::string& name, const std::string& about,
+                                     int (*run)(const std::vector<std::string>& sessions)) {
   const auto sessions = std::make_shared<std::vector<std::string>>();
-  auto views_app = app.add_subcommand(
-      "views", "Make the text files of recorded sessions again from their journals",
-      [&command, sessions] { command = [sessions] { return make_all_views(*sessions); }; });
-  views_app.add_option("SESSION", *sessions, "Folder of a session, PATH/ROBOT/SESSION")
+  auto added = app.add_subcommand(name, about, [&command, sessions, run] {
+    command = [sessions, run] { return run(*sessions); };
+  });
+  added.add_option("SESSION", *sessions, "Folder of a session, PATH/ROBOT/SESSION")
       .required()
       .value_name("");
+  return added;
 }
 
 struct ExportOptions {
@@ -204,8 +196,13 @@ int main(int argc, char** argv) try {
   app.add_version("orbbuf-server " ORBBUF_VERSION);
   Command command;
   add_serve(app, command);
-  add_check(app, command);
-  add_views(app, command);
+  add_for_sessions(
+      app, command, "check",
+      "Compare recorded sessions with what was received: checksums, order, times, drops", check)
+      .add_footer("A line for each problem and one for each session; exit status 0: no problem.");
+  add_for_sessions(app, command, "views",
+                   "Make the text files of recorded sessions again from their journals",
+                   make_all_views);
   add_export(app, command);
   add_status(app, command);
   app.add_script(
