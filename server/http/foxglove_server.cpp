@@ -2,19 +2,34 @@
 #include "server/http/foxglove_server.hpp"
 
 #include <algorithm>
+#include <boost/asio/buffer.hpp>
 #include <boost/asio/post.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/beast/core/buffers_to_string.hpp>
+#include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/http/empty_body.hpp>
 #include <boost/beast/http/field.hpp>
+#include <boost/beast/http/message.hpp>
 #include <boost/beast/http/rfc7230.hpp>
+#include <boost/beast/websocket.hpp>
+#include <boost/beast/websocket/stream.hpp>
+#include <chrono>
 #include <utility>
+#include <variant>
 
 #include "common/as_bytes.hpp"
+#include "common/keep_alive.hpp"
+#include "common/log.hpp"
 #include "server/foxglove/messages.hpp"
 #include "server/http/views.hpp"
 
 namespace orbbuf {
 namespace {
 
+namespace asio = boost::asio;
+namespace websocket = boost::beast::websocket;
 using boost::beast::http::field;
+using boost::system::error_code;
 
 /// Newer programs ask for the second.
 constexpr std::array<std::string_view, 2> kSubprotocols = {"foxglove.websocket.v1",
@@ -60,6 +75,261 @@ std::vector<std::uint8_t> as_payload(const std::string& text) { return {text.beg
 
 }  // namespace
 
+/// How Beast ends a connection of ours: the viewer's close frame has been answered, or time is
+/// over.
+void beast_close_socket(Stream& stream) {
+  error_code ignored;  // there is nothing to do about it
+  stream.socket().close(ignored);
+}
+template <class Handler>
+void async_teardown(boost::beast::role_type /*role*/, Stream& stream, Handler&& handler) {
+  beast_close_socket(stream);
+  asio::post(stream.get_executor(),
+             [handler = std::forward<Handler>(handler)]() mutable { handler(error_code()); });
+}
+
+/// One program's connection that shows what robots send, by Foxglove's WebSocket protocol. Its
+/// messages wait in a queue of its own; those that have waited for kMostAge, or are more than
+/// kMostBytes, are given up, the oldest first. The viewer is told how many. Thread-bound to `main`.
+/// Lives in a shared_ptr, held by its owner and its operations.
+class FoxgloveServer::Viewer final : public std::enable_shared_from_this<Viewer> {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  static constexpr std::chrono::seconds kMostAge{1};
+  static constexpr std::size_t kMostBytes = std::size_t{16} << 20;
+  static constexpr std::size_t kMostTextBytes = std::size_t{4} << 20;  ///< that wait; or it is cut
+  static constexpr std::size_t kMostSubscriptions = 4096;
+  static constexpr std::chrono::seconds kWriteTime{10};  ///< to take a message
+
+  /// The stream's handshake under TLS is done. `owner` must outlive every run of the io_context.
+  Viewer(std::unique_ptr<Stream> stream, FoxgloveServer& owner)
+      : stream_(std::move(stream)),
+        socket_(*stream_),
+        owner_(owner),
+        timer_(stream_->get_executor()) {}
+
+  /// Answers the request, which asked for `subprotocol` among others.
+  void start(std::shared_ptr<const UpgradeRequest> request, std::string_view subprotocol) {
+    socket_.set_option(websocket::stream_base::decorator(
+        [name = std::string(subprotocol)](websocket::response_type& response) {
+          response.set(field::sec_websocket_protocol, name);
+          response.set(field::server, "orbbuf-server");
+        }));
+    // One that shows nothing is noticed by this only.
+    keep_alive(stream_->socket().native_handle());
+    socket_.auto_fragment(false);
+    socket_.read_message_max(kMostRequestBytes);
+    limit();
+    const auto& message = *request;
+    socket_.async_accept(message, [self = shared_from_this(),
+                                   request = std::move(request)](const error_code& failed) {
+      if (self->is_closed_) return;
+      if (failed) return self->close();
+      self->timer_.cancel();
+      self->is_open_ = true;
+      self->owner_.on_opened(*self);
+      self->read();
+    });
+  }
+
+  /// At once; harmless when repeated.
+  void close() {
+    if (std::exchange(is_closed_, true)) return;
+    const auto self = shared_from_this();  // the owner lets go of it
+    timer_.cancel();
+    error_code ignored;  // there is nothing to do about it
+    stream_->socket().close(ignored);
+    owner_.on_viewer_closed(self);
+  }
+
+  void send(std::string text) {
+    if (is_closed_ || !is_open_) return;
+    if (text_bytes_ >= kMostTextBytes) {
+      log_warn("http: a viewer is cut off that does not read what it is told");
+      return close();
+    }
+    text_bytes_ += text.size();
+    texts_.push_back(std::move(text));
+    ask_for_turn();
+  }
+
+  /// At its turn.
+  void write_next() {
+    awaits_turn_ = false;
+    if (is_writing_ || is_closed_ || !is_open_) return;
+    if (given_up_ > told_given_up_ && Clock::now() >= told_at_ + kTellEvery) {
+      told_given_up_ = given_up_;
+      told_at_ = Clock::now();
+      std::string text = foxglove::status(
+          foxglove::StatusLevel::kWarning,
+          fmt::format(
+              "{} messages were not shown: the connection or this program is too slow for them",
+              given_up_),
+          "given up");
+      text_bytes_ += text.size();
+      texts_.push_back(std::move(text));
+    }
+    if (texts_.empty() && messages_.empty()) return;
+    is_writing_ = true;
+    limit();
+    const auto done = [self = shared_from_this()](const error_code& failed, std::size_t) {
+      self->on_written(failed);
+    };
+    if (!texts_.empty()) {
+      text_ = std::move(texts_.front());
+      texts_.pop_front();
+      text_bytes_ -= text_.size();
+      socket_.text(true);
+      return socket_.async_write(asio::buffer(text_), done);
+    }
+    message_ = std::move(messages_.front());
+    messages_.pop_front();
+    bytes_ -= message_.payload->size();
+    socket_.binary(true);
+    socket_.async_write(std::array<asio::const_buffer, 2>{asio::buffer(message_.head),
+                                                          asio::buffer(*message_.payload)},
+                        done);
+  }
+
+  bool is_subscribed(std::uint32_t channel_id) const { return subscribed_.contains(channel_id); }
+  /// To each of its subscriptions of the channel.
+  void send(std::uint32_t channel_id, std::uint64_t log_time_ns, const Payload& payload) {
+    const auto channel = subscribed_.find(channel_id);
+    if (channel == subscribed_.end() || is_closed_) return;
+    for (const std::uint32_t id : channel->second) {
+      messages_.push_back({foxglove::message_head(id, log_time_ns), payload, Clock::now()});
+      bytes_ += payload->size();
+    }
+    make_room();
+    ask_for_turn();
+  }
+
+  void forget(std::uint32_t channel_id) { subscribed_.erase(channel_id); }
+
+ private:
+  static constexpr std::chrono::seconds kTellEvery{1};
+
+  struct Message {
+    std::array<std::uint8_t, foxglove::kMessageHeadBytes> head;
+    Payload payload;
+    Clock::time_point since;
+  };
+
+  void read() {
+    socket_.async_read(in_, [self = shared_from_this()](const error_code& failed, std::size_t) {
+      if (self->is_closed_) return;
+      if (failed) return self->close();  // gone, or against the rules of WebSocket
+      if (self->socket_.got_text()) {
+        self->on_request(boost::beast::buffers_to_string(self->in_.data()));
+      } else {
+        self->follow(foxglove::NotUnderstood("this server only publishes: it takes no messages"));
+      }
+      self->in_.clear();
+      if (!self->is_closed_) self->read();
+    });
+  }
+
+  void on_request(std::string_view text) {
+    std::visit([this](const auto& request) { follow(request); }, foxglove::parse_request(text));
+  }
+
+  void follow(const foxglove::Subscribe& subscribe) {
+    for (const auto& [id, channel] : subscribe) {
+      if (channels_.contains(id)) {
+        follow("subscription " + std::to_string(id) + " exists already");
+      } else if (channels_.size() >= kMostSubscriptions) {
+        follow("more than " + std::to_string(kMostSubscriptions) + " subscriptions");
+      } else {
+        channels_[id] = channel;
+        subscribed_[channel].push_back(id);
+        if (owner_.on_subscribed(*this, channel)) continue;
+        follow(foxglove::Unsubscribe{id});
+        follow("there is no channel " + std::to_string(channel));
+      }
+    }
+  }
+
+  void follow(const foxglove::Unsubscribe& unsubscribe) {
+    for (const std::uint32_t id : unsubscribe) {
+      const auto entry = channels_.find(id);
+      if (entry == channels_.end()) {
+        follow("there is no subscription " + std::to_string(id));
+        continue;
+      }
+      const auto channel = subscribed_.find(entry->second);
+      if (channel != subscribed_.end()) {
+        std::erase(channel->second, id);
+        if (channel->second.empty()) subscribed_.erase(channel);
+      }
+      channels_.erase(entry);
+    }
+  }
+
+  void follow(const foxglove::NotUnderstood& why) {
+    send(foxglove::status(foxglove::StatusLevel::kError, why, "request"));
+  }
+
+  /// The newest message stays, whatever its size.
+  void make_room() {
+    const auto now = Clock::now();
+    std::uint64_t count = 0;
+    while (messages_.size() > 1 &&
+           (bytes_ > kMostBytes || messages_.front().since + kMostAge < now)) {
+      bytes_ -= messages_.front().payload->size();
+      messages_.pop_front();
+      ++count;
+    }
+    if (count == 0) return;
+    given_up_ += count;
+    owner_.on_given_up(count);
+  }
+
+  void ask_for_turn() {
+    if (is_writing_ || !is_open_ || std::exchange(awaits_turn_, true)) return;
+    owner_.await_turn(shared_from_this());
+  }
+
+  void on_written(const error_code& failed) {
+    is_writing_ = false;
+    if (is_closed_) return;
+    if (failed) return close();
+    timer_.cancel();
+    make_room();
+    ask_for_turn();
+  }
+
+  void limit() {
+    timer_.expires_after(kWriteTime);
+    timer_.async_wait([weak = weak_from_this()](const error_code& failed) {
+      const auto self = weak.lock();
+      if (failed || !self || self->timer_.expiry() > Clock::now()) return;
+      self->close();
+    });
+  }
+
+  std::unique_ptr<Stream> stream_;
+  boost::beast::websocket::stream<Stream&> socket_;
+  FoxgloveServer& owner_;
+  boost::asio::steady_timer timer_;
+  boost::beast::flat_buffer in_{kMostRequestBytes};
+  std::map<std::uint32_t, std::uint32_t> channels_;                 // by subscription
+  std::map<std::uint32_t, std::vector<std::uint32_t>> subscribed_;  // subscriptions by channel
+  std::deque<std::string> texts_;
+  std::size_t text_bytes_ = 0;  // of texts_
+  std::deque<Message> messages_;
+  std::size_t bytes_ = 0;  // of messages_
+  std::string text_;       // being written, if the next is not
+  Message message_{};
+  std::uint64_t given_up_ = 0;
+  std::uint64_t told_given_up_ = 0;
+  Clock::time_point told_at_{};
+  bool is_open_ = false;
+  bool is_writing_ = false;
+  bool awaits_turn_ = false;
+  bool is_closed_ = false;
+};
+
 std::optional<HttpResponse> FoxgloveServer::refusal_of(const HttpRequest& request) const {
   if (request.path != "/") return error_response(kNotFound, "WebSocket is at /");
   if (subprotocol_of(*request.upgrade).empty()) {
@@ -76,8 +346,7 @@ std::optional<HttpResponse> FoxgloveServer::refusal_of(const HttpRequest& reques
 }
 
 void FoxgloveServer::accept(std::unique_ptr<Stream> stream, const HttpRequest& request) {
-  auto viewer =
-      std::make_shared<FoxgloveViewer>(std::move(stream), static_cast<FoxgloveOwner&>(*this));
+  auto viewer = std::make_shared<Viewer>(std::move(stream), *this);
   viewers_.insert(viewer);
   metrics_.viewers().open = viewers_.size();
   viewer->start(request.upgrade, subprotocol_of(*request.upgrade));
@@ -207,7 +476,7 @@ void FoxgloveServer::latch(std::uint32_t channel_id, std::uint64_t time_ns,
 
 void FoxgloveServer::publish(std::uint32_t channel_id, std::uint64_t time_ns,
                              const Encode& encode) {
-  FoxgloveViewer::Payload payload;
+  Payload payload;
   const auto viewers = viewers_;  // as in stop()
   for (const auto& viewer : viewers) {
     if (!viewer->is_subscribed(channel_id)) continue;
@@ -221,14 +490,14 @@ void FoxgloveServer::tell_all(const std::string& text) {
   for (const auto& viewer : viewers) viewer->send(text);
 }
 
-void FoxgloveServer::on_opened(FoxgloveViewer& viewer) {
+void FoxgloveServer::on_opened(Viewer& viewer) {
   viewer.send(foxglove::server_info());
   std::vector<foxglove::LiveChannel> channels;
   for (const auto& [id, channel] : channels_) channels.push_back(channel);
   if (!channels.empty()) viewer.send(foxglove::advertise(channels));
 }
 
-bool FoxgloveServer::on_subscribed(FoxgloveViewer& viewer, std::uint32_t channel_id) {
+bool FoxgloveServer::on_subscribed(Viewer& viewer, std::uint32_t channel_id) {
   if (!channels_.contains(channel_id)) return false;
   const auto latched = latched_.find(channel_id);
   if (latched != latched_.end()) {
@@ -237,13 +506,13 @@ bool FoxgloveServer::on_subscribed(FoxgloveViewer& viewer, std::uint32_t channel
   return true;
 }
 
-void FoxgloveServer::await_turn(const std::shared_ptr<FoxgloveViewer>& viewer) {
+void FoxgloveServer::await_turn(const std::shared_ptr<Viewer>& viewer) {
   turns_.push_back(viewer);
   if (turns_.size() == 1) give_turn();
 }
 
 void FoxgloveServer::give_turn() {
-  boost::asio::post(main_, [this] {
+  asio::post(main_, [this] {
     const auto viewer = std::move(turns_.front());
     turns_.pop_front();
     if (!turns_.empty()) give_turn();
@@ -251,7 +520,7 @@ void FoxgloveServer::give_turn() {
   });
 }
 
-void FoxgloveServer::on_viewer_closed(const std::shared_ptr<FoxgloveViewer>& viewer) {
+void FoxgloveServer::on_viewer_closed(const std::shared_ptr<Viewer>& viewer) {
   viewers_.erase(viewer);
   metrics_.viewers().open = viewers_.size();
 }

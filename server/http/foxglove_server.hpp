@@ -15,9 +15,9 @@
 #include <string>
 #include <vector>
 
+#include "common/net/stream.hpp"
 #include "server/calibration/camera_info.hpp"
 #include "server/http/foxglove_protocol.hpp"
-#include "server/http/foxglove_viewer.hpp"
 #include "server/http/request_reader.hpp"
 #include "server/http/response.hpp"
 #include "server/live/metrics.hpp"
@@ -32,9 +32,10 @@ namespace orbbuf {
 /// Without viewers a frame costs nothing but a look. With viewers each message is made once, if any
 /// has subscribed to it; it is then written to one viewer at a time, between the other work of
 /// `main`, so that the robots' streams do not wait for all of them. Thread-bound to `main`.
-class FoxgloveServer final : public MetricsWatcher, private FoxgloveOwner {
+class FoxgloveServer final : public MetricsWatcher {
  public:
   static constexpr std::size_t kMaxViewers = 64;
+  static constexpr std::size_t kMostRequestBytes = std::size_t{64} << 10;  ///< of a viewer
 
   /// Both must outlive it.
   FoxgloveServer(boost::asio::io_context& main, Metrics& metrics)
@@ -55,6 +56,8 @@ class FoxgloveServer final : public MetricsWatcher, private FoxgloveOwner {
   void on_state(const RobotMetrics& robot) override;
 
  private:
+  class Viewer;
+  using Payload = std::shared_ptr<const std::vector<std::uint8_t>>;
   enum Topic : std::uint8_t {
     kImage,
     kCalibration,
@@ -73,15 +76,21 @@ class FoxgloveServer final : public MetricsWatcher, private FoxgloveOwner {
   };
   struct Latched {
     std::uint64_t time_ns = 0;
-    FoxgloveViewer::Payload payload;
+    Payload payload;
   };
   using Encode = std::function<std::vector<std::uint8_t>()>;
 
-  void on_opened(FoxgloveViewer& viewer) override;
-  bool on_subscribed(FoxgloveViewer& viewer, std::uint32_t channel_id) override;
-  void await_turn(const std::shared_ptr<FoxgloveViewer>& viewer) override;
-  void on_given_up(std::uint64_t messages) override { metrics_.viewers().given_up += messages; }
-  void on_viewer_closed(const std::shared_ptr<FoxgloveViewer>& viewer) override;
+  // Called by a viewer.
+  /// It is there: what it may subscribe to is to be said.
+  void on_opened(Viewer& viewer);
+  /// False if there is no such channel.
+  bool on_subscribed(Viewer& viewer, std::uint32_t channel_id);
+  /// It has something to write: write_next() is to be called from the event loop, in turn.
+  void await_turn(const std::shared_ptr<Viewer>& viewer);
+  /// Messages that were given up, since the viewer is too slow for them.
+  void on_given_up(std::uint64_t messages) { metrics_.viewers().given_up += messages; }
+  /// The last call.
+  void on_viewer_closed(const std::shared_ptr<Viewer>& viewer);
 
   void forget_robots_that_are_gone();
   void describe(const RobotMetrics& robot, Robot& known, const EncodedFrame& frame);
@@ -93,8 +102,8 @@ class FoxgloveServer final : public MetricsWatcher, private FoxgloveOwner {
 
   boost::asio::io_context& main_;
   Metrics& metrics_;
-  std::set<std::shared_ptr<FoxgloveViewer>> viewers_;
-  std::deque<std::shared_ptr<FoxgloveViewer>> turns_;  // whose turn it is, next first
+  std::set<std::shared_ptr<Viewer>> viewers_;
+  std::deque<std::shared_ptr<Viewer>> turns_;  // whose turn it is, next first
   std::map<std::string, Robot> robots_;
   std::map<std::uint32_t, foxglove::LiveChannel> channels_;
   std::map<std::uint32_t, Latched> latched_;  // by channel

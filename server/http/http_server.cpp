@@ -30,169 +30,201 @@ std::filesystem::path folder_of(const SinkSettings& sinks) {
 
 }  // namespace
 
-HttpConnection::HttpConnection(tcp::socket socket, TlsContext* tls, asio::thread_pool& files,
-                               HttpOwner& owner)
-    : peer_(peer_of(socket)),
-      stream_(std::make_unique<Stream>(std::move(socket), tls)),
-      files_(files),
-      owner_(owner),
-      timer_(stream_->get_executor()) {}
+/// One browser's connection: a request, its answer, the next request. Whatever it does, or does not
+/// do, costs the robots' streams nothing to speak of: it has a time for each request and each piece
+/// of an answer, and is cut when that is over. What blocks is done on `files`, a piece at a time.
+/// Thread-bound to `main`. Lives in a shared_ptr, held by its owner and its operations.
+class HttpServer::Connection final : public std::enable_shared_from_this<Connection> {
+ public:
+  /// `tls`: null for plain TCP. `files` and `owner` must outlive every run of the io_context.
+  Connection(tcp::socket socket, TlsContext* tls, asio::thread_pool& files, HttpServer& owner)
+      : peer_(peer_of(socket)),
+        stream_(std::make_unique<Stream>(std::move(socket), tls)),
+        files_(files),
+        owner_(owner),
+        timer_(stream_->get_executor()) {}
 
-void HttpConnection::start() {
-  error_code ignored;  // answers are then merely later
-  stream_->socket().set_option(tcp::no_delay(true), ignored);
-  limit(kRequestTime);
-  if (!stream_->is_tls()) return read();
-  stream_->async_handshake_as_server([self = shared_from_this()](const error_code& failed) {
-    if (self->is_closed_) return;
-    if (!failed) return self->read();
-    log_debug("http: {}", self->stream_->explain(failed));
-    self->close();
-  });
-}
+  void start() {
+    error_code ignored;  // answers are then merely later
+    stream_->socket().set_option(tcp::no_delay(true), ignored);
+    limit(kRequestTime);
+    if (!stream_->is_tls()) return read();
+    stream_->async_handshake_as_server([self = shared_from_this()](const error_code& failed) {
+      if (self->is_closed_) return;
+      if (!failed) return self->read();
+      log_debug("http: {}", self->stream_->explain(failed));
+      self->close();
+    });
+  }
 
-/// Answers what has come already; false if there is nothing to answer yet.
-bool HttpConnection::serve() {
-  if (const auto request = reader_.next()) {
-    ask(*request);
+  const tcp::endpoint& peer() const { return peer_; }
+  /// It has neither begun a request nor taken a piece of an answer since.
+  std::chrono::steady_clock::time_point since() const { return since_; }
+  /// At once; harmless when repeated.
+  void close() {
+    if (std::exchange(is_closed_, true)) return;
+    const auto self = shared_from_this();  // the owner lets go of it
+    timer_.cancel();
+    error_code ignored;  // there is nothing to do about it
+    stream_->socket().close(ignored);
+    owner_.on_closed(self);
+  }
+
+ private:
+  /// Answers what has come already; false if there is nothing to answer yet.
+  bool serve() {
+    if (const auto request = reader_.next()) {
+      ask(*request);
+      return true;
+    }
+    if (reader_.fault() == 0) return false;
+    respond(error_response(reader_.fault()), false, false);
     return true;
   }
-  if (reader_.fault() == 0) return false;
-  respond(error_response(reader_.fault()), false, false);
-  return true;
-}
 
-/// After an answer.
-void HttpConnection::go_on() {
-  if (serve()) return;
-  if (reader_.is_between_requests()) limit(kIdleTime);
-  read();
-}
-
-void HttpConnection::read() {
-  stream_->async_read_some(
-      asio::buffer(in_), [self = shared_from_this()](const error_code& failed, std::size_t bytes) {
-        if (self->is_closed_) return;
-        if (failed) return self->close();  // gone, or as good as that
-        self->on_bytes(bytes);
-      });
-}
-
-/// The bytes of a request that come in drops do not buy it time.
-void HttpConnection::on_bytes(std::size_t bytes) {
-  if (reader_.is_between_requests()) limit(kRequestTime);
-  reader_.add(std::span(in_).first(bytes));
-  if (!serve()) read();
-}
-
-void HttpConnection::ask(const HttpRequest& request) {
-  limit(kPieceTime);
-  if (request.upgrade && reader_.is_between_requests() && owner_.can_upgrade(request)) {
-    return give_away(request);
+  /// After an answer.
+  void go_on() {
+    if (serve()) return;
+    if (reader_.is_between_requests()) limit(kIdleTime);
+    read();
   }
-  const bool is_head = request.is_head;
-  const bool keeps_alive = request.keeps_alive;
-  owner_.on_request(request,
-                    [self = shared_from_this(), is_head, keeps_alive](HttpResponse answer) {
-                      if (!self->is_closed_) self->respond(std::move(answer), is_head, keeps_alive);
-                    });
-}
 
-void HttpConnection::give_away(const HttpRequest& request) {
-  const auto self = shared_from_this();  // the owner lets go of it
-  is_closed_ = true;
-  timer_.cancel();
-  owner_.on_upgrade(std::move(stream_), request);
-  owner_.on_closed(self);
-}
+  void read() {
+    stream_->async_read_some(asio::buffer(in_), [self = shared_from_this()](
+                                                    const error_code& failed, std::size_t bytes) {
+      if (self->is_closed_) return;
+      if (failed) return self->close();  // gone, or as good as that
+      self->on_bytes(bytes);
+    });
+  }
 
-void HttpConnection::respond(HttpResponse response, bool is_head, bool keeps_alive) {
-  response_ = std::move(response);
-  keeps_alive_ = keeps_alive;
-  head_ = head_of(response_, keeps_alive);
-  written_ = 0;
-  left_ = is_head ? 0 : response_.body_bytes();
-  if (left_ == 0) return write({});
-  write_next();
-}
+  /// The bytes of a request that come in drops do not buy it time.
+  void on_bytes(std::size_t bytes) {
+    if (reader_.is_between_requests()) limit(kRequestTime);
+    reader_.add(std::span(in_).first(bytes));
+    if (!serve()) read();
+  }
 
-void HttpConnection::write_next() {
-  if (response_.file) return read_file();
-  // A body in memory: its size is a size_t, also where that has 32 bits.
-  const auto size = std::min<std::uint64_t>(left_, ServedFile::kPieceBytes);
-  write(body_of(response_).subspan(static_cast<std::size_t>(written_),
-                                   static_cast<std::size_t>(size)));
-}
+  void ask(const HttpRequest& request) {
+    limit(kPieceTime);
+    if (request.upgrade && reader_.is_between_requests() && owner_.can_upgrade(request)) {
+      return give_away(request);
+    }
+    const bool is_head = request.is_head;
+    const bool keeps_alive = request.keeps_alive;
+    owner_.on_request(request,
+                      [self = shared_from_this(), is_head, keeps_alive](HttpResponse answer) {
+                        if (self->is_closed_) return;
+                        self->respond(std::move(answer), is_head, keeps_alive);
+                      });
+  }
 
-void HttpConnection::read_file() {
-  run_in_pool(
-      stream_->get_executor(), files_, [file = response_.file] { return file->read(); },
-      [self = shared_from_this()](std::vector<std::uint8_t> piece) {
-        if (self->is_closed_) return;
-        if (piece.empty()) return self->close();  // what was promised is not there any more
-        self->piece_ = std::move(piece);
-        self->write(self->piece_);
-      });
-}
+  void give_away(const HttpRequest& request) {
+    const auto self = shared_from_this();  // the owner lets go of it
+    is_closed_ = true;
+    timer_.cancel();
+    owner_.on_upgrade(std::move(stream_), request);
+    owner_.on_closed(self);
+  }
 
-void HttpConnection::write(std::span<const std::uint8_t> piece) {
-  limit(kPieceTime);
-  written_ += piece.size();
-  left_ -= piece.size();
-  const std::array<asio::const_buffer, 2> parts = {asio::buffer(head_),
-                                                   asio::buffer(piece.data(), piece.size())};
-  asio::async_write(*stream_, parts,
-                    [self = shared_from_this()](const error_code& failed, std::size_t) {
-                      if (self->is_closed_) return;
-                      if (failed) return self->close();
-                      self->on_written();
-                    });
-}
+  void respond(HttpResponse response, bool is_head, bool keeps_alive) {
+    response_ = std::move(response);
+    keeps_alive_ = keeps_alive;
+    head_ = head_of(response_, keeps_alive);
+    written_ = 0;
+    left_ = is_head ? 0 : response_.body_bytes();
+    if (left_ == 0) return write({});
+    write_next();
+  }
 
-void HttpConnection::on_written() {
-  head_.clear();
-  if (left_ > 0) return write_next();
-  response_ = {};
-  if (!keeps_alive_) return part();
-  go_on();
-}
+  void write_next() {
+    if (response_.file) return read_file();
+    // A body in memory: its size is a size_t, also where that has 32 bits.
+    const auto size = std::min<std::uint64_t>(left_, ServedFile::kPieceBytes);
+    write(body_of(response_).subspan(static_cast<std::size_t>(written_),
+                                     static_cast<std::size_t>(size)));
+  }
 
-/// Closing at once, with something of the other end's unread, might lose it the answer.
-void HttpConnection::part() {
-  error_code ignored;  // then it is gone, which reading shows
-  stream_->socket().shutdown(tcp::socket::shutdown_send, ignored);
-  stream_->read_bare();
-  limit(kPartingTime);
-  discard();
-}
+  void read_file() {
+    run_in_pool(
+        stream_->get_executor(), files_, [file = response_.file] { return file->read(); },
+        [self = shared_from_this()](std::vector<std::uint8_t> piece) {
+          if (self->is_closed_) return;
+          if (piece.empty()) return self->close();  // what was promised is not there any more
+          self->piece_ = std::move(piece);
+          self->write(self->piece_);
+        });
+  }
 
-void HttpConnection::discard() {
-  stream_->async_read_some(asio::buffer(in_),
-                           [self = shared_from_this()](const error_code& failed, std::size_t) {
-                             if (self->is_closed_) return;
-                             if (failed) return self->close();
-                             self->discard();
-                           });
-}
+  void write(std::span<const std::uint8_t> piece) {
+    limit(kPieceTime);
+    written_ += piece.size();
+    left_ -= piece.size();
+    const std::array<asio::const_buffer, 2> parts = {asio::buffer(head_),
+                                                     asio::buffer(piece.data(), piece.size())};
+    asio::async_write(*stream_, parts,
+                      [self = shared_from_this()](const error_code& failed, std::size_t) {
+                        if (self->is_closed_) return;
+                        if (failed) return self->close();
+                        self->on_written();
+                      });
+  }
 
-void HttpConnection::close() {
-  if (std::exchange(is_closed_, true)) return;
-  const auto self = shared_from_this();  // the owner lets go of it
-  timer_.cancel();
-  error_code ignored;  // there is nothing to do about it
-  stream_->socket().close(ignored);
-  owner_.on_closed(self);
-}
+  void on_written() {
+    head_.clear();
+    if (left_ > 0) return write_next();
+    response_ = {};
+    if (!keeps_alive_) return part();
+    go_on();
+  }
 
-void HttpConnection::limit(std::chrono::seconds time) {
-  since_ = std::chrono::steady_clock::now();
-  timer_.expires_after(time);
-  timer_.async_wait([weak = weak_from_this()](const error_code& failed) {
-    const auto self = weak.lock();
-    if (failed || !self || self->timer_.expiry() > std::chrono::steady_clock::now()) return;
-    self->close();
-  });
-}
+  /// Closing at once, with something of the other end's unread, might lose it the answer.
+  void part() {
+    error_code ignored;  // then it is gone, which reading shows
+    stream_->socket().shutdown(tcp::socket::shutdown_send, ignored);
+    stream_->read_bare();
+    limit(kPartingTime);
+    discard();
+  }
+
+  void discard() {
+    stream_->async_read_some(asio::buffer(in_),
+                             [self = shared_from_this()](const error_code& failed, std::size_t) {
+                               if (self->is_closed_) return;
+                               if (failed) return self->close();
+                               self->discard();
+                             });
+  }
+
+  void limit(std::chrono::seconds time) {
+    since_ = std::chrono::steady_clock::now();
+    timer_.expires_after(time);
+    timer_.async_wait([weak = weak_from_this()](const error_code& failed) {
+      const auto self = weak.lock();
+      if (failed || !self || self->timer_.expiry() > std::chrono::steady_clock::now()) return;
+      self->close();
+    });
+  }
+
+  const tcp::endpoint peer_;
+  std::unique_ptr<Stream> stream_;  // null: given away
+  asio::thread_pool& files_;
+  HttpServer& owner_;
+  asio::steady_timer timer_;
+  std::chrono::steady_clock::time_point since_;
+  bool is_closed_ = false;
+
+  RequestReader reader_;
+  std::array<std::uint8_t, 4096> in_{};
+
+  // The answer that is being written.
+  HttpResponse response_;
+  std::string head_;
+  std::vector<std::uint8_t> piece_;  // of a file
+  std::uint64_t written_ = 0;
+  std::uint64_t left_ = 0;
+  bool keeps_alive_ = false;
+};
 
 HttpServer::HttpServer(asio::io_context& main, asio::thread_pool& files, const Settings& settings,
                        Metrics& metrics, FleetPage fleet)
@@ -227,8 +259,7 @@ void HttpServer::accept() {
     if (connections_.size() >= kMaxConnections) {
       longest_waiting(connections_, [](const auto& /*connection*/) { return true; })->close();
     }
-    auto connection = std::make_shared<HttpConnection>(std::move(socket), tls_.get(), files_,
-                                                       static_cast<HttpOwner&>(*this));
+    auto connection = std::make_shared<Connection>(std::move(socket), tls_.get(), files_, *this);
     connections_.insert(connection);
     connection->start();
     accept();
@@ -243,7 +274,7 @@ void HttpServer::accept_later() {
   });
 }
 
-void HttpServer::on_request(const HttpRequest& request, Answer answer) {
+void HttpServer::on_request(const HttpRequest& request, Router::Answer answer) {
   if (request.upgrade && router_.is_for_this_host(request)) {
     if (auto refusal = foxglove_->refusal_of(request)) return answer(std::move(*refusal));
   }
@@ -258,7 +289,7 @@ void HttpServer::on_upgrade(std::unique_ptr<Stream> stream, const HttpRequest& r
   foxglove_->accept(std::move(stream), request);
 }
 
-void HttpServer::on_closed(const std::shared_ptr<HttpConnection>& connection) {
+void HttpServer::on_closed(const std::shared_ptr<Connection>& connection) {
   connections_.erase(connection);
 }
 

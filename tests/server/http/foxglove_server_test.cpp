@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// With foxglove_viewer.cpp, of which each viewer has one.
 #include "server/http/foxglove_server.hpp"
 
 #include <gmock/gmock.h>
@@ -312,7 +311,7 @@ TEST_F(FoxgloveServerTest, WhatAViewerSaysWrongIsAnsweredAndCostsNothingElse) {
 TEST_F(FoxgloveServerTest, AMessageThatIsTooLongEndsTheConnection) {
   auto viewer = view();
   viewer.text();
-  viewer.send(std::string(FoxgloveViewer::kMostRequestBytes + 1, ' '));
+  viewer.send(std::string(FoxgloveServer::kMostRequestBytes + 1, ' '));
   EXPECT_EQ(viewer.read_to_end(), 0U);
   EXPECT_TRUE(view().is_open());
 }

@@ -301,7 +301,7 @@ TEST_F(HttpServerTest, WhoDoesNotReadIsCutAndOthersAreServed) {
   // Each waits its turn between the answer's pieces, so by then nothing more of that can be sent.
   const HttpClient other = browse();
   for (int i = 0; i < 200; ++i) ASSERT_EQ(other.get("/healthz").status, 200);
-  static_assert(HttpConnection::kPieceTime <= HttpConnection::kRequestTime);
+  static_assert(HttpServer::kPieceTime <= HttpServer::kRequestTime);
   const HttpClient clock = browse();  // is cut no sooner
   clock.send("GET");
   EXPECT_TRUE(clock.is_closed());
