@@ -37,10 +37,6 @@ void ServiceStatus::status(const std::string& text) {
   status_ = text;
 }
 
-void ServiceStatus::feed() { notify("WATCHDOG=1"); }
-
-void ServiceStatus::stopping() { notify("STOPPING=1"); }
-
 void ServiceStatus::notify([[maybe_unused]] const std::string& message) {
 #ifdef ORBBUF_SYSTEMD
   const int result = ::sd_notify(0, message.c_str());

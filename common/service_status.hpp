@@ -22,9 +22,9 @@ class ServiceStatus {
   /// STATUS=: one line for `systemctl status`. Sent if it has changed.
   void status(const std::string& text);
   /// WATCHDOG=1: every watched thread is alive.
-  void feed();
+  void feed() { notify("WATCHDOG=1"); }
   /// STOPPING=1: shutdown has begun.
-  void stopping();
+  void stopping() { notify("STOPPING=1"); }
 
  private:
   void notify(const std::string& message);

@@ -14,8 +14,6 @@ Pipeline::Pipeline(std::unique_ptr<FrameSource> source, const JpegSettings& jpeg
                    FrameBuffer& buffer, Events events)
     : source_(std::move(source)), buffer_(buffer), events_(std::move(events)), encoder_(jpeg) {}
 
-Pipeline::~Pipeline() { stop(); }
-
 void Pipeline::start() {
   // First, since the worker stops it when the stream fails.
   capture_ = std::jthread([this](const std::stop_token& stop) { capture(stop); });

@@ -33,7 +33,7 @@ class Pipeline {
   Pipeline(std::unique_ptr<FrameSource> source, const JpegSettings& jpeg, FrameBuffer& buffer,
            Events events);
   /// Stops as stop() does, and joins.
-  ~Pipeline();
+  ~Pipeline() { stop(); }
 
   void start();
   /// Asks the source to end; what has been captured is still encoded. `ended` follows.

@@ -38,16 +38,40 @@ class Reductions {
   }
 
   /// Whether next() has something.
-  bool is_wanting() const;
+  bool is_wanting() const {
+    return std::ranges::find(items_, State::kWanted, &Item::state) != items_.end();
+  }
+
   /// The most urgent job that is not begun, which is begun now.
-  std::optional<Job> next();
+  std::optional<Job> next() {
+    const auto item = std::ranges::find(items_, State::kWanted, &Item::state);
+    if (item == items_.end()) return std::nullopt;
+    item->state = State::kBegun;
+    return item->job;
+  }
+
   /// What came of a job; null: the frame cannot be made smaller.
-  void on_made(const Job& job, FramePtr reduced);
+  void on_made(const Job& job, FramePtr reduced) {
+    for (Item& item : items_) {
+      if (item.job.whole != job.whole) continue;
+      // Another quality may be wanted by now: then this one serves until that is made.
+      if (item.job.quality == job.quality) item.state = reduced ? State::kMade : State::kFailed;
+      if (reduced) item.reduced = std::move(reduced);
+      return;
+    }
+  }
 
   /// The frame as it was made smaller last; null if it was not.
-  FramePtr reduced(const FramePtr& whole) const;
+  FramePtr reduced(const FramePtr& whole) const {
+    const Item* const item = find(whole);
+    return item ? item->reduced : nullptr;
+  }
+
   /// Whether that was tried and cannot be done.
-  bool has_failed(const FramePtr& whole) const;
+  bool has_failed(const FramePtr& whole) const {
+    const Item* const item = find(whole);
+    return item && item->state == State::kFailed;
+  }
 
  private:
   enum class State { kWanted, kBegun, kMade, kFailed };
@@ -58,45 +82,12 @@ class Reductions {
   };
   using Items = boost::container::static_vector<Item, Jobs::static_capacity>;
 
-  const Item* find(const FramePtr& whole) const;
+  const Item* find(const FramePtr& whole) const {
+    const auto item = std::ranges::find(items_, whole, [](const Item& i) { return i.job.whole; });
+    return item == items_.end() ? nullptr : &*item;
+  }
 
   Items items_;
 };
-
-inline bool Reductions::is_wanting() const {
-  return std::ranges::find(items_, State::kWanted, &Item::state) != items_.end();
-}
-
-inline std::optional<Reductions::Job> Reductions::next() {
-  const auto item = std::ranges::find(items_, State::kWanted, &Item::state);
-  if (item == items_.end()) return std::nullopt;
-  item->state = State::kBegun;
-  return item->job;
-}
-
-inline void Reductions::on_made(const Job& job, FramePtr reduced) {
-  for (Item& item : items_) {
-    if (item.job.whole != job.whole) continue;
-    // Another quality may be wanted by now: then this one serves until that is made.
-    if (item.job.quality == job.quality) item.state = reduced ? State::kMade : State::kFailed;
-    if (reduced) item.reduced = std::move(reduced);
-    return;
-  }
-}
-
-inline FramePtr Reductions::reduced(const FramePtr& whole) const {
-  const Item* const item = find(whole);
-  return item ? item->reduced : nullptr;
-}
-
-inline bool Reductions::has_failed(const FramePtr& whole) const {
-  const Item* const item = find(whole);
-  return item && item->state == State::kFailed;
-}
-
-inline const Reductions::Item* Reductions::find(const FramePtr& whole) const {
-  const auto item = std::ranges::find(items_, whole, [](const Item& i) { return i.job.whole; });
-  return item == items_.end() ? nullptr : &*item;
-}
 
 }  // namespace orbbuf

@@ -56,8 +56,15 @@ class AttemptPace {
   static constexpr Duration kLongestInOutage = std::chrono::seconds(1);
   static constexpr Duration kLongestRefused = std::chrono::seconds(10);
 
-  Duration interval(Time now) const;
-  Duration slowed(Duration interval) const;
+  Duration interval(Time now) const {
+    return std::max({shortest_, 2 * round_trip_ / (at_once_ - 1),
+                     std::min(outage(now) / kPartOfOutage, kLongestInOutage)});
+  }
+
+  Duration slowed(Duration interval) const {
+    for (int i = 0; i < refusals_ && interval < kLongestRefused; ++i) interval *= 2;
+    return refusals_ > 0 ? std::min(interval, kLongestRefused) : interval;
+  }
 
   const Duration shortest_;
   const unsigned at_once_;
@@ -69,15 +76,5 @@ class AttemptPace {
   Duration round_trip_{0};
   int refusals_ = 0;
 };
-
-inline AttemptPace::Duration AttemptPace::interval(Time now) const {
-  return std::max({shortest_, 2 * round_trip_ / (at_once_ - 1),
-                   std::min(outage(now) / kPartOfOutage, kLongestInOutage)});
-}
-
-inline AttemptPace::Duration AttemptPace::slowed(Duration interval) const {
-  for (int i = 0; i < refusals_ && interval < kLongestRefused; ++i) interval *= 2;
-  return refusals_ > 0 ? std::min(interval, kLongestRefused) : interval;
-}
 
 }  // namespace orbbuf

@@ -29,8 +29,6 @@ const std::string& LinkInterfaces::next() {
   return name;
 }
 
-void LinkInterfaces::on_stall() { turn_ = first_ = (stream_ + 1) % names_.size(); }
-
 void LinkInterfaces::on_connected(const std::string& interface, Time now) {
   const std::size_t before = std::exchange(
       stream_, static_cast<std::size_t>(std::ranges::find(names_, interface) - names_.begin()));

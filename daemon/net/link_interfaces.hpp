@@ -33,7 +33,7 @@ class LinkInterfaces {
   /// The next attempts begin with the preferred one.
   void start_over() { turn_ = first_ = 0; }
   /// The stream's interface fails it: the next attempts begin with the one after.
-  void on_stall();
+  void on_stall() { turn_ = first_ = (stream_ + 1) % names_.size(); }
 
   /// The stream is on `interface` from `now`.
   void on_connected(const std::string& interface, Time now);

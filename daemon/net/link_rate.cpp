@@ -115,8 +115,6 @@ void LinkRate::add(const Observation& seen, double weight) {
   passed_s_ = kept * passed_s_ + service_s + weight * seen.idle_s;
 }
 
-double LinkRate::bytes_per_s() const { return service_s_ > 0 ? bytes_ / service_s_ : 0; }
-
 double LinkRate::bytes_per_s(Time now, std::chrono::nanoseconds round_trip) const {
   return is_doubtful(now, round_trip) ? bytes_per_s() / kSlow : bytes_per_s();
 }

@@ -39,7 +39,7 @@ class LinkRate {
   /// 0 until a frame has been received. An outage does not change it: one observation counts
   /// for at most four times as long as expected. The second one in a row that takes at least twice
   /// as long as expected is the new rate.
-  double bytes_per_s() const;
+  double bytes_per_s() const { return service_s_ > 0 ? bytes_ / service_s_ : 0; }
   /// Half of that while the link may have become slow: the last observation, or a frame on its
   /// way, takes more than twice as long as expected.
   double bytes_per_s(Time now, std::chrono::nanoseconds round_trip) const;

@@ -222,8 +222,6 @@ ServerAddresses::Server* ServerAddresses::next_in_turn(Time now, const Server* e
   return chosen;
 }
 
-ServerAddress ServerAddresses::next_of(Server& server) { return {server.name, server.next()}; }
-
 ServerAddress ServerAddresses::next(Time now) {
   if (preferred_ && is_known(*preferred_)) return next_of(*find(servers_, *preferred_));
   return next_of(*next_in_turn(now, nullptr));

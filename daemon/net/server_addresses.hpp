@@ -118,7 +118,7 @@ class ServerAddresses {
   /// Of those with an address but `except`: the next in turn that is ready, else the next that will
   /// be. Null without one.
   Server* next_in_turn(Time now, const Server* except);
-  ServerAddress next_of(Server& server);
+  ServerAddress next_of(Server& server) { return {server.name, server.next()}; }
   /// The servers may be tried again whatever they said.
   void forget_failures();
 

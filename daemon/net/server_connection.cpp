@@ -201,10 +201,6 @@ void ServerConnection::on_error(const wire::ErrorMessage& error) {
   refuse({"the server moves this robot to " + to_string(*moved_to_)});
 }
 
-std::optional<TcpProgress> ServerConnection::progress() {
-  return tcp_progress(stream_.socket().native_handle());
-}
-
 void ServerConnection::refuse(const Error& error) {
   was_refused_ = true;
   fail(error);

@@ -90,7 +90,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   void write(FramePtr frame);
 
   /// What the kernel says of the sending side; nothing if it cannot tell.
-  std::optional<TcpProgress> progress();
+  std::optional<TcpProgress> progress() { return tcp_progress(stream_.socket().native_handle()); }
 
   /// Ends the connection at once, unsent bytes and all. No more calls to the owner.
   void close();

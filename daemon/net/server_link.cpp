@@ -373,10 +373,6 @@ void ServerLink::on_ack(const wire::Ack& ack) {
   owner_.on_ack(ack);
 }
 
-void ServerLink::on_bye(const wire::Position& position) { owner_.on_bye(position); }
-
-void ServerLink::on_writable() { owner_.on_writable(); }
-
 void ServerLink::watch() {
   watch_timer_.expires_after(kWatchInterval);
   watch_timer_.async_wait([this](const error_code& error) {

@@ -162,8 +162,8 @@ class ServerLink final : private ServerConnection::Owner {
   std::optional<Error> refusal_of(const wire::Position& position) override;
   void on_welcome(const wire::Position& position) override;
   void on_ack(const wire::Ack& ack) override;
-  void on_bye(const wire::Position& position) override;
-  void on_writable() override;
+  void on_bye(const wire::Position& position) override { owner_.on_bye(position); }
+  void on_writable() override { owner_.on_writable(); }
   void on_failed(const ServerConnection& from, const Error& error) override;
 
   struct Attempt {

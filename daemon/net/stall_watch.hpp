@@ -22,12 +22,31 @@ class AckWatch {
   explicit AckWatch(std::chrono::nanoseconds timeout) : timeout_(timeout) {}
 
   /// A new connection begins.
-  void restart();
+  void restart() {
+    owed_ = acknowledged_ = 0;
+    taken_.reset();
+    silent_for_ = std::chrono::nanoseconds(0);
+  }
+
   /// A frame is written to it.
   void on_frame(Sequence sequence) { owed_ = sequence + 1; }
-  void on_ack(const wire::Ack& ack);
+
+  /// Any word of it counts, even one that repeats the last.
+  void on_ack(const wire::Ack& ack) {
+    acknowledged_ = ack.position[wire::kFrames];
+    taken_.reset();
+  }
+
   /// What the kernel says of it `now`; nothing if it cannot tell, which counts as taken.
-  void look(const std::optional<TcpProgress>& progress, Time now);
+  void look(const std::optional<TcpProgress>& progress, Time now) {
+    const bool is_outstanding = progress && (progress->is_waiting() || progress->unsent_bytes > 0);
+    if (owed_ <= acknowledged_) {
+      taken_.reset();
+    } else if (!taken_ && !is_outstanding) {
+      taken_ = now;
+    }
+    silent_for_ = taken_ ? now - *taken_ : std::chrono::nanoseconds(0);
+  }
 
   /// How long, at the last look, the server had owed an answer.
   std::chrono::nanoseconds silent_for() const { return silent_for_; }
@@ -41,28 +60,6 @@ class AckWatch {
   std::chrono::nanoseconds silent_for_{0};
 };
 
-inline void AckWatch::restart() {
-  owed_ = acknowledged_ = 0;
-  taken_.reset();
-  silent_for_ = std::chrono::nanoseconds(0);
-}
-
-/// Any word of it counts, even one that repeats the last.
-inline void AckWatch::on_ack(const wire::Ack& ack) {
-  acknowledged_ = ack.position[wire::kFrames];
-  taken_.reset();
-}
-
-inline void AckWatch::look(const std::optional<TcpProgress>& progress, Time now) {
-  const bool is_outstanding = progress && (progress->is_waiting() || progress->unsent_bytes > 0);
-  if (owed_ <= acknowledged_) {
-    taken_.reset();
-  } else if (!taken_ && !is_outstanding) {
-    taken_ = now;
-  }
-  silent_for_ = taken_ ? now - *taken_ : std::chrono::nanoseconds(0);
-}
-
 /// Tells a stalled connection from a slow one by what its kernel says: something is outstanding, be
 /// it but a probe of a full window, and the peer's kernel acknowledges nothing for `timeout`, or
 /// for two round trips where that is longer. Knows no clock and no socket. Reentrant.
@@ -73,9 +70,23 @@ class StallWatch {
   explicit StallWatch(std::chrono::nanoseconds timeout) : timeout_(timeout) {}
 
   /// A new connection begins.
-  void restart(Time now);
+  void restart(Time now) {
+    acked_bytes_ = 0;
+    moved_time_ = now;
+    still_for_ = std::chrono::nanoseconds(0);
+    limit_ = timeout_;
+  }
+
   /// What the kernel says of it `now`; nothing if it cannot tell, which counts as moving.
-  void look(const std::optional<TcpProgress>& progress, Time now);
+  void look(const std::optional<TcpProgress>& progress, Time now) {
+    if (!progress || !progress->is_waiting() || progress->acked_bytes != acked_bytes_) {
+      restart(now);
+      if (progress) acked_bytes_ = progress->acked_bytes;
+      return;
+    }
+    still_for_ = now - moved_time_;
+    limit_ = std::max<std::chrono::nanoseconds>(timeout_, 2 * progress->round_trip);
+  }
 
   /// How long, at the last look, nothing had moved that should have.
   std::chrono::nanoseconds still_for() const { return still_for_; }
@@ -89,22 +100,5 @@ class StallWatch {
   std::uint64_t acked_bytes_ = 0;  // when last seen to grow
   Time moved_time_;                // when that was
 };
-
-inline void StallWatch::restart(Time now) {
-  acked_bytes_ = 0;
-  moved_time_ = now;
-  still_for_ = std::chrono::nanoseconds(0);
-  limit_ = timeout_;
-}
-
-inline void StallWatch::look(const std::optional<TcpProgress>& progress, Time now) {
-  if (!progress || !progress->is_waiting() || progress->acked_bytes != acked_bytes_) {
-    restart(now);
-    if (progress) acked_bytes_ = progress->acked_bytes;
-    return;
-  }
-  still_for_ = now - moved_time_;
-  limit_ = std::max<std::chrono::nanoseconds>(timeout_, 2 * progress->round_trip);
-}
 
 }  // namespace orbbuf

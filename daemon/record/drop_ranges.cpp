@@ -45,6 +45,4 @@ void DropRanges::remove_below(Sequence number) {
   }
 }
 
-DropRecord DropRanges::take_first() { return ranges_.extract(ranges_.begin()).mapped(); }
-
 }  // namespace orbbuf

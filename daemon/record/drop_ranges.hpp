@@ -27,7 +27,7 @@ class DropRanges {
   /// Those of which all numbers are below `number`.
   void remove_below(Sequence number);
   /// The one with the lowest numbers. Requires !is_empty().
-  DropRecord take_first();
+  DropRecord take_first() { return ranges_.extract(ranges_.begin()).mapped(); }
 
   bool is_empty() const { return ranges_.empty(); }
   std::size_t size() const { return ranges_.size(); }

@@ -196,8 +196,6 @@ void RecordState::end() {
   is_noted_ = true;
 }
 
-bool RecordState::keep(Sequence sequence) { return present().kept.add({sequence}); }
-
 std::optional<KeptId> RecordState::find_present(Sequence sequence) {
   if (present().kept.find(sequence) == nullptr) return std::nullopt;
   return KeptId{sessions_.rbegin()->first, sequence};

@@ -83,7 +83,7 @@ class RecordState {
   /// Nothing more comes.
   void end();
   /// False: it is held already.
-  bool keep(Sequence sequence);
+  bool keep(Sequence sequence) { return present().kept.add({sequence}); }
   /// Nothing: it is not held.
   std::optional<KeptId> find_present(Sequence sequence);
   /// It is written; adds it to its segment.

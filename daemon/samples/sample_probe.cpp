@@ -26,8 +26,6 @@ SampleProbe::SampleProbe(SampleStreamSettings settings)
         io_.run();
       }) {}
 
-SampleProbe::~SampleProbe() { io_.stop(); }
-
 void SampleProbe::end(std::int64_t first_ns, std::int64_t last_ns) {
   io_.stop();
   thread_.join();

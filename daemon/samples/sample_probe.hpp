@@ -21,7 +21,7 @@ class SampleProbe {
   explicit SampleProbe(SampleStreamSettings settings);
   SampleProbe(const SampleProbe&) = delete;
   SampleProbe& operator=(const SampleProbe&) = delete;
-  ~SampleProbe();
+  ~SampleProbe() { io_.stop(); }
 
   /// The times of the first and the last frame. No more samples are taken; those of a file come
   /// now, all of them, and of a generated sensor those of that time and 0.3 s more.

@@ -193,10 +193,6 @@ void Fleet::async_stop(std::function<void()> stopped) {
   });
 }
 
-std::string Fleet::session_in(const std::string& folder) const {
-  return parse_folder(folder).session_id;
-}
-
 void Fleet::async_enter(const SessionKey& key, Entered entered) {
   if (parse_folder(key.second).epoch > 1) {
     return entered(Error{key.second + " is the name of a later part of a session"});

@@ -86,7 +86,9 @@ class Fleet final : public SessionClaims {
   /// A robot wants that session here, and gets it, unless this server drains, or the session is new
   /// and another server has fewer robots. May answer from within the call.
   void async_enter(const SessionKey& session, std::function<void(Outcome)> entered) override;
-  std::string session_in(const std::string& folder) const override;
+  std::string session_in(const std::string& folder) const override {
+    return parse_folder(folder).session_id;
+  }
   std::string refuge() const override;
 
   /// From here on no session begins. `done` when the others know; an error if there is none.

@@ -23,8 +23,6 @@ Membership::Membership(boost::asio::io_context& main, KeyStore& store, ServerEnt
       robots_(std::move(robots)),
       timer_(main) {}
 
-void Membership::start() { beat(); }
-
 void Membership::beat() {
   self_.robots = robots_();
   if (lease_ == 0) return join();

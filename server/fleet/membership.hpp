@@ -29,7 +29,7 @@ class Membership {
   /// A key of that name which another server has written is not replaced. If it is there for longer
   /// than the lease of a server that has died, this one must not serve: start() leads to a
   /// std::runtime_error out of the io_context's run(), before any robot is taken.
-  void start();
+  void start() { beat(); }
   /// Gives up the lease, so that others need not wait for its end; takes at most a second.
   void async_stop(std::function<void()> stopped);
   /// From here on others may take this server's sessions. `done` when they can know.

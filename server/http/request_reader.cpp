@@ -48,8 +48,6 @@ bool is_own_page(const std::string& page_host, const std::string& host) {
   return page && (page->is_loopback() || page == address_of(host));
 }
 
-RequestReader::RequestReader() { begin(); }
-
 void RequestReader::begin() {
   parser_.emplace();
   parser_->header_limit(kMaxBytes);

@@ -41,7 +41,7 @@ class RequestReader {
   static constexpr std::uint32_t kMaxBytes = 8192;  ///< of a request; more is refused
   static constexpr unsigned kBadRequest = 400;
 
-  RequestReader();
+  RequestReader() { begin(); }
 
   void add(std::span<const std::uint8_t> bytes);
   /// The next request; nothing if more bytes are needed, or after a fault.

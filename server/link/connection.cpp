@@ -77,8 +77,6 @@ void Connection::refuse(std::string_view why, LogLevel level) {
   fail({ErrorCode::kRefused, std::string(why)}, level);
 }
 
-void Connection::move(const std::string& address) { on_moved(address); }
-
 void Connection::on_attached(wire::Position position) {
   state_ = State::kServing;
   log_info("{}: session {} at frame {}, {}", name(), session_->info().session_id,
@@ -111,8 +109,6 @@ void Connection::on_moved(const std::string& address) {
   log_info("{}: sent to {}", name(), address);
   part(encode(wire::ErrorMessage{ErrorCode::kMoved, address}));
 }
-
-void Connection::on_ended(wire::Position position) { part(encode(wire::Bye{position})); }
 
 void Connection::read() {
   if (state_ == State::kServing) start_timer(settings_.idle_timeout);
@@ -410,8 +406,6 @@ void Connection::start_timer(std::chrono::nanoseconds time) {
   deadline_ = std::chrono::steady_clock::now() + time;
   if (!is_timer_running_ || deadline_ < timer_.expiry()) await_deadline();
 }
-
-void Connection::stop_timer() { deadline_ = std::chrono::steady_clock::time_point::max(); }
 
 /// Replaces the timer that runs, even one whose handler is already on its way.
 void Connection::await_deadline() {

@@ -78,7 +78,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   /// Answers the hello, or ends the wait for one, by an error message and the end.
   void refuse(std::string_view why, LogLevel level = LogLevel::kWarn);
   /// Answers the hello by the address of another server.
-  void move(const std::string& address);
+  void move(const std::string& address) { on_moved(address); }
   /// Tells the robot that this server lives.
   void beat() { on_kept(); }
   bool is_introduced() const { return state_ > State::kHello; }
@@ -94,7 +94,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void on_kept() override;
   void on_replaced() override;
   void on_moved(const std::string& address) override;
-  void on_ended(wire::Position position) override;
+  void on_ended(wire::Position position) override { part(encode(wire::Bye{position})); }
 
  private:
   enum class State : std::uint8_t { kHandshake, kHello, kJoining, kServing, kParting, kClosed };
@@ -133,7 +133,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void send(std::vector<std::uint8_t> message);
   void send_next();
   void start_timer(std::chrono::nanoseconds time);
-  void stop_timer();
+  void stop_timer() { deadline_ = std::chrono::steady_clock::time_point::max(); }
   void await_deadline();
   void on_deadline();
   std::string name() const;

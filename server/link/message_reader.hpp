@@ -25,7 +25,29 @@ class LateAssembly {
   /// The frame, if this was its last part. A fault, after which no part may follow, if the part is
   /// not the next one, the frame is too large, or the parts are no frame.
   wire::Parsed<std::optional<wire::LateFrame>> add(std::uint64_t number,
-                                                   const wire::LatePart& part);
+                                                   const wire::LatePart& part) {
+    const bool is_first = record_.empty();
+    if (number != number_ || part.offset != record_.size() ||
+        (!is_first && part.record_bytes != record_bytes_)) {
+      return wire::Fault{wire::ErrorCode::kUnexpected,
+                         fmt::format("late frame {} from byte {} on, not {} from {} on", number,
+                                     part.offset, number_, record_.size())};
+    }
+    const std::uint64_t limit =
+        std::max<std::uint64_t>(max_jpeg_bytes_, wire::kMaxItemsBytes) + wire::kMaxLateHeadBytes;
+    if (part.record_bytes > limit) {
+      return wire::Fault{
+          wire::ErrorCode::kTooLarge,
+          fmt::format("late frame of {} bytes is over the limit of {}", part.record_bytes, limit)};
+    }
+    record_bytes_ = part.record_bytes;
+    record_.insert(record_.end(), part.bytes.begin(), part.bytes.end());
+    if (record_.size() < record_bytes_) return std::optional<wire::LateFrame>();
+    auto frame = wire::parse_late_record(std::exchange(record_, {}));
+    if (!frame) return std::move(frame).error();
+    ++number_;
+    return std::optional(std::move(frame).value());
+  }
 
  private:
   const std::uint32_t max_jpeg_bytes_;
@@ -33,31 +55,6 @@ class LateAssembly {
   std::uint32_t record_bytes_ = 0;    // of it; known since its first part
   std::vector<std::uint8_t> record_;  // what has come of it
 };
-
-inline wire::Parsed<std::optional<wire::LateFrame>> LateAssembly::add(std::uint64_t number,
-                                                                      const wire::LatePart& part) {
-  const bool is_first = record_.empty();
-  if (number != number_ || part.offset != record_.size() ||
-      (!is_first && part.record_bytes != record_bytes_)) {
-    return wire::Fault{wire::ErrorCode::kUnexpected,
-                       fmt::format("late frame {} from byte {} on, not {} from {} on", number,
-                                   part.offset, number_, record_.size())};
-  }
-  const std::uint64_t limit =
-      std::max<std::uint64_t>(max_jpeg_bytes_, wire::kMaxItemsBytes) + wire::kMaxLateHeadBytes;
-  if (part.record_bytes > limit) {
-    return wire::Fault{
-        wire::ErrorCode::kTooLarge,
-        fmt::format("late frame of {} bytes is over the limit of {}", part.record_bytes, limit)};
-  }
-  record_bytes_ = part.record_bytes;
-  record_.insert(record_.end(), part.bytes.begin(), part.bytes.end());
-  if (record_.size() < record_bytes_) return std::optional<wire::LateFrame>();
-  auto frame = wire::parse_late_record(std::exchange(record_, {}));
-  if (!frame) return std::move(frame).error();
-  ++number_;
-  return std::optional(std::move(frame).value());
-}
 
 /// A message as it came: the header is checked, the body complete but not parsed. A frame's body is
 /// in two pieces, as wire::parse_frame() takes it.

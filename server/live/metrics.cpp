@@ -288,8 +288,6 @@ std::string RobotMetrics::state() const {
   return is_connected_ ? "connected" : "disconnected";
 }
 
-double RobotMetrics::frame_rate(Time now) const { return ended_ ? 0 : rate_.per_second(now); }
-
 std::shared_ptr<RobotMetrics> Metrics::begin(const SessionInfo& info) {
   auto metrics = std::make_shared<RobotMetrics>(info, keep_frames_, watcher_);
   auto& latest = robots_[info.robot_id];

@@ -194,7 +194,7 @@ class RobotMetrics {
   /// By name, once the robot has reported.
   const std::map<std::string, StreamMetrics>& streams() const { return streams_; }
   /// Frames a second, of the last second or two.
-  double frame_rate(Time now) const;
+  double frame_rate(Time now) const { return ended_ ? 0 : rate_.per_second(now); }
 
   /// The robot's own word, and when it came.
   const std::optional<wire::Report>& report() const { return report_; }

@@ -59,8 +59,6 @@ Retention::Retention(asio::io_context& main, asio::thread_pool& pool, Options op
       timer_(main),
       survey_(options_.path) {}
 
-void Retention::start() { survey(true); }
-
 void Retention::wake() {
   if (is_stopped_ || !std::exchange(is_idle_, false)) return;
   timer_.cancel();

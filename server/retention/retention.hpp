@@ -32,26 +32,24 @@ class ClockTrust {
   static constexpr std::chrono::hours kQuarantine{24};
 
   /// last_write: of the newest recording.
-  bool trusts(const SystemClockReading& now, std::chrono::system_clock::time_point last_write);
+  bool trusts(const SystemClockReading& now, std::chrono::system_clock::time_point last_write) {
+    const bool has_jumped =
+        last_ ? std::chrono::abs(now.wall - last_->wall - (now.since_boot - last_->since_boot)) >
+                    kMostStep
+              : now.wall - last_write > kMostGap;
+    last_ = now;
+    if (now.is_synchronised) {
+      quarantine_end_ = {};
+    } else if (has_jumped) {
+      quarantine_end_ = now.since_boot + kQuarantine;
+    }
+    return now.since_boot >= quarantine_end_;
+  }
 
  private:
   std::optional<SystemClockReading> last_;
   std::chrono::nanoseconds quarantine_end_{0};  // since boot
 };
-
-inline bool ClockTrust::trusts(const SystemClockReading& now,
-                               std::chrono::system_clock::time_point last_write) {
-  const bool has_jumped = last_ ? std::chrono::abs(now.wall - last_->wall -
-                                                   (now.since_boot - last_->since_boot)) > kMostStep
-                                : now.wall - last_write > kMostGap;
-  last_ = now;
-  if (now.is_synchronised) {
-    quarantine_end_ = {};
-  } else if (has_jumped) {
-    quarantine_end_ = now.since_boot + kQuarantine;
-  }
-  return now.since_boot >= quarantine_end_;
-}
 
 /// Removes a folder and all that is in it, following no link, until `deadline`, by and large. True:
 /// it is gone; false: there is more of it. Blocking; reentrant.
@@ -88,7 +86,7 @@ class Retention : public std::enable_shared_from_this<Retention> {
   Retention(boost::asio::io_context& main, boost::asio::thread_pool& pool, Options options,
             IsOpen is_open);
 
-  void start();
+  void start() { survey(true); }
   /// Looks at once: a disk is full, say. Does nothing while a pass is under way.
   void wake();
   /// Nothing more is begun, and no timer is left in `main`.

@@ -282,10 +282,6 @@ std::optional<Error> SessionStore::note(const RecordedReport& report) {
   return std::nullopt;
 }
 
-std::optional<Error> SessionStore::note_part(const RecordedPart& part) {
-  return append_to_folder(part);
-}
-
 std::optional<Error> SessionStore::take_account(const wire::Account& account) {
   const auto now = std::chrono::steady_clock::now();
   const auto& known = summary_.account;

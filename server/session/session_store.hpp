@@ -84,7 +84,7 @@ class SessionStore {
 
   /// Of a session without a folder it is kept once there is one.
   std::optional<Error> note(const RecordedReport& report);
-  std::optional<Error> note_part(const RecordedPart& part);
+  std::optional<Error> note_part(const RecordedPart& part) { return append_to_folder(part); }
   /// What the robot knows of the session. What only counts on is recorded every kAccountInterval.
   std::optional<Error> take_account(const wire::Account& account);
   static constexpr std::chrono::seconds kAccountInterval{5};

@@ -232,6 +232,4 @@ void SessionStores::close_idle(std::size_t most) {
   }
 }
 
-void SessionStores::stop() { close_idle(0); }
-
 }  // namespace orbbuf

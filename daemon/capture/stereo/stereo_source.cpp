@@ -126,6 +126,4 @@ void StereoSource::add(Side side, RawFrame frame) {
   logged_ = unpaired;
 }
 
-std::string StereoSource::description() const { return description_; }
-
 }  // namespace orbbuf

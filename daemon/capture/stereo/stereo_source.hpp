@@ -73,7 +73,7 @@ class StereoSource : public FrameSource {
   /// Throws what a camera threw. Ends when both have, or with `stop`, which ends them too.
   std::optional<RawFrame> next(std::stop_token stop) override;
   bool is_live() const override { return true; }
-  std::string description() const override;
+  std::string description() const override { return description_; }
 
  private:
   void capture(Side side, const std::stop_token& stop);

@@ -48,10 +48,6 @@ void OutputLog::log_line(Moment now) {
   log_info("{}: {}{}", label_, printable(line), is_cut ? "..." : "");
 }
 
-void OutputLog::log_left_out() {
-  log_info("{}: ({} lines left out)", label_, std::exchange(left_out_, 0));
-}
-
 bool OutputLog::lets_through(Moment now) {
   if (counted_until_ != Moment::min()) {
     const std::chrono::duration<double> passed = now - counted_until_;

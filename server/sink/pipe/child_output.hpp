@@ -36,7 +36,7 @@ class OutputLog {
 
  private:
   void log_line(Moment now);
-  void log_left_out();
+  void log_left_out() { log_info("{}: ({} lines left out)", label_, std::exchange(left_out_, 0)); }
   bool lets_through(Moment now);
 
   const std::string label_;

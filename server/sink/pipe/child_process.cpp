@@ -267,6 +267,4 @@ std::optional<Error> ChildProcess::watch(pid_t pid, UniqueFd output, std::functi
   return std::nullopt;
 }
 
-std::string ChildProcess::name() const { return "command \"" + command_ + "\""; }
-
 }  // namespace orbbuf

@@ -67,7 +67,7 @@ class ChildProcess final : public PipeReader {
   /// Starts the command, and is an error if that fails. Empty while the last child still runs, or
   /// it is too early or too late for another one. gone: the child has ended.
   Result<UniqueFd> connect(std::function<void()> gone) override;
-  std::string name() const override;
+  std::string name() const override { return "command \"" + command_ + "\""; }
 
  private:
   struct Child;

@@ -45,8 +45,6 @@ PipeSink::PipeSink(asio::io_context& main, asio::thread_pool& pool, const Sessio
   awaited_ = 0;
 }
 
-void PipeSink::start() { look_for_reader(); }
-
 void PipeSink::async_write(FramePtr frame, Done done) {
   assert(!call_);
   call_ = Call{std::move(frame), std::move(done)};

@@ -85,7 +85,7 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
       WallClock now = [] { return std::chrono::system_clock::now().time_since_epoch(); });
 
   /// Begins to look for a reader. Once, before anything else.
-  void start();
+  void start() { look_for_reader(); }
 
   void async_write(FramePtr frame, Done done) override;
   bool takes_items() const override { return true; }
