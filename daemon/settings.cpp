@@ -16,9 +16,8 @@
 
 #include "common/config.hpp"
 #include "common/file_io.hpp"
-#include "common/is_kalibr.hpp"
 #include "common/log.hpp"
-#include "common/take_line.hpp"
+#include "common/text_lines.hpp"
 #include "common/wire.hpp"
 #include "daemon/capture/camera_formats.hpp"
 

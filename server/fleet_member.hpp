@@ -6,7 +6,7 @@
 #include <functional>
 #include <memory>
 
-#include "server/http/fleet_page.hpp"
+#include "server/http/router.hpp"
 #include "server/link/listener.hpp"
 #include "server/live/control_socket.hpp"
 #include "server/settings.hpp"

@@ -17,7 +17,6 @@
 #include "daemon/net/attempt_pace.hpp"
 #include "daemon/net/link_interfaces.hpp"
 #include "daemon/net/network_news.hpp"
-#include "daemon/net/segment_size.hpp"
 #include "daemon/net/server_addresses.hpp"
 #include "daemon/net/server_connection.hpp"
 #include "daemon/net/stall_watch.hpp"

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/record/record.hpp"
 
-#include <algorithm>
 #include <stdexcept>
 #include <system_error>
 

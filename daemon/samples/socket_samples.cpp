@@ -10,7 +10,7 @@
 #include <utility>
 
 #include "common/log.hpp"
-#include "common/take_line.hpp"
+#include "common/text_lines.hpp"
 
 namespace orbbuf {
 namespace {

@@ -4,14 +4,10 @@
 #include <fmt/core.h>
 #include <fmt/format.h>
 
-#include <array>
-#include <cmath>
 #include <span>
 
 #include "common/decimal.hpp"
-#include "common/is_kalibr.hpp"
-#include "common/take_line.hpp"
-#include "server/calibration/kalibr.hpp"
+#include "common/text_lines.hpp"
 
 namespace orbbuf {
 namespace {

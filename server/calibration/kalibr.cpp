@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/calibration/kalibr.hpp"
-
 #include <fmt/core.h>
 #include <yaml-cpp/yaml.h>
 
 #include <array>
 #include <cmath>
 #include <string>
+
+#include "server/calibration/calibration.hpp"
 
 namespace orbbuf {
 namespace {

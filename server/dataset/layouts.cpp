@@ -6,12 +6,10 @@
 
 #include <algorithm>
 #include <optional>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include "common/decimal.hpp"
-#include "common/is_kalibr.hpp"
+#include "common/text_lines.hpp"
 #include "server/calibration/calibration.hpp"
 #include "server/session/session_lines.hpp"
 #include "server/session/session_names.hpp"

@@ -3,12 +3,28 @@
 
 #include <array>
 #include <cstdint>
+#include <string>
 #include <string_view>
+#include <vector>
 
-#include "server/dataset/dataset.hpp"
 #include "server/session/session_reader.hpp"
 
 namespace orbbuf {
+
+/// What a folder in some layout consists of; paths are relative to it.
+struct Dataset {
+  struct Image {
+    std::string from;  ///< in the session's folder
+    std::string to;
+  };
+  struct Text {
+    std::string to;
+    std::string content;
+  };
+  std::vector<Image> images;
+  std::vector<Text> texts;
+  std::vector<std::string> notes;  ///< what the layout cannot say of a session, one line each
+};
 
 bool is_stereo(const RecordedSession& session);
 

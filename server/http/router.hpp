@@ -8,12 +8,21 @@
 #include <string>
 #include <vector>
 
-#include "server/http/fleet_page.hpp"
+#include "common/error.hpp"
 #include "server/http/request_reader.hpp"
 #include "server/http/response.hpp"
 #include "server/live/metrics.hpp"
 
 namespace orbbuf {
+
+/// What the page shows of a fleet of servers; empty functions: this server is alone.
+struct FleetPage {
+  /// Servers and a page of sessions, from `from` on, as JSON: the answer comes later, or from
+  /// within the call.
+  std::function<void(const std::string& from, std::function<void(const Result<std::string>&)>)>
+      overview;
+  std::function<std::string()> metrics;  ///< in Prometheus' form
+};
 
 /// What there is to be seen, by path (docs/live-page.md). Read-only. Thread-bound to `main`; what
 /// reads the disk is done on `files`.

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/buffer/size_model.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
+
+#include "daemon/buffer/send_planner.hpp"
 
 namespace orbbuf {
 namespace {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/net/segment_size.hpp"
-
 #include <gtest/gtest.h>
+
+#include "daemon/net/attempt_pace.hpp"
 
 namespace orbbuf {
 namespace {

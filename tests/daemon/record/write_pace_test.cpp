@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/record/write_pace.hpp"
-
 #include <gtest/gtest.h>
+
+#include "daemon/record/record.hpp"
 
 namespace orbbuf {
 namespace {

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/calibration/kalibr.hpp"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <string>
 
+#include "server/calibration/calibration.hpp"
 #include "server/calibration/camera_info.hpp"
 
 namespace orbbuf {

@@ -14,4 +14,13 @@ inline std::string_view take_line(std::string_view& text) {
   return line;
 }
 
+/// A line of a calibration begins with `cam0:`, as in Kalibr's camchain.yaml. Otherwise it is DSO's
+/// camera.txt.
+inline bool is_kalibr(std::string_view calibration) {
+  while (!calibration.empty()) {
+    if (take_line(calibration).starts_with("cam0:")) return true;
+  }
+  return false;
+}
+
 }  // namespace orbbuf
