@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <string_view>
+#include <vector>
 
 namespace orbbuf {
 
@@ -12,6 +13,19 @@ inline std::string_view take_line(std::string_view& text) {
   const std::string_view line = text.substr(0, end);
   text.remove_prefix(std::min(end + 1, text.size()));
   return line;
+}
+
+/// What stands between the blanks of a line; empty for a line of blanks.
+inline std::vector<std::string_view> words_of(std::string_view line) {
+  constexpr std::string_view kBlank = " \t\r";
+  std::vector<std::string_view> words;
+  for (auto begin = line.find_first_not_of(kBlank); begin != std::string_view::npos;
+       begin = line.find_first_not_of(kBlank, begin)) {
+    const auto end = std::min(line.find_first_of(kBlank, begin), line.size());
+    words.push_back(line.substr(begin, end - begin));
+    begin = end;
+  }
+  return words;
 }
 
 /// A line of a calibration begins with `cam0:`, as in Kalibr's camchain.yaml. Otherwise it is DSO's

@@ -2,10 +2,10 @@
 #include "server/settings.hpp"
 
 #include <fmt/core.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
+#include <boost/asio/ip/host_name.hpp>
 #include <limits>
 #include <span>
 #include <string_view>
@@ -186,11 +186,6 @@ void load_quota(ConfigReader& reader, Quota& quota) {
   reader.read("files.keep_time", quota.age, milliseconds(0), std::chrono::nanoseconds(kMost));
 }
 
-std::string host_name() {
-  std::array<char, 256> name{};
-  return ::gethostname(name.data(), name.size() - 1) == 0 ? std::string(name.data()) : "";
-}
-
 /// What robots and servers are told, so it must mean the same to all of them.
 std::string load_public(ConfigReader& reader, const std::string& key, const Address& listen) {
   const auto is_any = [](const Address& address) {
@@ -223,7 +218,8 @@ void load_fleet(ConfigReader& reader, Settings& settings) {
     fleet = {};
     return;
   }
-  if (fleet.name.empty()) fleet.name = host_name();
+  boost::system::error_code no_name;
+  if (fleet.name.empty()) fleet.name = boost::asio::ip::host_name(no_name);
   if (!wire::is_valid_id(fleet.name)) reader.fail("fleet.name", "not an id: " + fleet.name);
   fleet.address = load_public(reader, "fleet.address", settings.listen.address);
   if (settings.http_address) {

@@ -13,7 +13,6 @@ namespace orbbuf {
 namespace {
 
 constexpr std::size_t kIntrinsics = 4;
-constexpr std::string_view kBlank = " \t\r";
 
 struct Model {
   std::string_view name;
@@ -31,17 +30,6 @@ constexpr const Model& kRadTan = kModels[1];
 constexpr const Model& kFov = kModels[2];
 
 using Words = std::vector<std::string_view>;
-
-Words words_of(std::string_view line) {
-  Words words;
-  for (auto begin = line.find_first_not_of(kBlank); begin != std::string_view::npos;
-       begin = line.find_first_not_of(kBlank, begin)) {
-    const auto end = std::min(line.find_first_of(kBlank, begin), line.size());
-    words.push_back(line.substr(begin, end - begin));
-    begin = end;
-  }
-  return words;
-}
 
 std::vector<Words> lines_of(std::string_view text) {
   std::vector<Words> lines;

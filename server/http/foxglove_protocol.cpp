@@ -3,6 +3,7 @@
 
 #include <openssl/evp.h>
 
+#include <boost/endian/conversion.hpp>
 #include <nlohmann/json.hpp>
 
 namespace orbbuf::foxglove {
@@ -31,13 +32,6 @@ std::uint32_t number(const Json& value) {
     throw Json::out_of_range::create(401, "not a number of 32 bits: " + value.dump(), nullptr);
   }
   return static_cast<std::uint32_t>(id);
-}
-
-template <class T>
-void put_little_endian(std::uint8_t* at, T value) {
-  for (std::size_t i = 0; i < sizeof value; ++i) {
-    at[i] = static_cast<std::uint8_t>(value >> (8 * i));
-  }
 }
 
 }  // namespace
@@ -78,8 +72,8 @@ std::array<std::uint8_t, kMessageHeadBytes> message_head(std::uint32_t subscript
                                                          std::uint64_t log_time_ns) {
   std::array<std::uint8_t, kMessageHeadBytes> head{};
   head[0] = 1;
-  put_little_endian(&head[1], subscription_id);
-  put_little_endian(&head[5], log_time_ns);
+  boost::endian::store_little_u32(&head[1], subscription_id);
+  boost::endian::store_little_u64(&head[5], log_time_ns);
   return head;
 }
 

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "common/log.hpp"
+#include "common/system_clock.hpp"
 
 namespace orbbuf {
 namespace {
@@ -15,10 +16,6 @@ using boost::system::error_code;
 
 constexpr std::chrono::seconds kRetry{1};
 constexpr std::chrono::hours kNaming{24};
-
-std::int64_t now_ns() {
-  return std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
-}
 
 }  // namespace
 
@@ -157,7 +154,7 @@ void SessionStores::write_late(const std::string& robot_id, wire::LateFrame late
                         (known != robot->entries.end() && known->second.is_live);
   const auto shared = std::make_shared<const wire::LateFrame>(std::move(late));
   const auto work = [shared, is_named,
-                     arrived_ns = now_ns()](SessionStore& store) -> Result<Outcome> {
+                     arrived_ns = system_time_ns()](SessionStore& store) -> Result<Outcome> {
     const auto& [session_id, frame, items] = *shared;
     if (store.is_new() && !is_named) return Outcome::kRefused;
     if (items) {

@@ -1,18 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/sink/record_sink.hpp"
 
-#include <chrono>
 #include <utility>
 
 #include "common/byte_order.hpp"
 #include "common/log.hpp"
+#include "common/system_clock.hpp"
 
 namespace orbbuf {
 namespace {
-
-std::int64_t now_ns() {
-  return std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
-}
 
 /// The payload of each stream begins with the count of its items.
 RecordedItems record_of(const wire::Items& items) {
@@ -44,7 +40,8 @@ void RecordSink::write(Write write, Done done) {
 }
 
 void RecordSink::async_write(FramePtr frame, Done done) {
-  write([frame = std::move(frame)](SessionStore& store) { return store.write(*frame, now_ns()); },
+  write([frame = std::move(frame)](
+            SessionStore& store) { return store.write(*frame, system_time_ns()); },
         std::move(done));
 }
 

@@ -11,14 +11,13 @@
 
 #include "common/decimal.hpp"
 #include "common/log.hpp"
+#include "common/text_lines.hpp"
 
 namespace orbbuf {
 namespace {
 
 constexpr int kNanosecondDigits = 9;      // behind the point of a second
 constexpr int kNanosecondDigitsOfMs = 6;  // behind the point of a millisecond
-
-constexpr std::string_view kBlank = " \t\r";
 
 struct Line {
   int number = 0;
@@ -36,25 +35,14 @@ bool is_digit(char c) { return c >= '0' && c <= '9'; }
   fail(file, "line " + std::to_string(line.number) + ": " + why);
 }
 
-std::vector<std::string> split(std::string_view text) {
-  std::vector<std::string> fields;
-  for (auto begin = text.find_first_not_of(kBlank); begin != std::string_view::npos;
-       begin = text.find_first_not_of(kBlank, begin)) {
-    const auto end = std::min(text.find_first_of(kBlank, begin), text.size());
-    fields.emplace_back(text.substr(begin, end - begin));
-    begin = end;
-  }
-  return fields;
-}
-
 std::vector<Line> read_lines(const std::filesystem::path& file) {
   std::ifstream in(file);
   std::vector<Line> lines;
   int number = 0;
   for (std::string text; std::getline(in, text);) {
     ++number;
-    auto fields = split(std::string_view(text).substr(0, text.find('#')));
-    if (!fields.empty()) lines.push_back({number, std::move(fields)});
+    const auto words = words_of(std::string_view(text).substr(0, text.find('#')));
+    if (!words.empty()) lines.push_back({number, {words.begin(), words.end()}});
   }
   if (!in.eof()) fail(file, std::generic_category().message(errno));
   if (lines.empty()) fail(file, "the file has none");
