@@ -31,14 +31,6 @@ struct Avx2 {
     sum = _mm256_maddubs_epi16(sum, _mm256_set1_epi8(1));
     return reinterpret_cast<Words>(_mm256_madd_epi16(sum, _mm256_set1_epi16(1)));
   }
-  ORBBUF_TARGET static Keys min(const Keys& a, const Keys& b) {
-    return reinterpret_cast<Keys>(
-        _mm256_min_epi32(reinterpret_cast<__m256i>(a), reinterpret_cast<__m256i>(b)));
-  }
-  ORBBUF_TARGET static Keys max(const Keys& a, const Keys& b) {
-    return reinterpret_cast<Keys>(
-        _mm256_max_epi32(reinterpret_cast<__m256i>(a), reinterpret_cast<__m256i>(b)));
-  }
 };
 
 }  // namespace

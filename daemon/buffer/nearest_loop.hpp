@@ -23,7 +23,6 @@ namespace {
 ///   Words, Keys  vectors of u32 and i32, a lane for each column; one block or a part of it
 ///   distance     how many bits are set in eight words, in the low nine bits of each lane; may
 ///                spoil the words
-///   min, max     of two Keys
 template <class Isa>
 class NearestLoop {
   using Words = typename Isa::Words;
@@ -61,8 +60,9 @@ class NearestLoop {
   }
 
   ORBBUF_INLINE static void offer(Keys& best, Keys& second, const Keys& candidate) {
-    second = Isa::min(second, Isa::max(best, candidate));
-    best = Isa::min(best, candidate);
+    const Keys worse = best < candidate ? candidate : best;
+    second = second < worse ? second : worse;
+    best = best < candidate ? best : candidate;
   }
 
   // Shows the row and kLanes columns to each other. `index`: of the columns, flipped.

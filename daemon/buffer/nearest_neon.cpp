@@ -27,8 +27,6 @@ struct Neon {
     for (int w = 1; w < 8; ++w) sum = vaddq_u8(sum, vcntq_u8(vreinterpretq_u8_u32(x[w])));
     return vpaddlq_u16(vpaddlq_u8(sum));
   }
-  ORBBUF_TARGET static Keys min(const Keys& a, const Keys& b) { return vminq_s32(a, b); }
-  ORBBUF_TARGET static Keys max(const Keys& a, const Keys& b) { return vmaxq_s32(a, b); }
 };
 
 // 64-bit ARM always has NEON.

@@ -32,8 +32,6 @@ struct Portable {
     const Words halves = (sum & 0x00ff00ff) + ((sum >> 8) & 0x00ff00ff);
     return halves + (halves >> 16);
   }
-  ORBBUF_TARGET static Keys min(const Keys& a, const Keys& b) { return a < b ? a : b; }
-  ORBBUF_TARGET static Keys max(const Keys& a, const Keys& b) { return a < b ? b : a; }
 };
 
 }  // namespace

@@ -32,14 +32,6 @@ struct Sse {
     sum = _mm_maddubs_epi16(sum, _mm_set1_epi8(1));
     return reinterpret_cast<Words>(_mm_madd_epi16(sum, _mm_set1_epi16(1)));
   }
-  ORBBUF_TARGET static Keys min(const Keys& a, const Keys& b) {
-    return reinterpret_cast<Keys>(
-        _mm_min_epi32(reinterpret_cast<__m128i>(a), reinterpret_cast<__m128i>(b)));
-  }
-  ORBBUF_TARGET static Keys max(const Keys& a, const Keys& b) {
-    return reinterpret_cast<Keys>(
-        _mm_max_epi32(reinterpret_cast<__m128i>(a), reinterpret_cast<__m128i>(b)));
-  }
 };
 
 }  // namespace
