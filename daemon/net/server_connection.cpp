@@ -156,7 +156,7 @@ bool ServerConnection::accept(const wire::Parsed<Message>& message) {
 }
 
 void ServerConnection::dispatch(const wire::Header& header) {
-  if (header.type == wire::Type::kWelcome && !is_welcome_) {
+  if (header.type == wire::Type::kWelcome && !welcome_) {
     const auto welcome = wire::parse_welcome(header, body_);
     if (!accept(welcome)) return;
     const auto version = welcome.value().version;
@@ -164,17 +164,14 @@ void ServerConnection::dispatch(const wire::Header& header) {
       return refuse({"the server wants protocol version " + std::to_string(version)});
     }
     if (const auto why = owner_->refusal_of(welcome.value().position)) return refuse(*why);
-    is_welcome_ = true;
-    max_frame_bytes_ = welcome.value().max_frame_bytes;
-    takes_ = welcome.value().takes;
-    has_heartbeat_ = welcome.value().has_heartbeat;
+    welcome_ = welcome.value();
     owner_->on_welcome(welcome.value().position);
     if (owner_) wait_writable();
-  } else if (header.type == wire::Type::kAck && is_welcome_) {
+  } else if (header.type == wire::Type::kAck && welcome_) {
     const auto ack = wire::parse_ack(header, body_);
     if (!accept(ack)) return;
     owner_->on_ack(ack.value());
-  } else if (header.type == wire::Type::kBye && is_welcome_) {
+  } else if (header.type == wire::Type::kBye && welcome_) {
     const auto bye = wire::parse_bye(header, body_);
     if (!accept(bye)) return;
     owner_->on_bye(bye.value().position);
@@ -208,7 +205,7 @@ void ServerConnection::refuse(const Error& error) {
 
 /// OpenSSL's own errors are about certificates and versions, the others about the connection.
 void ServerConnection::fail(const std::string& attempt, const error_code& error) {
-  was_refused_ = !is_welcome_ && error.category() == asio::error::get_ssl_category();
+  was_refused_ = !welcome_ && error.category() == asio::error::get_ssl_category();
   fail({attempt + ": " + stream_.explain(error)});
 }
 

@@ -71,10 +71,8 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
 
   /// Where it goes, since open().
   const Way& way() const { return way_; }
-  /// As the welcome says it: 0 if it does not.
-  std::uint32_t max_frame_bytes() const { return max_frame_bytes_; }
-  bool takes(wire::StreamId stream) const { return takes_[stream]; }
-  bool has_heartbeat() const { return has_heartbeat_; }
+  /// What the server said in it. Requires that on_welcome() was called.
+  const wire::Welcome& welcome() const { return *welcome_; }
   /// The server's side answered and wants no connection with this robot: its error says so, or the
   /// certificates do not fit. There is no use in asking again at once.
   bool was_refused() const { return was_refused_; }
@@ -120,10 +118,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   std::optional<Address> moved_to_;
   bool is_writable_ = false;
   bool has_said_hello_ = false;
-  bool is_welcome_ = false;
-  std::uint32_t max_frame_bytes_ = 0;
-  std::bitset<wire::kMostStreams> takes_;
-  bool has_heartbeat_ = false;
+  std::optional<wire::Welcome> welcome_;
   std::vector<std::uint8_t> message_;  // being written
   FramePtr frame_;                     // being written
   FrameHead frame_head_{};

@@ -443,7 +443,7 @@ void ServerLink::check_connection() {
 /// A stalled connection says nothing of the server.
 bool ServerLink::is_silent() const {
   if (ack_watch_.is_silent()) return true;
-  if (addresses_.count() == 1 || !connection_->has_heartbeat()) return false;
+  if (addresses_.count() == 1 || !connection_->welcome().has_heartbeat) return false;
   return !connection_watch_.is_stalled() &&
          ack_watch_.silent_for() >= std::max(kSilence, 4 * pace_.round_trip());
 }

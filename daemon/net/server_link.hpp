@@ -143,9 +143,13 @@ class ServerLink final : private ServerConnection::Owner {
   /// True between on_writable() and the next write, or the connection's end.
   bool is_writable() const { return connection_ && connection_->is_writable(); }
   /// The largest frame that the server accepts; 0: not known. A larger one costs the connection.
-  std::uint32_t max_frame_bytes() const { return connection_ ? connection_->max_frame_bytes() : 0; }
+  std::uint32_t max_frame_bytes() const {
+    return connection_ ? connection_->welcome().max_frame_bytes : 0;
+  }
   /// Whether the server takes items of that stream.
-  bool takes(wire::StreamId stream) const { return connection_ && connection_->takes(stream); }
+  bool takes(wire::StreamId stream) const {
+    return connection_ && connection_->welcome().takes[stream];
+  }
   /// Requires is_writable().
   void write(std::vector<std::uint8_t> message) { connection_->write(std::move(message)); }
   void write(FramePtr frame) {
