@@ -14,6 +14,7 @@ EXPECTED=(
   'mcap: skipped: no '                      # node and its packages
   'no names of multicast DNS here'          # avahi-daemon, which a root without services cannot run
   'units: no systemd-analyze'               # the package systemd, which nothing else needs
+  'defects: no git checkout, or no git'     # the package git, which nothing else needs
   'TCP.s window was never full'             # a machine so slow that the sender waits for acknowledgements before
 )
 EXPECTED_OF_A_USER=('not root' 'Operation not permitted' 'ptrace is not permitted' 'this user cannot mount')

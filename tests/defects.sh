@@ -4,7 +4,7 @@
 # Usage: tests/defects.sh
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-[ -e .git ] || { echo 'defects: no git checkout' && exit 77; }
+{ [ -e .git ] && command -v git >/dev/null; } || { echo 'defects: no git checkout, or no git' && exit 77; }
 defects=testing/simulation/defects
 bad=0
 diff <(basename -s .patch -a $defects/*.patch | sort) <(sed -n 's/^\([a-z_]\{1,\}\)$/\1/p' $defects/README | sort) >&2 ||
