@@ -80,6 +80,15 @@ TEST_F(SessionReaderTest, WhatIsNamedTwiceIsOneDrop) {
   EXPECT_THAT(drops(), ElementsAre("1-4 policy", "5-6 shutdown"));
 }
 
+TEST_F(SessionReaderTest, WhatTheRobotDoesNotKnowAndIsThereIsNoDrop) {
+  const auto store = open();
+  deliver(*store, {0, 1, 3});
+  wire::Account named = account(4);
+  named.given_up = {{1, 10, DropReason::kUnknown, kUnknownSimilarity, 3, 30}};
+  EXPECT_FALSE(store->take_account(named));
+  EXPECT_THAT(drops(), ElementsAre("2-2 unknown"));
+}
+
 TEST_F(SessionReaderTest, AFinalAccountNamesWhatNothingElseNames) {
   const auto store = open();
   deliver(*store, {0, 1, 4, 9});
