@@ -99,7 +99,10 @@ class Life:
             if not ARRIVAL.fullmatch(line):  # a library's own word
                 continue
             if self.rival.is_orbbuf:  # TIME BYTES NAME
-                self.arrivals.append((int(words[2].split(".")[0]), float(words[0])))
+                number = int(words[2].split(".")[0])
+                # The live stream is in order; the spool's frames come beside it, whole ones in place of reduced ones.
+                if not self.rival.drain_s or not self.arrivals or number > self.arrivals[-1][0]:
+                    self.arrivals.append((number, float(words[0])))
                 continue
             at = float(words[1])
             if words[0] == "image":  # which of the equal ones: the newest that there is by now
@@ -149,8 +152,7 @@ class Life:
 
     def kept(self):
         """The frames that the server has in the end, of ORBBuf with a spool."""
-        return {int(path.stem) for folder in ("images", "late/images")
-                for path in self.work.glob(f"frames/*/*/{folder}/*.jpg")} if self.rival.drain_s else set()
+        return {int(path.stem) for path in self.work.glob("frames/*/*/images/*.jpg")} if self.rival.drain_s else set()
 
     def said(self):
         """The last words of each process."""

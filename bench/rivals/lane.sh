@@ -19,6 +19,7 @@ ip -n "$robot_ns" route replace 10.78.0.0/24 dev near congctl cubic
 tc -n "$robot_ns" qdisc replace dev near root tbf rate 20mbit burst 32kb latency 100ms
 server_settings=() stream_settings=()
 [ "$2" != orbbuf_tls ] || make_keys "IP:$ADDRESS_far"
+export PYTHONDONTWRITEBYTECODE=1 # of the peers
 export RIVAL_ROBOT_NS=$robot_ns RIVAL_SERVER_NS=$server_ns RIVAL_WORK=$work
 export RIVAL_TLS_SERVER="${server_settings[*]/#/--set }" RIVAL_TLS_ROBOT="${stream_settings[*]/#/--set }"
 /usr/bin/python3 "$here/lane.py" "$@" &
