@@ -1,0 +1,244 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "testing/simulation/judge.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <set>
+
+#include "common/crc32.hpp"
+#include "server/dataset/check_session.hpp"
+#include "server/session/session_reader.hpp"
+
+namespace orbbuf::simulation {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// What a robot's disk may not have yet (docs/promises.md), and a moment for a machine that was
+/// frozen or slow.
+constexpr double kYoungAtKill = 2.5;
+constexpr double kYoungAtPowerCut = 3.5;
+constexpr std::uint64_t kMostAttempts = 16;  // a second: every 100 ms, and each way's first
+
+std::string read(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+std::uint32_t crc_of(const std::string& bytes) {
+  return crc32(std::span(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()));
+}
+
+class SessionJudge {
+ public:
+  SessionJudge(const Scenario& scenario, const Run& run, const SessionFacts& facts,
+               Verdict& verdict)
+      : scenario_(scenario),
+        run_(run),
+        facts_(facts),
+        robot_(scenario.robots[static_cast<std::size_t>(facts.machine - 1)]),
+        folder_(fs::path(world_folder) / folder_name(kServer) / "data" /
+                fmt::format("robot{}", facts.machine) / facts.id.data()),
+        verdict_(verdict) {}
+
+  void run() {
+    ++verdict_.sessions;
+    find_old();
+    verdict_.captured += surely_captured();
+    if (facts_.id[0] == '\0' || !fs::exists(folder_)) {
+      if (old_ > 0) problem(fmt::format("{} frames, and the server knows nothing of it", old_));
+      return;
+    }
+    const auto session = read_session(folder_);
+    if (!session) return problem(session.error().text);
+    take(session.value());
+    account();
+    compare_images(session.value());
+    check_views();
+    check_report();
+  }
+
+ private:
+  void problem(const std::string& text) {
+    verdict_.problems.push_back(fmt::format("robot{}, start {}, session {}: {}", facts_.machine,
+                                            facts_.start, facts_.id.data(), text));
+  }
+
+  std::uint64_t surely_captured() const { return facts_.opened > 0 ? facts_.opened - 1 : 0; }
+
+  bool has_died() const { return facts_.was_killed || facts_.lost_power; }
+
+  bool has_trouble_with_disk() const {
+    return run_.has_bad_disk(facts_.machine) || robot_.has_small_disk;
+  }
+
+  /// Frames that must be accounted for.
+  void find_old() {
+    old_ = surely_captured();
+    if (!has_died()) return;
+    const double young = facts_.lost_power ? kYoungAtPowerCut : kYoungAtKill;
+    const auto at_risk = static_cast<std::uint64_t>(std::ceil(young * facts_.fps)) + 1;
+    old_ = old_ > at_risk ? old_ - at_risk : 0;
+    if (!robot_.has_record() || run_.has_bad_disk(facts_.machine)) old_ = 0;
+  }
+
+  void take(const RecordedSession& session) {
+    for (const RecordedFrame& frame : session.frames) {
+      if (!there_.insert(frame.sequence).second) {
+        problem(fmt::format("frame {} is there twice", frame.sequence));
+      }
+      live_ += frame.is_late && !frame.is_replacing ? 0 : 1;
+      if (frame.sequence >= facts_.opened) {
+        problem(fmt::format("frame {} was never captured", frame.sequence));
+      }
+    }
+    for (const DropRecord& drop : session.drops) {
+      for (Sequence number = drop.sequence; number < drop.end(); ++number) {
+        if (there_.contains(number)) problem(fmt::format("frame {} is there and named", number));
+        if (!named_.emplace(number, drop.reason).second) {
+          problem(fmt::format("frame {} is named twice", number));
+        }
+        if (number >= facts_.opened) {
+          problem(fmt::format("frame {} is named and was never captured", number));
+          break;
+        }
+      }
+    }
+    verdict_.delivered += there_.size();
+    verdict_.named += named_.size();
+    for (const std::string& damage : session.problems) problem(damage);
+  }
+
+  void account() {
+    std::uint64_t unnamed = 0, first = 0;
+    for (std::uint64_t number = 0; number < surely_captured(); ++number) {
+      if (there_.contains(number) || named_.contains(number)) continue;
+      if (number >= old_) {
+        ++verdict_.too_young;
+      } else if (unnamed++ == 0) {
+        first = number;
+      }
+    }
+    if (unnamed > 0) {
+      problem(fmt::format("of {} frames {} are neither there nor named, from {} on",
+                          surely_captured(), unnamed, first));
+    }
+    const bool may_lose = run_.has_server_lost_power() && scenario_.sync != "ack";
+    if (facts_.acknowledged > live_ && !may_lose && !run_.has_bad_disk(kServer)) {
+      problem(fmt::format("{} were acknowledged, {} are there", facts_.acknowledged, live_));
+    }
+    check_reasons(may_lose);
+  }
+
+  void check_reasons(bool may_lose) {
+    const Source& source = run_.source_of(facts_.machine);
+    std::map<std::string, std::uint64_t> wrong;
+    for (const auto& [number, reason] : named_) {
+      const bool is_giant = number % source.images.size() == source.giant;
+      const bool is_kept = robot_.has_spool && !has_trouble_with_disk() && !is_giant;
+      std::string why;
+      if (reason == DropReason::kLost && !may_lose && !run_.has_bad_disk(kServer) &&
+          !has_trouble_with_disk()) {
+        why = "lost";
+      }
+      if (reason == DropReason::kRefused && !is_giant) why = "refused";
+      if (reason == DropReason::kFailed) why = "failed";
+      if (reason == DropReason::kUnknown && !has_died() && facts_.has_closed) why = "unknown";
+      if (reason == DropReason::kPolicy && is_kept && number < old_)
+        why = "dropped, and never came";
+      if (!why.empty() && wrong[why]++ == 0) first_wrong_[why] = number;
+    }
+    for (const auto& [why, count] : wrong) {
+      problem(fmt::format("{} frames are named with a reason that is not true: {}, from {} on",
+                          count, why, first_wrong_[why]));
+    }
+  }
+
+  void compare_images(const RecordedSession& session) {
+    const Source& source = run_.source_of(facts_.machine);
+    std::uint64_t wrong = 0, first = 0;
+    for (const RecordedFrame& frame : session.frames) {
+      const std::string& captured = source.images[frame.sequence % source.images.size()];
+      const std::uint32_t crc = crc_of(captured);
+      const bool is_right =
+          frame.is_reduced()
+              ? frame.whole_crc == crc && frame.whole_bytes == captured.size()
+              : read(folder_ / "images" / fmt::format("{:06}.jpg", frame.sequence)) == captured;
+      if (!is_right && wrong++ == 0) first = frame.sequence;
+    }
+    if (wrong > 0)
+      problem(fmt::format("{} images are not what was captured, from {} on", wrong, first));
+  }
+
+  /// times.txt, as a SLAM program reads it.
+  void check_views() {
+    std::ifstream in(folder_ / "times.txt");
+    std::set<std::uint64_t> seen;
+    for (std::string line; std::getline(in, line);) {
+      const std::uint64_t number = std::stoull(line);
+      if (!seen.insert(number).second) problem("again in times.txt: " + line);
+      if (!there_.contains(number)) problem("in times.txt only: " + line);
+    }
+    if (seen.size() < there_.size()) {
+      // Late frames come in when the views are made, after the end.
+      for (const std::uint64_t number : there_) {
+        if (!seen.contains(number)) ++not_in_view_;
+      }
+    }
+    if (!run_.has_server_crashed() && fs::exists(folder_ / "orphans")) problem("has orphans");
+  }
+
+  void check_report() {
+    const auto report = check_session(folder_);
+    if (!report) return problem(report.error().text);
+    bool is_unended = false;
+    for (const std::string& found : report.value().problems) {
+      const bool is_end = found.starts_with("not ended");
+      is_unended = is_unended || is_end;
+      if (is_end && has_died()) continue;
+      if (is_end && !facts_.has_closed && !robot_.has_record()) continue;
+      problem("check: " + found);
+    }
+    if (facts_.was_killed && report.value().problems.empty()) {
+      problem("check has no complaint, and the robot was killed");
+    }
+    if (report.value().on_robot > 0) {
+      problem(fmt::format("{} frames are still on the robot", report.value().on_robot));
+    }
+  }
+
+  const Scenario& scenario_;
+  const Run& run_;
+  const SessionFacts& facts_;
+  const RobotSetup& robot_;
+  const fs::path folder_;
+  Verdict& verdict_;
+  std::uint64_t old_ = 0;
+  std::uint64_t live_ = 0;
+  std::uint64_t not_in_view_ = 0;
+  std::set<std::uint64_t> there_;
+  std::map<std::uint64_t, DropReason> named_;
+  std::map<std::string, std::uint64_t> first_wrong_;
+};
+
+}  // namespace
+
+Verdict judge(const Scenario& scenario, const Run& run) {
+  Verdict verdict;
+  verdict.problems = run.problems();
+  for (int i = 0; i < world->sessions_used; ++i) {
+    SessionJudge(scenario, run, world->sessions[static_cast<std::size_t>(i)], verdict).run();
+  }
+  for (std::size_t i = 1; i <= scenario.robots.size(); ++i) {
+    if (world->most_attempts[i] > kMostAttempts) {
+      verdict.problems.push_back(
+          fmt::format("robot{} tried to connect {} times in a second", i, world->most_attempts[i]));
+    }
+  }
+  return verdict;
+}
+
+}  // namespace orbbuf::simulation

@@ -1,0 +1,357 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "testing/simulation/run.hpp"
+
+#include <signal.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "testing/simulation/network.hpp"
+
+namespace orbbuf::simulation {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::uint64_t kLargeDisk = 1ULL << 40;
+constexpr std::uint64_t kSmallDisk = 6 << 20;
+constexpr Time kQuiet = 150 * kSecond;
+constexpr Time kLongestEnd = 60 * kSecond;
+
+std::uint64_t acknowledged(int number) {
+  const int session = machine(number).session;
+  return session < 0 ? 0 : world->sessions[static_cast<std::size_t>(session)].acknowledged;
+}
+
+}  // namespace
+
+Run::Run(const Scenario& scenario, Programs& programs, const std::vector<Source>& sources)
+    : scenario_(scenario),
+      programs_(programs),
+      sources_(sources),
+      random_{scenario.seed ^ 0x5EEDU} {
+  world->server = kServer;
+  for (int i = 0; i < machines(); ++i) {
+    devices_.push_back(std::make_unique<Device>(i));
+    fs::create_directories(fs::path(world_folder) / folder_name(i));
+    machine(i).disk.capacity = kLargeDisk;
+    machine(i).disk.sync_time = scenario.sync_time;
+    if (i == kServer) continue;
+    world->paths[static_cast<std::size_t>(i)] = setup_of(i).path;
+    if (setup_of(i).has_small_disk) machine(i).disk.capacity = kSmallDisk;
+  }
+}
+
+Program& Run::program_of(int number) {
+  return number == kServer ? programs_.server : programs_.robot;
+}
+
+const Source& Run::source_of(int number) const {
+  return sources_[setup_of(number).has_large_images ? 1 : 0];
+}
+
+std::vector<std::string> Run::arguments_of(int number) const {
+  const std::string folder = folder_name(number);
+  if (number == kServer) {
+    return {"orbbuf-server",
+            "--set",
+            "listen.address=0.0.0.0:7722",
+            "--set",
+            "listen.insecure=true",
+            "--set",
+            "listen.max_frame=64 KiB",
+            "--set",
+            "status.socket=",
+            "--set",
+            "files.path=" + world_folder + "/" + folder + "/data",
+            "--set",
+            "files.sync=" + scenario_.sync};
+  }
+  const RobotSetup& robot = setup_of(number);
+  std::vector<std::string> all = {
+      "orbbufd",
+      "--set",
+      fmt::format("robot.id=robot{}", number),
+      "--set",
+      "link.server=10.0.0.1:7722",
+      "--set",
+      "source.kind=folder",
+      "--set",
+      "source.path=" + world_folder + "/source/" + source_of(number).name,
+      "--set",
+      fmt::format("source.fps={:.1f}", robot.fps),
+      "--set",
+      "source.loop=true",
+      "--set",
+      "buffer.policy=" + robot.policy,
+      "--set",
+      "buffer.memory=1 MiB"};
+  const std::string record = world_folder + "/" + folder + "/record";
+  const auto set = [&all](std::string text) {
+    all.emplace_back("--set");
+    all.push_back(std::move(text));
+  };
+  set("buffer.drop_log=" + (robot.has_drop_log && !robot.has_spool ? record : ""));
+  if (robot.has_spool) set("spool.path=" + record);
+  if (robot.has_spool) set("spool.size=64 MiB");
+  return all;
+}
+
+void Run::begin(int number) {
+  if (machine(number).is_running || machine(number).pid != 0) return;
+  if (number != kServer) {
+    if (world->sessions_used == kMostSessions) return;
+    machine(number).session = world->sessions_used;
+    SessionFacts& facts = world->sessions[static_cast<std::size_t>(world->sessions_used++)];
+    facts.machine = number;
+    facts.start = machine(number).start;
+    facts.fps = setup_of(number).fps;
+    facts.began = world->now;
+  }
+  trace(number, "STARTS");
+  program_of(number).start(number, arguments_of(number));
+}
+
+void Run::begin_later(int number, Time after_that) {
+  after(after_that, [this, number] { begin(number); });
+}
+
+void Run::die(int number, bool loses_power) {
+  Machine& one = machine(number);
+  if (one.pid == 0) return;
+  if (number == kServer) {
+    has_server_crashed_ = true;
+    has_server_lost_power_ = has_server_lost_power_ || loses_power;
+  } else {
+    SessionFacts& facts = world->sessions[static_cast<std::size_t>(one.session)];
+    facts.ended = world->now;
+    facts.was_killed = !one.has_ended;
+    facts.lost_power = loses_power;
+  }
+  trace_line(number, loses_power ? "LOSES POWER" : "IS KILLED");
+  if (loses_power) {
+    one.is_on = false;
+    abandon_all(number);
+  }
+  program_of(number).kill(number);
+  if (!loses_power) return;
+  devices_[static_cast<std::size_t>(number)]->cut_power(random_);
+  one.disk.slow_until = 0;
+}
+
+void Run::die_in_a_row(int number, std::uint64_t times, Time pause) {
+  die(number, random_.one_in(4));
+  begin_later(number, random_.between(kMillisecond, pause));
+  if (times <= 1) return;
+  after(pause + random_.between(10 * kMillisecond, 5 * kSecond),
+        [this, number, times, pause] { die_in_a_row(number, times - 1, pause); });
+}
+
+void Run::signal(int number, int which) {
+  Machine& one = machine(number);
+  if (!one.is_running) return;
+  one.signal = which;
+  wake_io(number);
+}
+
+void Run::look_after_machines() {
+  for (int i = 0; i < machines(); ++i) {
+    Machine& one = machine(i);
+    if (one.is_dying) {
+      one.is_dying = false;
+      const auto place = static_cast<std::size_t>(i);
+      die(i, dies_of_power_[place]);
+      begin_later(i, pause_after_death_[place]);
+    }
+    if (one.has_ended && one.pid != 0) {
+      trace(i, "ENDS with status {}", one.status);
+      const bool is_crash = one.status >= 128;
+      if (is_crash)
+        problem(fmt::format("{} crashed: signal {}",
+                            i == kServer ? "the server" : fmt::format("robot{}", i),
+                            one.status - 128));
+      if (i != kServer) {
+        world->sessions[static_cast<std::size_t>(one.session)].ended = world->now;
+        if (is_crash) world->sessions[static_cast<std::size_t>(one.session)].was_killed = true;
+      } else if (is_crash) {
+        has_server_crashed_ = true;
+      }
+      program_of(i).kill(i);
+      if (!is_ending_) begin_later(i, kSecond);  // as systemd does
+    }
+    if (one.disk.log_used > kDiskLogBytes / 8) devices_[static_cast<std::size_t>(i)]->follow();
+  }
+}
+
+void Run::advance(Time until) {
+  while (world->now < until || (!actions_.empty() && actions_.begin()->first <= world->now)) {
+    look_after_machines();
+    if (world->is_stuck) {
+      world->is_stuck = false;
+      problem("all threads wait, and nothing will happen");
+      return;
+    }
+    while (!actions_.empty() && actions_.begin()->first <= world->now) {
+      const auto what = std::move(actions_.begin()->second);
+      actions_.erase(actions_.begin());
+      what();
+    }
+    const Time next = actions_.empty() ? kNever : actions_.begin()->first;
+    run_until(std::min(until, next));
+  }
+  look_after_machines();
+}
+
+void Run::set_down(int number, int direction, bool is_down) {
+  int& count = downs_[static_cast<std::size_t>(number)][static_cast<std::size_t>(direction)];
+  count += is_down ? 1 : -1;
+  world->paths[static_cast<std::size_t>(number)].is_down[static_cast<std::size_t>(direction)] =
+      count > 0;
+}
+
+void Run::apply_to_link(const Fault& fault) {
+  Path& path = world->paths[static_cast<std::size_t>(fault.machine)];
+  const Path usual = setup_of(fault.machine).path;
+  const int number = fault.machine;
+  switch (fault.kind) {
+    case FaultKind::kCut:
+    case FaultKind::kCutToServer:
+    case FaultKind::kCutToRobot:
+      for (const int direction : {0, 1}) {
+        if (fault.kind == FaultKind::kCutToServer && direction == 1) continue;
+        if (fault.kind == FaultKind::kCutToRobot && direction == 0) continue;
+        set_down(number, direction, true);
+        after(fault.length, [this, number, direction] { set_down(number, direction, false); });
+      }
+      return;
+    case FaultKind::kNewAddress:
+      return change_address(number);
+    case FaultKind::kSlowLink:
+      path.bytes_per_second = std::max(500.0, static_cast<double>(fault.value));
+      return after(fault.length,
+                   [&path, usual] { path.bytes_per_second = usual.bytes_per_second; });
+    case FaultKind::kLongWay:
+      path.delay = static_cast<Time>(fault.value);
+      return after(fault.length, [&path, usual] { path.delay = usual.delay; });
+    case FaultKind::kLoss:
+      path.loss_one_in = static_cast<std::uint32_t>(fault.value);
+      return after(fault.length, [&path] { path.loss_one_in = 0; });
+    default:
+      return;
+  }
+}
+
+void Run::apply_to_disk(const Fault& fault) {
+  Disk& disk = machine(fault.machine).disk;
+  has_bad_disk_[static_cast<std::size_t>(fault.machine)] = true;
+  if (fault.kind == FaultKind::kSlowDisk) disk.slow_until = world->now + fault.length;
+  if (fault.kind == FaultKind::kFailingDisk) disk.fails_until = world->now + fault.length;
+  if (fault.kind != FaultKind::kFullDisk) return;
+  const std::uint64_t usual = disk.capacity;
+  disk.capacity = std::min(usual, disk.used + 4096);
+  after(fault.length, [&disk] { disk.capacity = std::max(disk.capacity, kLargeDisk); });
+}
+
+void Run::apply(const Fault& fault) {
+  trace(-1, "FAULT {}", to_string(fault));
+  const auto place = static_cast<std::size_t>(fault.machine);
+  Machine& one = machine(fault.machine);
+  switch (fault.kind) {
+    case FaultKind::kKill:
+    case FaultKind::kPowerCut:
+      die(fault.machine, fault.kind == FaultKind::kPowerCut);
+      return begin_later(fault.machine, fault.length);
+    case FaultKind::kKillAtCall:
+    case FaultKind::kPowerCutAtCall:
+      dies_of_power_[place] = fault.kind == FaultKind::kPowerCutAtCall;
+      pause_after_death_[place] = fault.length;
+      if (one.is_running) one.calls_until_death = static_cast<std::int64_t>(fault.value);
+      return;
+    case FaultKind::kDieInARow:
+      return die_in_a_row(fault.machine, fault.value, fault.length);
+    case FaultKind::kStop:
+      return signal(fault.machine, SIGTERM);
+    case FaultKind::kFreeze:
+      one.frozen_until = std::max(one.frozen_until, world->now + fault.length);
+      return;
+    case FaultKind::kClockStep:
+      one.clock_offset = static_cast<std::int64_t>(fault.value) * kSecond;
+      return;
+    case FaultKind::kSlowDisk:
+    case FaultKind::kFailingDisk:
+    case FaultKind::kFullDisk:
+      return apply_to_disk(fault);
+    default:
+      return apply_to_link(fault);
+  }
+}
+
+void Run::heal() {
+  trace(-1, "ALL IS WELL AGAIN");
+  actions_.clear();
+  downs_ = {};
+  for (int i = 0; i < machines(); ++i) {
+    Machine& one = machine(i);
+    one.frozen_until = 0;
+    one.calls_until_death = -1;
+    one.disk.slow_until = one.disk.fails_until = 0;
+    if (i != kServer && !setup_of(i).has_small_disk) one.disk.capacity = kLargeDisk;
+    if (i == kServer) one.disk.capacity = kLargeDisk;
+    if (i != kServer) {
+      Path& path = world->paths[static_cast<std::size_t>(i)];
+      path.is_down = {};
+      path.loss_one_in = 0;
+      path.delay = std::min<Time>(setup_of(i).path.delay, 50 * kMillisecond);
+      path.bytes_per_second = std::max(1e6, setup_of(i).path.bytes_per_second);
+    }
+    begin(i);
+  }
+}
+
+void Run::run() {
+  const Time begun = world->now;
+  begin(kServer);
+  for (int i = 1; i < machines(); ++i) begin_later(i, random_.between(0, 3 * kSecond));
+  for (const Fault& fault : scenario_.faults) at(begun + fault.at, [this, fault] { apply(fault); });
+  advance(begun + scenario_.length);
+  look_after_machines();
+  // A server whose disk failed acknowledges nothing until it is started again.
+  if (has_bad_disk(kServer)) die(kServer, false);
+  heal();
+  advance(world->now + kQuiet / 2);
+  std::array<std::uint64_t, kMostMachines> before{};
+  for (int i = 1; i < machines(); ++i) before[static_cast<std::size_t>(i)] = acknowledged(i);
+  advance(world->now + kQuiet / 2);
+  for (int i = 1; i < machines(); ++i) {
+    if (acknowledged(i) <= before[static_cast<std::size_t>(i)]) {
+      problem(fmt::format("robot{}: no frame is acknowledged although all is well", i));
+    }
+  }
+  is_ending_ = true;
+  for (int i = 1; i < machines(); ++i) signal(i, SIGTERM);
+  const auto is_any_running = [this] {
+    for (int i = 1; i < machines(); ++i) {
+      if (machine(i).is_running) return true;
+    }
+    return false;
+  };
+  const Time limit = world->now + kLongestEnd;
+  while (is_any_running() && world->now < limit) advance(world->now + 100 * kMillisecond);
+  for (int i = 1; i < machines(); ++i) {
+    if (!machine(i).is_running) continue;
+    problem(fmt::format("robot{} does not end", i));
+    die(i, false);
+  }
+  signal(kServer, SIGTERM);
+  const Time server_limit = world->now + kLongestEnd;
+  while (machine(kServer).is_running && world->now < server_limit) {
+    advance(world->now + 100 * kMillisecond);
+  }
+  if (machine(kServer).is_running) {
+    problem("the server does not end");
+    die(kServer, false);
+  }
+  look_after_machines();
+}
+
+}  // namespace orbbuf::simulation

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "testing/simulation/disk.hpp"
+#include "testing/simulation/programs.hpp"
+#include "testing/simulation/scenario.hpp"
+
+namespace orbbuf::simulation {
+
+/// The images that all robots replay again and again: frame n of a session is the n-th of them.
+struct Source {
+  std::string name;
+  std::vector<std::string> images;
+  std::size_t giant = 0;  ///< the one that the server refuses for its size
+};
+
+struct Programs {
+  /// Of a build folder.
+  Programs(const std::filesystem::path& build, int memory)
+      : robot(build / "daemon/orbbufd", library(build), memory),
+        server(build / "server/orbbuf-server", library(build), memory) {}
+  static std::filesystem::path library(const std::filesystem::path& build) {
+    return build / "testing/simulation/liborbbuf-simulated.so";
+  }
+
+  Program robot;
+  Program server;
+};
+
+/// A scenario from its first second until all machines have stopped in good order.
+class Run {
+ public:
+  Run(const Scenario& scenario, Programs& programs, const std::vector<Source>& sources);
+
+  void run();
+
+  /// What is wrong by what was seen on the way.
+  const std::vector<std::string>& problems() const { return problems_; }
+  const Source& source_of(int machine) const;
+  bool has_server_crashed() const { return has_server_crashed_; }
+  bool has_server_lost_power() const { return has_server_lost_power_; }
+  bool has_bad_disk(int machine) const { return has_bad_disk_[static_cast<std::size_t>(machine)]; }
+
+ private:
+  void at(Time time, std::function<void()> what) { actions_.emplace(time, std::move(what)); }
+  void after(Time time, std::function<void()> what) { at(world->now + time, std::move(what)); }
+  void advance(Time until);
+  void look_after_machines();
+  void begin(int machine);
+  void begin_later(int machine, Time after_that);
+  void die(int machine, bool loses_power);
+  void die_in_a_row(int machine, std::uint64_t times, Time pause);
+  void signal(int machine, int signal);
+  void apply(const Fault& fault);
+  void apply_to_link(const Fault& fault);
+  void apply_to_disk(const Fault& fault);
+  void heal();
+  void set_down(int machine, int direction, bool is_down);
+  std::vector<std::string> arguments_of(int machine) const;
+  Program& program_of(int machine);
+  const RobotSetup& setup_of(int robot) const {
+    return scenario_.robots[static_cast<std::size_t>(robot - 1)];
+  }
+  int machines() const { return static_cast<int>(scenario_.robots.size()) + 1; }
+  void problem(std::string text) { problems_.push_back(std::move(text)); }
+
+  const Scenario& scenario_;
+  Programs& programs_;
+  const std::vector<Source>& sources_;
+  Random random_;
+  std::multimap<Time, std::function<void()>> actions_;
+  std::vector<std::unique_ptr<Device>> devices_;
+  std::array<std::array<int, 2>, kMostMachines> downs_{};
+  std::array<bool, kMostMachines> dies_of_power_{};
+  std::array<Time, kMostMachines> pause_after_death_{};
+  std::array<bool, kMostMachines> has_bad_disk_{};
+  bool has_server_crashed_ = false;
+  bool has_server_lost_power_ = false;
+  bool is_ending_ = false;
+  std::vector<std::string> problems_;
+};
+
+}  // namespace orbbuf::simulation

@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "testing/simulation/scenario.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace orbbuf::simulation {
+namespace {
+
+constexpr std::array<std::string_view, kFaultKinds> kNames = {
+    "cut",  "cut-to-server", "cut-to-robot", "new-address",  "slow-link", "long-way",
+    "loss", "kill",          "kill-at-call", "die-in-a-row", "power-cut", "power-cut-at-call",
+    "stop", "freeze",        "slow-disk",    "failing-disk", "full-disk", "clock-step"};
+
+/// Many short ones, few long ones.
+Time draw_length(Random& random, Time least, Time most) {
+  const double share = static_cast<double>(random.below(1001)) / 1000;
+  return static_cast<Time>(static_cast<double>(least) *
+                           std::pow(static_cast<double>(most) / static_cast<double>(least), share));
+}
+
+RobotSetup draw_robot(Random& random) {
+  constexpr std::array kRates = {1.0, 2.0, 5.0, 5.0, 10.0, 25.0};
+  constexpr std::array kPolicies = {"catch-up", "catch-up", "catch-up", "uniform", "drop-oldest"};
+  RobotSetup robot;
+  robot.fps = kRates[random.below(kRates.size())];
+  robot.policy = kPolicies[random.below(kPolicies.size())];
+  robot.has_spool = random.one_in(2);
+  robot.has_drop_log = random.below(4) != 0;
+  robot.has_large_images = random.one_in(3);
+  robot.has_small_disk = random.one_in(5);
+  robot.path.delay = draw_length(random, kMillisecond, 200 * kMillisecond);
+  robot.path.jitter = random.one_in(2) ? robot.path.delay / 2 : 0;
+  robot.path.queue = draw_length(random, 50 * kMillisecond, kSecond);
+  const double needed = robot.fps * (robot.has_large_images ? 12000 : 2500);
+  robot.path.bytes_per_second = needed * static_cast<double>(2 + random.below(30));
+  return robot;
+}
+
+/// A death of the server is everyone's, so it is not every second one.
+int draw_machine(Random& random, std::size_t robots) {
+  return random.one_in(3) ? kServer : static_cast<int>(1 + random.below(robots));
+}
+
+void draw_value(Fault& fault, Random& random, const Scenario& scenario) {
+  const bool is_robots = fault.machine != kServer;
+  switch (fault.kind) {
+    case FaultKind::kSlowLink: {
+      const auto& path = scenario.robots[static_cast<std::size_t>(fault.machine - 1)].path;
+      fault.value = static_cast<std::uint64_t>(path.bytes_per_second) / (2 + random.below(40));
+      return;
+    }
+    case FaultKind::kLongWay:
+      fault.value = static_cast<std::uint64_t>(draw_length(random, 100 * kMillisecond, kSecond));
+      return;
+    case FaultKind::kLoss:
+      fault.value = 2 + random.below(30);
+      return;
+    case FaultKind::kKillAtCall:
+    case FaultKind::kPowerCutAtCall:
+      fault.value = random.below(400);
+      break;
+    case FaultKind::kDieInARow:
+      fault.value = 2 + random.below(random.one_in(3) ? 30 : 6);
+      break;
+    case FaultKind::kClockStep: {
+      constexpr std::array<std::int64_t, 7> kSteps = {-500'000'000, -86'400,    -3600, -2, 5,
+                                                      7200,         100'000'000};
+      fault.value = static_cast<std::uint64_t>(kSteps[random.below(kSteps.size())]);
+      return;
+    }
+    default:
+      break;
+  }
+  switch (fault.kind) {
+    case FaultKind::kKill:
+    case FaultKind::kKillAtCall:
+    case FaultKind::kDieInARow:
+    case FaultKind::kPowerCut:
+    case FaultKind::kPowerCutAtCall:
+    case FaultKind::kStop:
+      fault.length =
+          draw_length(random, 100 * kMillisecond, is_robots ? 20 * kSecond : 60 * kSecond);
+      return;
+    default:
+      return;
+  }
+}
+
+bool is_of_link(FaultKind kind) { return kind <= FaultKind::kLoss; }
+
+Fault draw_fault(Random& random, const Scenario& scenario) {
+  Fault fault;
+  fault.at = random.between(kSecond, scenario.length);
+  // Half of the faults are the plain ones.
+  constexpr std::array kPlain = {FaultKind::kCut, FaultKind::kCut, FaultKind::kKill,
+                                 FaultKind::kPowerCut, FaultKind::kNewAddress};
+  fault.kind = random.one_in(2) ? kPlain[random.below(kPlain.size())]
+                                : static_cast<FaultKind>(random.below(kFaultKinds));
+  fault.machine = draw_machine(random, scenario.robots.size());
+  const bool is_robots = is_of_link(fault.kind) || fault.kind == FaultKind::kDieInARow ||
+                         fault.kind == FaultKind::kClockStep;
+  if (is_robots && fault.machine == kServer) {
+    fault.machine = static_cast<int>(1 + random.below(scenario.robots.size()));
+  }
+  fault.length =
+      draw_length(random, 200 * kMillisecond, random.one_in(8) ? 600 * kSecond : 60 * kSecond);
+  draw_value(fault, random, scenario);
+  return fault;
+}
+
+}  // namespace
+
+std::string_view to_string(FaultKind kind) { return kNames[static_cast<std::size_t>(kind)]; }
+
+std::string to_string(const Fault& fault) {
+  const auto who = fault.machine == kServer ? "server" : fmt::format("robot{}", fault.machine);
+  return fmt::format("{:.3f} s: {} of {}, {:.3f} s, value {}", static_cast<double>(fault.at) / 1e9,
+                     to_string(fault.kind), who, static_cast<double>(fault.length) / 1e9,
+                     static_cast<std::int64_t>(fault.value));
+}
+
+Scenario draw_scenario(std::uint64_t seed) {
+  Random random{seed * 0x9E3779B97F4A7C15U + 1};
+  Scenario scenario;
+  scenario.seed = seed;
+  scenario.length = draw_length(random, 60 * kSecond, 1800 * kSecond);
+  scenario.sync_time = draw_length(random, 100 * kMicrosecond, 30 * kMillisecond);
+  const std::uint64_t robots = 1 + random.below(3);
+  for (std::uint64_t i = 0; i < robots; ++i) scenario.robots.push_back(draw_robot(random));
+  const std::uint64_t faults =
+      2 + random.below(4 + static_cast<std::uint64_t>(scenario.length / (30 * kSecond)));
+  for (std::uint64_t i = 0; i < faults; ++i)
+    scenario.faults.push_back(draw_fault(random, scenario));
+  std::sort(scenario.faults.begin(), scenario.faults.end(),
+            [](const Fault& a, const Fault& b) { return a.at < b.at; });
+  return scenario;
+}
+
+std::string to_string(const Scenario& scenario) {
+  auto text = fmt::format("seed {}: {:.0f} s, {} robots, sync {}\n", scenario.seed,
+                          static_cast<double>(scenario.length) / 1e9, scenario.robots.size(),
+                          scenario.sync);
+  for (std::size_t i = 0; i < scenario.robots.size(); ++i) {
+    const RobotSetup& robot = scenario.robots[i];
+    text += fmt::format(
+        "  robot{}: {} fps, {}, spool {}, drop log {}, {} images, {} disk, {:.0f} B/s, {:.1f} ms, "
+        "queue {:.0f} ms\n",
+        i + 1, robot.fps, robot.policy, robot.has_spool, robot.has_drop_log,
+        robot.has_large_images ? "large" : "small", robot.has_small_disk ? "small" : "large",
+        robot.path.bytes_per_second, static_cast<double>(robot.path.delay) / 1e6,
+        static_cast<double>(robot.path.queue) / 1e6);
+  }
+  for (std::size_t i = 0; i < scenario.faults.size(); ++i) {
+    text += fmt::format("  fault {} at {}\n", i, to_string(scenario.faults[i]));
+  }
+  return text;
+}
+
+}  // namespace orbbuf::simulation

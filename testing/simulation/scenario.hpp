@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "testing/simulation/world.hpp"
+
+/// What a seed stands for: machines, and what goes wrong.
+namespace orbbuf::simulation {
+
+inline constexpr int kServer = 0;  ///< its machine; the robots follow
+
+enum class FaultKind : std::uint8_t {
+  kCut,  ///< of the link, both ways
+  kCutToServer,
+  kCutToRobot,
+  kNewAddress,  ///< the robot's connections are dead, without a word
+  kSlowLink,    ///< value: bytes a second
+  kLongWay,     ///< value: ns, one way
+  kLoss,        ///< value: one segment in so many
+  kKill,        ///< as -9; it starts again after `length`
+  kKillAtCall,  ///< likewise, at that system call from then on
+  kDieInARow,   ///< value: so many times, each after at most 5 s
+  kPowerCut,
+  kPowerCutAtCall,
+  kStop,  ///< as SIGTERM
+  kFreeze,
+  kSlowDisk,
+  kFailingDisk,
+  kFullDisk,
+  kClockStep,  ///< value: seconds, as a signed number
+};
+inline constexpr int kFaultKinds = 18;
+std::string_view to_string(FaultKind kind);
+
+struct Fault {
+  Time at = 0;
+  FaultKind kind = FaultKind::kCut;
+  int machine = kServer;
+  Time length = 0;
+  std::uint64_t value = 0;
+};
+std::string to_string(const Fault& fault);
+
+struct RobotSetup {
+  double fps = 5;
+  std::string policy = "catch-up";
+  bool has_spool = false;
+  bool has_drop_log = false;
+  bool has_large_images = false;
+  bool has_small_disk = false;
+  Path path;
+
+  bool has_record() const { return has_spool || has_drop_log; }
+};
+
+struct Scenario {
+  std::uint64_t seed = 0;
+  Time length = 0;  ///< of the time with faults
+  std::string sync = "ack";
+  Time sync_time = 0;
+  std::vector<RobotSetup> robots;
+  std::vector<Fault> faults;
+};
+
+Scenario draw_scenario(std::uint64_t seed);
+std::string to_string(const Scenario& scenario);
+
+}  // namespace orbbuf::simulation

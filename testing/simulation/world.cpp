@@ -1,0 +1,292 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "testing/simulation/world.hpp"
+
+#include <linux/futex.h>
+#include <signal.h>
+#include <sys/mman.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <new>
+#include <string>
+#include <utility>
+
+#include "testing/simulation/network.hpp"
+#include "testing/simulation/real.hpp"
+
+namespace orbbuf::simulation {
+
+World* world = nullptr;
+std::array<char*, kMostMachines> disk_logs{};
+thread_local int this_thread = -1;
+
+namespace {
+
+constexpr std::uint64_t kMostTurnsInARow = 3'000'000;  // in which no time passes but a turn's
+
+constexpr std::size_t kWorldBytes = (sizeof(World) + 4095) / 4096 * 4096;
+
+void map_world(int memory) {
+  const std::size_t bytes = kWorldBytes + kMostMachines * kDiskLogBytes;
+  void* const mapped =
+      ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_NORESERVE, memory, 0);
+  if (mapped == MAP_FAILED) fail("no memory for the world");
+  world = static_cast<World*>(mapped);
+  for (std::size_t i = 0; i < kMostMachines; ++i) {
+    disk_logs[i] = static_cast<char*>(mapped) + kWorldBytes + i * kDiskLogBytes;
+  }
+}
+
+bool is_earlier(const Event& a, const Event& b) {
+  return a.at != b.at ? a.at < b.at : a.order < b.order;
+}
+bool is_later(const Event& a, const Event& b) { return is_earlier(b, a); }
+
+void run_due_events() {
+  auto& events = world->events;
+  while (world->events_used > 0 && events[0].at <= world->now) {
+    std::pop_heap(events.begin(), events.begin() + world->events_used, is_later);
+    const Event event = events[static_cast<std::size_t>(--world->events_used)];
+    handle(event);
+  }
+}
+
+void make_runnable(Thread& thread, bool was_woken) {
+  thread.state = State::kRunnable;
+  thread.was_woken = was_woken;
+  thread.deadline = kNever;
+}
+
+Time frozen_until(const Thread& thread) {
+  return thread.machine < 0 ? 0 : machine(thread.machine).frozen_until;
+}
+
+/// The thread that goes on, after all that happens before it does.
+int choose() {
+  std::array<int, kMostThreads> runnable;
+  for (;;) {
+    run_due_events();
+    std::size_t count = 0;
+    Time next = world->events_used > 0 ? world->events[0].at : kNever;
+    for (int i = 0; i < world->threads_used; ++i) {
+      Thread& thread = world->threads[static_cast<std::size_t>(i)];
+      if (thread.state == State::kFree) continue;
+      if (thread.state == State::kBlocked && thread.deadline <= world->now) {
+        make_runnable(thread, false);
+      }
+      const Time frozen = frozen_until(thread);
+      if (thread.state == State::kBlocked) {
+        next = std::min(next, std::max(thread.deadline, frozen));
+      } else if (frozen > world->now) {
+        next = std::min(next, frozen);
+      } else {
+        runnable[count++] = i;
+      }
+    }
+    if (count > 0) {
+      world->now += world->random.between(kMicrosecond, 20 * kMicrosecond);
+      return runnable[world->random.below(count)];
+    }
+    if (next == kNever) {
+      world->is_stuck = true;
+      make_runnable(world->threads[kController], true);
+      continue;
+    }
+    world->now = std::max(world->now, next);
+  }
+}
+
+void give_turn(int thread) {
+  world->current = thread;
+  auto& turn = world->threads[static_cast<std::size_t>(thread)].turn;
+  turn.store(1, std::memory_order_release);
+  raw_call(SYS_futex, reinterpret_cast<long>(&turn), FUTEX_WAKE, 1);
+}
+
+void handle_signals() {
+  if (!is_in_machine() || my_machine().signal == 0) return;
+  const int signal = std::exchange(my_machine().signal, 0);
+  const auto found = signal_handlers().find(signal);
+  if (found != signal_handlers().end()) found->second(signal);
+}
+
+void die_here() {
+  my_machine().is_dying = true;
+  make_runnable(world->threads[kController], true);
+  block(Wait::kParked, nullptr, kNever);
+}
+
+}  // namespace
+
+long raw_call(long number, long a, long b, long c, long d, long e, long f) {
+  using Call = long (*)(long, ...);
+  ORBBUF_REAL(Call, "syscall");
+  return real_function(number, a, b, c, d, e, f);
+}
+
+std::map<int, void (*)(int)>& signal_handlers() {
+  static std::map<int, void (*)(int)> all;
+  return all;
+}
+
+void fail(std::string_view why) {
+  const auto line = fmt::format("orbbuf-simulate: {}\n", why);
+  raw_call(SYS_write, 2, reinterpret_cast<long>(line.data()), static_cast<long>(line.size()));
+  raw_call(SYS_exit_group, 70);
+  std::abort();
+}
+
+void make_world(int memory, std::uint64_t seed) {
+  const std::size_t bytes = kWorldBytes + kMostMachines * kDiskLogBytes;
+  if (::ftruncate(memory, 0) != 0 || ::ftruncate(memory, static_cast<off_t>(bytes)) != 0) {
+    fail("no memory for the world");
+  }
+  if (world != nullptr) ::munmap(world, bytes);
+  map_world(memory);
+  new (world) World();
+  world->random.state = seed;
+  this_thread = kController;
+  world->threads[kController].state = State::kRunnable;
+}
+
+void join_world(int memory, int thread) {
+  map_world(memory);
+  this_thread = thread;
+  await_turn(thread);
+}
+
+int add_thread(int machine) {
+  int place = 1;
+  while (place < kMostThreads &&
+         world->threads[static_cast<std::size_t>(place)].state != State::kFree) {
+    ++place;
+  }
+  if (place == kMostThreads) fail("too many threads");
+  Thread& thread = world->threads[static_cast<std::size_t>(place)];
+  thread.state = State::kRunnable;
+  thread.machine = machine;
+  thread.deadline = kNever;
+  thread.turn = 0;
+  world->threads_used = std::max(world->threads_used, place + 1);
+  return place;
+}
+
+void await_turn(int thread) {
+  auto& turn = world->threads[static_cast<std::size_t>(thread)].turn;
+  while (turn.exchange(0, std::memory_order_acquire) == 0) {
+    raw_call(SYS_futex, reinterpret_cast<long>(&turn), FUTEX_WAIT, 0);
+  }
+}
+
+void pass_turn() {
+  const int self = this_thread;
+  ++world->turns;
+  const int next = choose();
+  if (next == self) return handle_signals();
+  give_turn(next);
+  await_turn(self);
+  handle_signals();
+}
+
+bool block(Wait wait, const void* key, Time deadline) {
+  Thread& self = myself();
+  self.state = State::kBlocked;
+  self.wait = wait;
+  self.key = key;
+  self.deadline = deadline;
+  pass_turn();
+  return self.was_woken;
+}
+
+void wake(Wait wait, const void* key, int most) {
+  const int number = my_machine_number();
+  for (int i = 0; i < world->threads_used && most > 0; ++i) {
+    Thread& thread = world->threads[static_cast<std::size_t>(i)];
+    if (thread.state == State::kBlocked && thread.machine == number && thread.wait == wait &&
+        thread.key == key) {
+      make_runnable(thread, true);
+      --most;
+    }
+  }
+}
+
+void wake_io(int machine) {
+  for (int i = 0; i < world->threads_used; ++i) {
+    Thread& thread = world->threads[static_cast<std::size_t>(i)];
+    if (thread.state == State::kBlocked && thread.machine == machine && thread.wait == Wait::kIo) {
+      make_runnable(thread, true);
+    }
+  }
+}
+
+void interruption_point() {
+  if (!is_in_machine()) return;
+  Machine& mine = my_machine();
+  if (mine.calls_until_death >= 0 && mine.calls_until_death-- == 0) die_here();
+  if (world->random.one_in(64)) pass_turn();
+}
+
+void forget_threads(int machine) {
+  for (int i = 1; i < world->threads_used; ++i) {
+    Thread& thread = world->threads[static_cast<std::size_t>(i)];
+    if (thread.state != State::kFree && thread.machine == machine) thread.state = State::kFree;
+  }
+  while (world->threads_used > 1 &&
+         world->threads[static_cast<std::size_t>(world->threads_used - 1)].state == State::kFree) {
+    --world->threads_used;
+  }
+}
+
+void end_thread() {
+  myself().state = State::kFree;
+  this_thread = -1;
+  ++world->turns;
+  give_turn(choose());
+}
+
+void end_machine(int status) {
+  const int number = my_machine_number();
+  Machine& mine = my_machine();
+  mine.has_ended = true;
+  mine.is_running = false;
+  mine.status = status;
+  close_all(number);
+  forget_threads(number);
+  make_runnable(world->threads[kController], true);
+  this_thread = -1;
+  give_turn(kController);  // which waits for this process
+  raw_call(SYS_exit_group, 0);
+  std::abort();
+}
+
+void call_controller() { make_runnable(world->threads[kController], true); }
+
+void run_until(Time time) {
+  if (time <= world->now) return;
+  block(Wait::kSleep, nullptr, time);
+}
+
+void add_event(Event event) {
+  if (world->events_used == kMostEvents) fail("too many events");
+  event.order = ++world->orders;
+  world->events[static_cast<std::size_t>(world->events_used++)] = event;
+  std::push_heap(world->events.begin(), world->events.begin() + world->events_used, is_later);
+}
+
+void trace_line(int number, std::string_view text) {
+  for (const char c : text)
+    world->hash = (world->hash ^ static_cast<unsigned char>(c)) * 0x100000001B3U;
+  world->hash = (world->hash ^ static_cast<std::uint64_t>(world->now)) * 0x100000001B3U;
+  if (world->trace < 0) return;
+  std::string name = "world";
+  if (number >= 0) name = number == world->server ? "server" : fmt::format("robot{}", number);
+  const auto line =
+      fmt::format("{:>14.6f} {:<7} {}\n", static_cast<double>(world->now) / 1e9, name, text);
+  raw_call(SYS_write, world->trace, reinterpret_cast<long>(line.data()),
+           static_cast<long>(line.size()));
+}
+
+}  // namespace orbbuf::simulation
