@@ -77,6 +77,7 @@ void Device::take(Change change) {
   switch (change.operation) {
     case DiskOperation::kWrite:
     case DiskOperation::kTruncate:
+      dirty_.insert(change.inode);
       files_[change.inode].pending.push_back(std::move(change));
       return;
     case DiskOperation::kSync:
@@ -89,16 +90,11 @@ void Device::take(Change change) {
 }
 
 void Device::sync(std::uint64_t inode, std::uint64_t before, bool has_failed) {
-  for (auto& [number, file] : files_) {
-    if (inode != 0 && number != inode) continue;
-    auto& pending = file.pending;
-    const auto behind =
-        std::find_if(pending.begin(), pending.end(),
-                     [before](const Change& change) { return change.number >= before; });
-    if (!has_failed) {
-      for (auto one = pending.begin(); one != behind; ++one) apply(*one, file.durable);
-    }
-    pending.erase(pending.begin(), behind);
+  if (inode == 0) {
+    const std::set<std::uint64_t> all = dirty_;
+    for (const std::uint64_t one : all) sync_file(one, before, has_failed);
+  } else {
+    sync_file(inode, before, has_failed);
   }
   if (has_failed) return;
   const auto behind =
@@ -108,45 +104,68 @@ void Device::sync(std::uint64_t inode, std::uint64_t before, bool has_failed) {
   pending_names_.erase(pending_names_.begin(), behind);
 }
 
+void Device::sync_file(std::uint64_t inode, std::uint64_t before, bool has_failed) {
+  const auto found = files_.find(inode);
+  if (found == files_.end()) return;
+  auto& pending = found->second.pending;
+  const auto behind = std::find_if(pending.begin(), pending.end(), [before](const Change& change) {
+    return change.number >= before;
+  });
+  if (!has_failed) {
+    for (auto one = pending.begin(); one != behind; ++one) apply(*one, found->second.durable);
+  }
+  pending.erase(pending.begin(), behind);
+  if (pending.empty()) dirty_.erase(inode);
+}
+
 void Device::apply_name(const Change& change) {
   switch (change.operation) {
     case DiskOperation::kCreate:
-      names_[change.name] = change.inode;
-      return;
     case DiskOperation::kMakeFolder:
-      names_[change.name] = 0;
-      return;
-    case DiskOperation::kRemove: {
+      return give_name(change.name, change.inode);
+    case DiskOperation::kRemove:
+      return take_name(change.name);
+    case DiskOperation::kLink: {
       const auto found = names_.find(change.name);
-      if (found == names_.end()) return;
-      const std::uint64_t inode = found->second;
-      names_.erase(found);
-      if (inode != 0 && std::none_of(names_.begin(), names_.end(),
-                                     [inode](const auto& name) { return name.second == inode; })) {
-        // Until a descriptor of it is closed more may be written; then that has no name.
-        files_.erase(inode);
-      }
+      if (found != names_.end()) give_name(change.other, found->second);
       return;
     }
-    case DiskOperation::kLink:
-      if (names_.contains(change.name)) names_[change.other] = names_[change.name];
-      return;
     case DiskOperation::kRename: {
-      std::map<std::string, std::uint64_t> moved;
+      std::vector<std::pair<std::string, std::uint64_t>> moved;
       const std::string below = change.name + "/";
-      for (const auto& [name, inode] : names_) {
-        if (name == change.name) moved[change.other] = inode;
-        if (name.starts_with(below)) moved[change.other + "/" + name.substr(below.size())] = inode;
+      if (const auto found = names_.find(change.name); found != names_.end()) {
+        moved.emplace_back(change.other, found->second);
       }
-      std::erase_if(names_, [&](const auto& name) {
-        return name.first == change.name || name.first.starts_with(below);
-      });
-      for (const auto& [name, inode] : moved) names_[name] = inode;
+      for (auto at = names_.lower_bound(below); at != names_.end(); ++at) {
+        if (!at->first.starts_with(below)) break;
+        moved.emplace_back(change.other + "/" + at->first.substr(below.size()), at->second);
+      }
+      for (const auto& [name, inode] : moved) give_name(name, inode);
+      for (const auto& [name, inode] : moved) {
+        take_name(change.name + name.substr(change.other.size()));
+      }
       return;
     }
     default:
       return;
   }
+}
+
+void Device::give_name(const std::string& name, std::uint64_t inode) {
+  take_name(name);
+  names_[name] = inode;
+  if (inode != 0) ++links_[inode];
+}
+
+void Device::take_name(const std::string& name) {
+  const auto found = names_.find(name);
+  if (found == names_.end()) return;
+  const std::uint64_t inode = found->second;
+  names_.erase(found);
+  if (inode == 0 || --links_[inode] > 0) return;
+  links_.erase(inode);
+  files_.erase(inode);
+  dirty_.erase(inode);
 }
 
 void Device::apply(const Change& change, std::string& content) {
@@ -206,12 +225,17 @@ void Device::write_out() {
     const std::string& content = files_[inode].durable;
     std::ofstream(path, std::ios::binary)
         .write(content.data(), static_cast<std::streamsize>(content.size()));
-    struct stat status {};
+    struct stat status {};  // a second name is a copy now; no program of ours minds
     ::stat(path.c_str(), &status);
     files[status.st_ino].durable = content;
     inode = status.st_ino;
   }
   files_ = std::move(files);
+  dirty_.clear();
+  links_.clear();
+  for (const auto& [name, inode] : names_) {
+    if (inode != 0) ++links_[inode];
+  }
   machine(machine_).disk.used = bytes_below(root);
 }
 

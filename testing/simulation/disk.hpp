@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -72,7 +73,10 @@ class Device {
 
   void take(Change change);
   void sync(std::uint64_t inode, std::uint64_t before, bool has_failed);
+  void sync_file(std::uint64_t inode, std::uint64_t before, bool has_failed);
   void apply_name(const Change& change);
+  void give_name(const std::string& name, std::uint64_t inode);
+  void take_name(const std::string& name);
   static void apply(const Change& change, std::string& content);
   static void apply_by_chance(const Change& change, std::string& content, Random& random);
   void write_out();
@@ -80,7 +84,9 @@ class Device {
   const int machine_;
   std::map<std::string, std::uint64_t> names_;  ///< on the device; 0: a folder
   std::vector<Change> pending_names_;
+  std::map<std::uint64_t, int> links_;
   std::map<std::uint64_t, File> files_;
+  std::set<std::uint64_t> dirty_;  ///< with pending changes
 };
 
 /// The bytes of all files of a machine.
