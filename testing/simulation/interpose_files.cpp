@@ -145,6 +145,7 @@ int sync_file(int fd, bool is_all) {
   Time takes = disk().sync_time + world->random.between(0, disk().sync_time);
   if (world->now < disk().slow_until)
     takes += world->random.between(100 * kMillisecond, 3 * kSecond);
+  takes = std::max(takes, disk().syncs_hang_until - world->now);
   if (takes > 0) block(Wait::kSleep, nullptr, world->now + takes);
   const std::uint64_t inode = is_all ? 0 : file.inode;
   if (is_failing()) {

@@ -131,6 +131,18 @@ class SessionJudge {
       problem(fmt::format("{} were acknowledged, {} are there", facts_.acknowledged, live_));
     }
     check_reasons(may_lose);
+    check_memory();
+  }
+
+  /// `buffer.memory`, of frames that are reduced to a quarter at most.
+  void check_memory() {
+    std::size_t bytes = 0;
+    const Source& source = run_.source_of(facts_.machine);
+    for (const std::string& image : source.images) bytes += image.size();
+    const std::uint64_t most = 4 * kBufferBytes / (bytes / source.images.size());
+    if (facts_.most_held > most) {
+      problem(fmt::format("{} frames were in memory, of which {} take it all", facts_.most_held, most));
+    }
   }
 
   void check_reasons(bool may_lose) {

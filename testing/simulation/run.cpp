@@ -15,13 +15,8 @@ namespace fs = std::filesystem;
 
 constexpr std::uint64_t kLargeDisk = 1ULL << 40;
 constexpr std::uint64_t kSmallDisk = 6 << 20;
-constexpr Time kQuiet = 150 * kSecond;
+constexpr Time kSettling = 60 * kSecond;
 constexpr Time kLongestEnd = 60 * kSecond;
-
-std::uint64_t acknowledged(int number) {
-  const int session = machine(number).session;
-  return session < 0 ? 0 : world->sessions[static_cast<std::size_t>(session)].acknowledged;
-}
 
 }  // namespace
 
@@ -136,7 +131,7 @@ void Run::die(int number, bool loses_power) {
   program_of(number).kill(number);
   if (!loses_power) return;
   devices_[static_cast<std::size_t>(number)]->cut_power(random_);
-  one.disk.slow_until = 0;
+  one.disk.slow_until = one.disk.syncs_hang_until = 0;
 }
 
 void Run::die_in_a_row(int number, std::uint64_t times, Time pause) {
@@ -243,6 +238,8 @@ void Run::apply_to_link(const Fault& fault) {
 
 void Run::apply_to_disk(const Fault& fault) {
   Disk& disk = machine(fault.machine).disk;
+  if (fault.kind == FaultKind::kHangingSync) disk.syncs_hang_until = world->now + fault.length;
+  if (fault.kind == FaultKind::kHangingSync && fault.machine == kServer) return;
   has_bad_disk_[static_cast<std::size_t>(fault.machine)] = true;
   if (fault.kind == FaultKind::kSlowDisk) disk.slow_until = world->now + fault.length;
   if (fault.kind == FaultKind::kFailingDisk) disk.fails_until = world->now + fault.length;
@@ -278,6 +275,7 @@ void Run::apply(const Fault& fault) {
       one.clock_offset = static_cast<std::int64_t>(fault.value) * kSecond;
       return;
     case FaultKind::kSlowDisk:
+    case FaultKind::kHangingSync:
     case FaultKind::kFailingDisk:
     case FaultKind::kFullDisk:
       return apply_to_disk(fault);
@@ -294,17 +292,32 @@ void Run::heal() {
     Machine& one = machine(i);
     one.frozen_until = 0;
     one.calls_until_death = -1;
-    one.disk.slow_until = one.disk.fails_until = 0;
+    one.disk.slow_until = one.disk.fails_until = one.disk.syncs_hang_until = 0;
     if (i != kServer && !setup_of(i).has_small_disk) one.disk.capacity = kLargeDisk;
     if (i == kServer) one.disk.capacity = kLargeDisk;
     if (i != kServer) {
       Path& path = world->paths[static_cast<std::size_t>(i)];
       path.is_down = {};
       path.loss_one_in = 0;
-      path.delay = std::min<Time>(setup_of(i).path.delay, 50 * kMillisecond);
+      path.delay = setup_of(i).path.delay;
       path.bytes_per_second = std::max(1e6, setup_of(i).path.bytes_per_second);
     }
     begin(i);
+  }
+}
+
+const SessionFacts& Run::facts_of(int robot) const {
+  return world->sessions[static_cast<std::size_t>(machine(robot).session)];
+}
+
+void Run::await_late_frames() {
+  for (int i = 1; i < machines(); ++i) {
+    while (facts_of(i).spooled > 0) {
+      const std::uint64_t before = facts_of(i).spooled;
+      advance(world->now + kSettling);
+      if (facts_of(i).spooled < before) continue;
+      return problem(fmt::format("robot{}: {} kept frames do not come although all is well", i, before));
+    }
   }
 }
 
@@ -318,15 +331,16 @@ void Run::run() {
   // A server whose disk failed acknowledges nothing until it is started again.
   if (has_bad_disk(kServer)) die(kServer, false);
   heal();
-  advance(world->now + kQuiet / 2);
+  advance(world->now + kSettling);
   std::array<std::uint64_t, kMostMachines> before{};
-  for (int i = 1; i < machines(); ++i) before[static_cast<std::size_t>(i)] = acknowledged(i);
-  advance(world->now + kQuiet / 2);
+  for (int i = 1; i < machines(); ++i) before[static_cast<std::size_t>(i)] = facts_of(i).acknowledged;
+  advance(world->now + kSettling);
   for (int i = 1; i < machines(); ++i) {
-    if (acknowledged(i) <= before[static_cast<std::size_t>(i)]) {
+    if (facts_of(i).acknowledged <= before[static_cast<std::size_t>(i)]) {
       problem(fmt::format("robot{}: no frame is acknowledged although all is well", i));
     }
   }
+  await_late_frames();
   is_ending_ = true;
   for (int i = 1; i < machines(); ++i) signal(i, SIGTERM);
   const auto is_any_running = [this] {

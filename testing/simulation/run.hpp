@@ -62,6 +62,8 @@ class Run {
   void apply_to_link(const Fault& fault);
   void apply_to_disk(const Fault& fault);
   void heal();
+  void await_late_frames();
+  const SessionFacts& facts_of(int robot) const;
   void set_down(int machine, int direction, bool is_down);
   std::vector<std::string> arguments_of(int machine) const;
   Program& program_of(int machine);

@@ -11,7 +11,7 @@ namespace {
 constexpr std::array<std::string_view, kFaultKinds> kNames = {
     "cut",  "cut-to-server", "cut-to-robot", "new-address",  "slow-link", "long-way",
     "loss", "kill",          "kill-at-call", "die-in-a-row", "power-cut", "power-cut-at-call",
-    "stop", "freeze",        "slow-disk",    "failing-disk", "full-disk", "clock-step"};
+    "stop", "freeze",        "slow-disk", "hanging-sync",    "failing-disk", "full-disk", "clock-step"};
 
 /// Many short ones, few long ones.
 Time draw_length(Random& random, Time least, Time most) {
@@ -21,7 +21,7 @@ Time draw_length(Random& random, Time least, Time most) {
 }
 
 RobotSetup draw_robot(Random& random) {
-  constexpr std::array kRates = {1.0, 2.0, 5.0, 5.0, 10.0, 25.0};
+  constexpr std::array kRates = {0.5, 1.0, 2.0, 2.0, 5.0, 10.0, 25.0};
   constexpr std::array kPolicies = {"catch-up", "catch-up", "catch-up", "uniform", "drop-oldest"};
   RobotSetup robot;
   robot.fps = kRates[random.below(kRates.size())];
@@ -31,7 +31,8 @@ RobotSetup draw_robot(Random& random) {
   robot.has_large_images = random.one_in(3);
   robot.has_small_disk = random.one_in(5);
   robot.path.delay = draw_length(random, kMillisecond, 200 * kMillisecond);
-  robot.path.jitter = random.one_in(2) ? robot.path.delay / 2 : 0;
+  if (random.one_in(6)) robot.path.delay = draw_length(random, 300 * kMillisecond, 900 * kMillisecond);
+  robot.path.jitter = random.one_in(2) ? robot.path.delay / 20 : 0;
   robot.path.queue = draw_length(random, 50 * kMillisecond, kSecond);
   const double needed = robot.fps * (robot.has_large_images ? 12000 : 2500);
   robot.path.bytes_per_second = needed * static_cast<double>(2 + random.below(30));
@@ -126,6 +127,7 @@ Scenario draw_scenario(std::uint64_t seed) {
   Scenario scenario;
   scenario.seed = seed;
   scenario.length = draw_length(random, 60 * kSecond, 1800 * kSecond);
+  if (random.one_in(6)) scenario.sync = random.one_in(2) ? "1 s" : "off";
   scenario.sync_time = draw_length(random, 100 * kMicrosecond, 30 * kMillisecond);
   const std::uint64_t robots = 1 + random.below(3);
   for (std::uint64_t i = 0; i < robots; ++i) scenario.robots.push_back(draw_robot(random));

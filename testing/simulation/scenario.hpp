@@ -11,6 +11,7 @@
 /// What a seed stands for: machines, and what goes wrong.
 namespace orbbuf::simulation {
 
+inline constexpr std::uint64_t kBufferBytes = 1 << 20;
 inline constexpr int kServer = 0;  ///< its machine; the robots follow
 
 enum class FaultKind : std::uint8_t {
@@ -29,11 +30,12 @@ enum class FaultKind : std::uint8_t {
   kStop,  ///< as SIGTERM
   kFreeze,
   kSlowDisk,
+  kHangingSync,  ///< writes go on
   kFailingDisk,
   kFullDisk,
   kClockStep,  ///< value: seconds, as a signed number
 };
-inline constexpr int kFaultKinds = 18;
+inline constexpr int kFaultKinds = 19;
 std::string_view to_string(FaultKind kind);
 
 struct Fault {

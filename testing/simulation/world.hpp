@@ -133,6 +133,7 @@ struct Disk {
   std::uint64_t forced = 0;  ///< syncs that failed
   Time fails_until = 0;      ///< writes and syncs: EIO
   Time slow_until = 0;
+  Time syncs_hang_until = 0;
   Time sync_time = 0;  ///< of each sync
 };
 
@@ -161,7 +162,9 @@ struct SessionFacts {
   double fps = 0;
   std::array<char, 64> id{};
   std::uint64_t opened = 0;        ///< images; of these the last one may not be captured yet
-  std::uint64_t acknowledged = 0;  ///< as its log last said
+  std::uint64_t acknowledged = 0;  ///< this and those below as its log last said
+  std::uint64_t spooled = 0;
+  std::uint64_t most_held = 0;  ///< frames that waited, or were in flight
   Time began = 0;
   Time ended = kNever;
   bool was_killed = false;
