@@ -44,7 +44,13 @@ void note_line(int number, std::string_view line) {
       facts->most_held = std::max(facts->most_held, number_after(text, "waiting ") +
                                                         number_after(text, "in flight "));
     }
-    if (text.find("session ended: captured ") != std::string::npos) facts->has_closed = true;
+    if (text.find("session ended: captured ") != std::string::npos) {
+      facts->has_closed = true;
+      facts->left += number_after(text, "waiting ") + number_after(text, "in flight ");
+    }
+    if (text.find(" frames are still undelivered after ") != std::string::npos) {
+      facts->left += number_after(text, "link: ");
+    }
   }
   trace_line(number, text);
 }

@@ -15,7 +15,7 @@ namespace fs = std::filesystem;
 
 constexpr std::uint64_t kLargeDisk = 1ULL << 40;
 constexpr std::uint64_t kSmallDisk = 6 << 20;
-constexpr Time kSettling = 60 * kSecond;
+constexpr Time kSettling = 30 * kSecond;
 constexpr Time kLongestEnd = 60 * kSecond;
 
 }  // namespace
@@ -146,6 +146,7 @@ void Run::signal(int number, int which) {
   Machine& one = machine(number);
   if (!one.is_running) return;
   one.signal = which;
+  if (number != kServer) world->sessions[static_cast<std::size_t>(one.session)].was_stopped = true;
   wake_io(number);
 }
 
@@ -240,7 +241,8 @@ void Run::apply_to_disk(const Fault& fault) {
   Disk& disk = machine(fault.machine).disk;
   if (fault.kind == FaultKind::kHangingSync) disk.syncs_hang_until = world->now + fault.length;
   if (fault.kind == FaultKind::kHangingSync && fault.machine == kServer) return;
-  has_bad_disk_[static_cast<std::size_t>(fault.machine)] = true;
+  const auto place = static_cast<std::size_t>(fault.machine);
+  bad_disk_until_[place] = std::max(bad_disk_until_[place], world->now + fault.length + 5 * kSecond);
   if (fault.kind == FaultKind::kSlowDisk) disk.slow_until = world->now + fault.length;
   if (fault.kind == FaultKind::kFailingDisk) disk.fails_until = world->now + fault.length;
   if (fault.kind != FaultKind::kFullDisk) return;

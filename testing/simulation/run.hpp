@@ -46,7 +46,11 @@ class Run {
   const Source& source_of(int machine) const;
   bool has_server_crashed() const { return has_server_crashed_; }
   bool has_server_lost_power() const { return has_server_lost_power_; }
-  bool has_bad_disk(int machine) const { return has_bad_disk_[static_cast<std::size_t>(machine)]; }
+  /// Until then it did not do what it should; 0: it always did.
+  Time bad_disk_until(int machine) const {
+    return bad_disk_until_[static_cast<std::size_t>(machine)];
+  }
+  bool has_bad_disk(int machine) const { return bad_disk_until(machine) > 0; }
 
  private:
   void at(Time time, std::function<void()> what) { actions_.emplace(time, std::move(what)); }
@@ -82,7 +86,7 @@ class Run {
   std::array<std::array<int, 2>, kMostMachines> downs_{};
   std::array<bool, kMostMachines> dies_of_power_{};
   std::array<Time, kMostMachines> pause_after_death_{};
-  std::array<bool, kMostMachines> has_bad_disk_{};
+  std::array<Time, kMostMachines> bad_disk_until_{};
   bool has_server_crashed_ = false;
   bool has_server_lost_power_ = false;
   bool is_ending_ = false;

@@ -32,7 +32,7 @@ RobotSetup draw_robot(Random& random) {
   robot.has_small_disk = random.one_in(5);
   robot.path.delay = draw_length(random, kMillisecond, 200 * kMillisecond);
   if (random.one_in(6)) robot.path.delay = draw_length(random, 300 * kMillisecond, 900 * kMillisecond);
-  robot.path.jitter = random.one_in(2) ? robot.path.delay / 20 : 0;
+  robot.path.jitter = random.one_in(2) ? std::min(robot.path.delay / 20, kMillisecond) : 0;
   robot.path.queue = draw_length(random, 50 * kMillisecond, kSecond);
   const double needed = robot.fps * (robot.has_large_images ? 12000 : 2500);
   robot.path.bytes_per_second = needed * static_cast<double>(2 + random.below(30));
@@ -89,26 +89,54 @@ void draw_value(Fault& fault, Random& random, const Scenario& scenario) {
   }
 }
 
-bool is_of_link(FaultKind kind) { return kind <= FaultKind::kLoss; }
+bool is_of_robots(FaultKind kind) {
+  return kind <= FaultKind::kLoss || kind == FaultKind::kDieInARow || kind == FaultKind::kClockStep;
+}
 
 Fault draw_fault(Random& random, const Scenario& scenario) {
   Fault fault;
   fault.at = random.between(kSecond, scenario.length);
   // Half of the faults are the plain ones.
-  constexpr std::array kPlain = {FaultKind::kCut, FaultKind::kCut, FaultKind::kKill,
-                                 FaultKind::kPowerCut, FaultKind::kNewAddress};
+  constexpr std::array kPlain = {FaultKind::kCut,  FaultKind::kKill,       FaultKind::kPowerCut,
+                                 FaultKind::kStop, FaultKind::kNewAddress, FaultKind::kDieInARow};
   fault.kind = random.one_in(2) ? kPlain[random.below(kPlain.size())]
                                 : static_cast<FaultKind>(random.below(kFaultKinds));
   fault.machine = draw_machine(random, scenario.robots.size());
-  const bool is_robots = is_of_link(fault.kind) || fault.kind == FaultKind::kDieInARow ||
-                         fault.kind == FaultKind::kClockStep;
-  if (is_robots && fault.machine == kServer) {
+  if (is_of_robots(fault.kind) && fault.machine == kServer) {
     fault.machine = static_cast<int>(1 + random.below(scenario.robots.size()));
   }
   fault.length =
       draw_length(random, 200 * kMillisecond, random.one_in(8) ? 600 * kSecond : 60 * kSecond);
   draw_value(fault, random, scenario);
   return fault;
+}
+
+/// Moves it to where another one is.
+void keep_company(Fault& fault, Random& random, const Scenario& scenario) {
+  const Fault& other = scenario.faults[random.below(scenario.faults.size())];
+  const Time until = random.one_in(3) ? kSecond : other.length + 2 * kSecond;
+  fault.at = std::clamp(other.at + random.between(-kSecond, until), kSecond, scenario.length);
+  const bool may_move = other.machine != kServer || !is_of_robots(fault.kind);
+  if (may_move && random.one_in(2)) fault.machine = other.machine;
+}
+
+/// What an adversary found by hand: deaths while nothing can be told.
+void add_death_in_outage(Scenario& scenario, Random& random) {
+  constexpr std::array kDeaths = {FaultKind::kKill,        FaultKind::kPowerCut, FaultKind::kStop,
+                                  FaultKind::kKillAtCall,  FaultKind::kDieInARow,
+                                  FaultKind::kPowerCutAtCall};
+  Fault outage;
+  outage.at = random.between(kSecond, scenario.length);
+  outage.machine = static_cast<int>(1 + random.below(scenario.robots.size()));
+  outage.length = draw_length(random, kSecond, random.one_in(4) ? 600 * kSecond : 60 * kSecond);
+  if (random.one_in(4)) outage.kind = FaultKind::kCutToServer;
+  Fault death;
+  death.machine = outage.machine;
+  death.kind = kDeaths[random.below(kDeaths.size())];
+  death.at = outage.at + random.between(0, random.one_in(3) ? kSecond : outage.length);
+  draw_value(death, random, scenario);
+  scenario.faults.push_back(outage);
+  scenario.faults.push_back(death);
 }
 
 }  // namespace
@@ -126,15 +154,19 @@ Scenario draw_scenario(std::uint64_t seed) {
   Random random{seed * 0x9E3779B97F4A7C15U + 1};
   Scenario scenario;
   scenario.seed = seed;
-  scenario.length = draw_length(random, 60 * kSecond, 1800 * kSecond);
+  scenario.length = draw_length(random, 60 * kSecond, 1200 * kSecond);
   if (random.one_in(6)) scenario.sync = random.one_in(2) ? "1 s" : "off";
   scenario.sync_time = draw_length(random, 100 * kMicrosecond, 30 * kMillisecond);
   const std::uint64_t robots = 1 + random.below(3);
   for (std::uint64_t i = 0; i < robots; ++i) scenario.robots.push_back(draw_robot(random));
   const std::uint64_t faults =
-      2 + random.below(4 + static_cast<std::uint64_t>(scenario.length / (30 * kSecond)));
-  for (std::uint64_t i = 0; i < faults; ++i)
-    scenario.faults.push_back(draw_fault(random, scenario));
+      2 + random.below(3 + static_cast<std::uint64_t>(scenario.length / (60 * kSecond)));
+  for (std::uint64_t i = 0; i < faults; ++i) {
+    Fault fault = draw_fault(random, scenario);
+    if (!scenario.faults.empty() && random.one_in(2)) keep_company(fault, random, scenario);
+    scenario.faults.push_back(fault);
+    if (random.one_in(3)) add_death_in_outage(scenario, random);
+  }
   std::sort(scenario.faults.begin(), scenario.faults.end(),
             [](const Fault& a, const Fault& b) { return a.at < b.at; });
   return scenario;

@@ -169,7 +169,9 @@ struct SessionFacts {
   Time ended = kNever;
   bool was_killed = false;
   bool lost_power = false;
-  bool has_closed = false;  ///< delivered all, by itself
+  bool has_closed = false;  ///< by itself
+  std::uint64_t left = 0;   ///< frames that it had not delivered then
+  bool was_stopped = false;
 };
 
 struct Event {

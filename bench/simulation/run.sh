@@ -1,0 +1,52 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Seeds for some minutes; with --defects, how soon the simulation finds the defects that the project had, one at a time.
+# Usage: bench/simulation/run.sh BUILD_FOLDER [--minutes N] [--seed N] [--defects [NAME ...]]
+# The defects are built in a work tree of its own, build/simulation-defects, which stays for the next time.
+set -euo pipefail
+build=$(cd "$1" && pwd)
+shift
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+minutes=2 seed=$(date +%s) defects=
+while [ $# -gt 0 ]; do
+  case $1 in
+    --minutes) minutes=$2 && shift 2 ;;
+    --seed) seed=$2 && shift 2 ;;
+    --defects) defects=1 && shift && break ;;
+    *) sed -n '4s/^# //p' "$0" >&2 && exit 2 ;;
+  esac
+done
+simulate() { "$1/testing/simulation/orbbuf-simulate" --seed "$seed" --minutes "$minutes" "${@:2}"; }
+if [ -z "$defects" ]; then
+  simulate "$build" --go-on
+  exit
+fi
+
+patches=$PWD/testing/simulation/defects tree=$PWD/build/simulation-defects
+if [ $# -eq 0 ]; then
+  for patch in "$patches"/*.patch; do set -- "$@" "$(basename "$patch" .patch)"; done
+fi
+[ -e "$tree" ] || git worktree add --detach "$tree" HEAD
+git -C "$tree" checkout --quiet --detach "$(git rev-parse HEAD)"
+git -C "$tree" checkout --quiet .
+cmake -S "$tree" --preset dev -DORBBUF_BUILD_EVALUATION=OFF > /dev/null
+found=0 times=()
+for name; do
+  git -C "$tree" apply "$patches/$name.patch"
+  if cmake --build "$tree/build/dev" --target orbbuf-simulate > "$tree/build/$name.log" 2>&1; then
+    simulate "$tree/build/dev" > "$tree/build/$name.found" || true
+    took=$(sed -n 's/^RESULT simulation.minutes //p' "$tree/build/$name.found")
+    if grep -q '^  FOUND' "$tree/build/$name.found"; then
+      found=$((found + 1)) times+=("$took")
+      echo "$name: found after $took minutes: $(grep -m1 '^  FOUND' "$tree/build/$name.found")"
+    else
+      echo "$name: not found in $took minutes"
+    fi
+  else
+    echo "$name: does not build; see $tree/build/$name.log" >&2
+  fi
+  git -C "$tree" apply -R "$patches/$name.patch"
+done
+echo "RESULT simulation.defects $#"
+echo "RESULT simulation.found_of_20 $found"
+[ $found -eq 0 ] || echo "RESULT simulation.median_minutes_to_find $(printf '%s\n' "${times[@]}" | sort -n | sed -n "$(((found + 1) / 2))p")"
