@@ -41,8 +41,8 @@ void note_line(int number, std::string_view line) {
     if (text.find("captured ") != std::string::npos) {
       facts->acknowledged = std::max(facts->acknowledged, number_after(text, "acknowledged "));
       facts->spooled = number_after(text, "spooled ");
-      facts->most_held = std::max(facts->most_held, number_after(text, "waiting ") +
-                                                        number_after(text, "in flight "));
+      facts->most_held = std::max(
+          facts->most_held, number_after(text, "waiting ") + number_after(text, "in flight "));
     }
     if (text.find("session ended: captured ") != std::string::npos) {
       facts->has_closed = true;

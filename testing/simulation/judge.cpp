@@ -47,6 +47,8 @@ class SessionJudge {
 
   void run() {
     ++verdict_.sessions;
+    // What such a server loses of a session that is over nobody names.
+    if (scenario_.sync != "ack" && facts_.ended < run_.server_power_cut()) return;
     find_old();
     verdict_.captured += surely_captured();
     if (facts_.id[0] == '\0' || !fs::exists(folder_)) {
@@ -72,6 +74,8 @@ class SessionJudge {
 
   bool has_died() const { return facts_.was_killed || facts_.lost_power; }
 
+  bool may_lose() const { return run_.server_power_cut() > 0 && scenario_.sync != "ack"; }
+
   bool has_trouble_with_disk() const {
     return run_.has_bad_disk(facts_.machine) || robot_.has_small_disk;
   }
@@ -81,11 +85,12 @@ class SessionJudge {
     old_ = surely_captured();
     // Without a record what it had not delivered when it ended is named nowhere.
     if (!robot_.has_record() && (facts_.left > 0 || !facts_.has_closed)) old_ = 0;
+    if (facts_.began < run_.bad_disk_until(facts_.machine)) old_ = 0;
     if (!has_died()) return;
     const double young = facts_.lost_power ? kYoungAtPowerCut : kYoungAtKill;
     const auto at_risk = static_cast<std::uint64_t>(std::ceil(young * facts_.fps)) + 1;
     old_ = old_ > at_risk ? old_ - at_risk : 0;
-    if (!robot_.has_record() || facts_.began < run_.bad_disk_until(facts_.machine)) old_ = 0;
+    if (!robot_.has_record()) old_ = 0;
   }
 
   void take(const RecordedSession& session) {
@@ -129,11 +134,10 @@ class SessionJudge {
       problem(fmt::format("of {} frames {} are neither there nor named, from {} on",
                           surely_captured(), unnamed, first));
     }
-    const bool may_lose = run_.has_server_lost_power() && scenario_.sync != "ack";
-    if (facts_.acknowledged > live_ && !may_lose && !run_.has_bad_disk(kServer)) {
+    if (facts_.acknowledged > live_ && !may_lose() && !run_.has_bad_disk(kServer)) {
       problem(fmt::format("{} were acknowledged, {} are there", facts_.acknowledged, live_));
     }
-    check_reasons(may_lose);
+    check_reasons();
     check_memory();
   }
 
@@ -144,24 +148,26 @@ class SessionJudge {
     for (const std::string& image : source.images) bytes += image.size();
     const std::uint64_t most = 4 * kBufferBytes / (bytes / source.images.size());
     if (facts_.most_held > most) {
-      problem(fmt::format("{} frames were in memory, of which {} take it all", facts_.most_held, most));
+      problem(
+          fmt::format("{} frames were in memory, of which {} take it all", facts_.most_held, most));
     }
   }
 
-  void check_reasons(bool may_lose) {
+  void check_reasons() {
     const Source& source = run_.source_of(facts_.machine);
     std::map<std::string, std::uint64_t> wrong;
     for (const auto& [number, reason] : named_) {
       const bool is_giant = number % source.images.size() == source.giant;
       const bool is_kept = robot_.has_spool && !has_trouble_with_disk() && !is_giant;
       std::string why;
-      if (reason == DropReason::kLost && !may_lose && !run_.has_bad_disk(kServer) &&
+      if (reason == DropReason::kLost && !may_lose() && !run_.has_bad_disk(kServer) &&
           !has_trouble_with_disk()) {
         why = "lost";
       }
       if (reason == DropReason::kRefused && !is_giant) why = "refused";
       if (reason == DropReason::kFailed) why = "failed";
-      if (reason == DropReason::kUnknown && !has_died() && facts_.has_closed && facts_.left == 0) why = "unknown";
+      if (reason == DropReason::kUnknown && !has_died() && facts_.has_closed && facts_.left == 0)
+        why = "unknown";
       if (reason == DropReason::kPolicy && is_kept && number < old_)
         why = "dropped, and never came";
       if (!why.empty() && wrong[why]++ == 0) first_wrong_[why] = number;
@@ -209,11 +215,11 @@ class SessionJudge {
     if (!report) return problem(report.error().text);
     for (const std::string& found : report.value().problems) {
       const bool is_end = found.starts_with("not ended");
-      if (is_end && has_died()) continue;
-      if (is_end && old_ == 0 && !robot_.has_record()) continue;
+      if (is_end && (has_died() || facts_.stops > 1)) continue;
+      if (is_end && (old_ == 0 || may_lose())) continue;
       problem("check: " + found);
     }
-    if (facts_.was_killed && !facts_.was_stopped && report.value().problems.empty()) {
+    if (facts_.was_killed && facts_.stops == 0 && report.value().problems.empty()) {
       problem("check has no complaint, and the robot was killed");
     }
     if (report.value().on_robot > 0) {

@@ -16,6 +16,7 @@ namespace fs = std::filesystem;
 constexpr std::uint64_t kLargeDisk = 1ULL << 40;
 constexpr std::uint64_t kSmallDisk = 6 << 20;
 constexpr Time kSettling = 30 * kSecond;
+constexpr std::uint64_t kFewFrames = 10;  // of a stream that is reduced some always wait
 constexpr Time kLongestEnd = 60 * kSecond;
 
 }  // namespace
@@ -116,7 +117,7 @@ void Run::die(int number, bool loses_power) {
   if (one.pid == 0) return;
   if (number == kServer) {
     has_server_crashed_ = true;
-    has_server_lost_power_ = has_server_lost_power_ || loses_power;
+    if (loses_power) server_power_cut_ = world->now;
   } else {
     SessionFacts& facts = world->sessions[static_cast<std::size_t>(one.session)];
     facts.ended = world->now;
@@ -146,7 +147,7 @@ void Run::signal(int number, int which) {
   Machine& one = machine(number);
   if (!one.is_running) return;
   one.signal = which;
-  if (number != kServer) world->sessions[static_cast<std::size_t>(one.session)].was_stopped = true;
+  if (number != kServer) ++world->sessions[static_cast<std::size_t>(one.session)].stops;
   wake_io(number);
 }
 
@@ -242,7 +243,8 @@ void Run::apply_to_disk(const Fault& fault) {
   if (fault.kind == FaultKind::kHangingSync) disk.syncs_hang_until = world->now + fault.length;
   if (fault.kind == FaultKind::kHangingSync && fault.machine == kServer) return;
   const auto place = static_cast<std::size_t>(fault.machine);
-  bad_disk_until_[place] = std::max(bad_disk_until_[place], world->now + fault.length + 5 * kSecond);
+  bad_disk_until_[place] =
+      std::max(bad_disk_until_[place], world->now + fault.length + 5 * kSecond);
   if (fault.kind == FaultKind::kSlowDisk) disk.slow_until = world->now + fault.length;
   if (fault.kind == FaultKind::kFailingDisk) disk.fails_until = world->now + fault.length;
   if (fault.kind != FaultKind::kFullDisk) return;
@@ -318,7 +320,9 @@ void Run::await_late_frames() {
       const std::uint64_t before = facts_of(i).spooled;
       advance(world->now + kSettling);
       if (facts_of(i).spooled < before) continue;
-      return problem(fmt::format("robot{}: {} kept frames do not come although all is well", i, before));
+      if (before < kFewFrames) break;
+      return problem(
+          fmt::format("robot{}: {} kept frames do not come although all is well", i, before));
     }
   }
 }
@@ -335,7 +339,8 @@ void Run::run() {
   heal();
   advance(world->now + kSettling);
   std::array<std::uint64_t, kMostMachines> before{};
-  for (int i = 1; i < machines(); ++i) before[static_cast<std::size_t>(i)] = facts_of(i).acknowledged;
+  for (int i = 1; i < machines(); ++i)
+    before[static_cast<std::size_t>(i)] = facts_of(i).acknowledged;
   advance(world->now + kSettling);
   for (int i = 1; i < machines(); ++i) {
     if (facts_of(i).acknowledged <= before[static_cast<std::size_t>(i)]) {

@@ -45,7 +45,8 @@ class Run {
   const std::vector<std::string>& problems() const { return problems_; }
   const Source& source_of(int machine) const;
   bool has_server_crashed() const { return has_server_crashed_; }
-  bool has_server_lost_power() const { return has_server_lost_power_; }
+  /// The last one; 0: none.
+  Time server_power_cut() const { return server_power_cut_; }
   /// Until then it did not do what it should; 0: it always did.
   Time bad_disk_until(int machine) const {
     return bad_disk_until_[static_cast<std::size_t>(machine)];
@@ -88,7 +89,7 @@ class Run {
   std::array<Time, kMostMachines> pause_after_death_{};
   std::array<Time, kMostMachines> bad_disk_until_{};
   bool has_server_crashed_ = false;
-  bool has_server_lost_power_ = false;
+  Time server_power_cut_ = 0;
   bool is_ending_ = false;
   std::vector<std::string> problems_;
 };

@@ -9,9 +9,11 @@ namespace orbbuf::simulation {
 namespace {
 
 constexpr std::array<std::string_view, kFaultKinds> kNames = {
-    "cut",  "cut-to-server", "cut-to-robot", "new-address",  "slow-link", "long-way",
-    "loss", "kill",          "kill-at-call", "die-in-a-row", "power-cut", "power-cut-at-call",
-    "stop", "freeze",        "slow-disk", "hanging-sync",    "failing-disk", "full-disk", "clock-step"};
+    "cut",          "cut-to-server", "cut-to-robot", "new-address",
+    "slow-link",    "long-way",      "loss",         "kill",
+    "kill-at-call", "die-in-a-row",  "power-cut",    "power-cut-at-call",
+    "stop",         "freeze",        "slow-disk",    "hanging-sync",
+    "failing-disk", "full-disk",     "clock-step"};
 
 /// Many short ones, few long ones.
 Time draw_length(Random& random, Time least, Time most) {
@@ -31,7 +33,10 @@ RobotSetup draw_robot(Random& random) {
   robot.has_large_images = random.one_in(3);
   robot.has_small_disk = random.one_in(5);
   robot.path.delay = draw_length(random, kMillisecond, 200 * kMillisecond);
-  if (random.one_in(6)) robot.path.delay = draw_length(random, 300 * kMillisecond, 900 * kMillisecond);
+  if (random.one_in(6))
+    robot.path.delay = draw_length(random, 300 * kMillisecond, 900 * kMillisecond);
+  // Over a long way kept frames come only when the live stream pauses.
+  if (robot.path.delay > 200 * kMillisecond) robot.has_spool = false;
   robot.path.jitter = random.one_in(2) ? std::min(robot.path.delay / 20, kMillisecond) : 0;
   robot.path.queue = draw_length(random, 50 * kMillisecond, kSecond);
   const double needed = robot.fps * (robot.has_large_images ? 12000 : 2500);
@@ -122,9 +127,9 @@ void keep_company(Fault& fault, Random& random, const Scenario& scenario) {
 
 /// What an adversary found by hand: deaths while nothing can be told.
 void add_death_in_outage(Scenario& scenario, Random& random) {
-  constexpr std::array kDeaths = {FaultKind::kKill,        FaultKind::kPowerCut, FaultKind::kStop,
-                                  FaultKind::kKillAtCall,  FaultKind::kDieInARow,
-                                  FaultKind::kPowerCutAtCall};
+  constexpr std::array kDeaths = {FaultKind::kKill,      FaultKind::kPowerCut,
+                                  FaultKind::kStop,      FaultKind::kKillAtCall,
+                                  FaultKind::kDieInARow, FaultKind::kPowerCutAtCall};
   Fault outage;
   outage.at = random.between(kSecond, scenario.length);
   outage.machine = static_cast<int>(1 + random.below(scenario.robots.size()));
@@ -155,7 +160,7 @@ Scenario draw_scenario(std::uint64_t seed) {
   Scenario scenario;
   scenario.seed = seed;
   scenario.length = draw_length(random, 60 * kSecond, 1200 * kSecond);
-  if (random.one_in(6)) scenario.sync = random.one_in(2) ? "1 s" : "off";
+  if (random.one_in(6)) scenario.sync = "1 s";
   scenario.sync_time = draw_length(random, 100 * kMicrosecond, 30 * kMillisecond);
   const std::uint64_t robots = 1 + random.below(3);
   for (std::uint64_t i = 0; i < robots; ++i) scenario.robots.push_back(draw_robot(random));

@@ -171,7 +171,7 @@ struct SessionFacts {
   bool lost_power = false;
   bool has_closed = false;  ///< by itself
   std::uint64_t left = 0;   ///< frames that it had not delivered then
-  bool was_stopped = false;
+  int stops = 0;            ///< signals; the second one ends it at once
 };
 
 struct Event {
