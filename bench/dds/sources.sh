@@ -79,9 +79,9 @@ percentile() { # ROBOT OF: how late images of that time are, in ms
   awk -v begin="$begin" -v end="$end" '/^[0-9]/ && $1 >= begin && $1 < end { print $2 * 1000 }' "$work/by-$1.log" | sort -n |
     awk -v p="$2" '{ v[NR] = $1 } END { printf "%.1f", v[int((NR - 1) * p) + 1] }'
 }
-gap() { # ROBOT: the longest time between two images that were captured and came, in ms
+gap() { # ROBOT: the longest time between two images that came, in periods
   sort "$work/by-$1.log" | awk -v begin="$begin" -v end="$end" '/^[0-9]/ && $1 >= begin && $1 < end {
-    if (last > 0 && $1 - last > gap) gap = $1 - last; last = $1 } END { printf "%.0f", gap * 1000 }'
+    if (last > 0 && $1 - last > gap) gap = $1 - last; last = $1 } END { printf "%.0f", gap * 25 }'
 }
 cpu() { # ROBOT: in percent of a processor
   awk -v t="$(($(ticks "$1") - before[$1]))" -v hz="$(getconf CLK_TCK)" -v s="$(awk "BEGIN { print $end - $begin }")" \
@@ -92,7 +92,7 @@ result() { echo "RESULT dds.source.$1 $2"; }
 for robot in "${robots[@]}"; do
   result "$robot.late_p50_ms" "$(percentile "$robot" 0.5)"
   result "$robot.late_p95_ms" "$(percentile "$robot" 0.95)"
-  result "$robot.gap_ms" "$(gap "$robot")"
+  result "$robot.gap" "$(gap "$robot")"
   result "$robot.cpu_percent" "$(cpu "$robot")"
 done
 result late_p50_ratio "$(ratio "$(percentile topic 0.5)" "$(percentile captured 0.5)")"
