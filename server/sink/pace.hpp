@@ -27,6 +27,8 @@ class Pace {
                 std::chrono::nanoseconds ahead = {})
       : speed_(speed), longest_(longest), ahead_(ahead) {}
 
+  double speed() const { return speed_; }
+
   /// The earliest time at which that one may follow the last one. haste: so many times faster than
   /// `speed`.
   Clock::time_point due(Sequence number, std::int64_t time_ns, double haste = 1) const {
@@ -55,9 +57,9 @@ class Pace {
     return std::chrono::duration_cast<Clock::duration>(spacing / haste);
   }
 
-  const double speed_;
-  const std::chrono::nanoseconds longest_;
-  const std::chrono::nanoseconds ahead_;
+  double speed_;
+  std::chrono::nanoseconds longest_;
+  std::chrono::nanoseconds ahead_;
   std::optional<Last> last_;
 };
 

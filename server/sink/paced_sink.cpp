@@ -34,15 +34,15 @@ void PacedThread::finish(Pace::Clock::time_point end) {
 }
 
 PacedSession::PacedSession(PacedThread& thread, const SessionInfo& info, std::string_view kind,
-                           double pace, std::chrono::nanoseconds ahead,
-                           std::chrono::nanoseconds backlog)
+                           const Pace& frames, std::chrono::nanoseconds backlog)
     : losses(fmt::format("{} {}: {}", info.robot_id, info.session_id, kind)),
       session_(info.robot_id + " " + info.session_id),
       streams_(info.streams),
       thread_(thread),
       backlog_(backlog),
-      frames_(pace, Pace::kLongest, ahead),
-      paces_(streams_.size(), Pace(pace * kFaster, kBetweenMessages, 2 * kBetweenMessages)),
+      frames_(frames),
+      paces_(streams_.size(),
+             Pace(frames.speed() * kFaster, kBetweenMessages, 2 * kBetweenMessages)),
       timer_(thread.pool) {}
 
 void PacedSession::add(FramePtr frame) {
@@ -65,13 +65,13 @@ void PacedSession::add(const wire::Items& items) {
 
 void PacedSession::add(std::size_t stream, Sequence number, Sample sample) {
   Message message{nullptr, stream, number, std::move(sample), sizeof(Message)};
-  attempt([&]() -> std::optional<Error> {
-    if (const auto& of_topic = message.sample.message) {
-      message.bytes += of_topic->cdr.size();
+  if (const auto& of_topic = message.sample.message) {
+    message.bytes += of_topic->cdr.size();
+    try {
       message.begin = begin_of(*of_topic);
+    } catch (const std::exception&) {  // publish() tries again, and says why
     }
-    return std::nullopt;
-  });
+  }
   thread_.waiting_bytes += message.bytes;
   messages_.push_back(std::move(message));
 }

@@ -51,9 +51,9 @@ class PacedSession : public std::enable_shared_from_this<PacedSession> {
 
   static constexpr double kFaster = 4;
 
-  /// kind: of the sink, for the log. ahead: as Pace has it, of frames.
-  PacedSession(PacedThread& thread, const SessionInfo& info, std::string_view kind, double pace,
-               std::chrono::nanoseconds ahead = {},
+  /// kind: of the sink, for the log. frames: their pace; backlog: see above.
+  PacedSession(PacedThread& thread, const SessionInfo& info, std::string_view kind,
+               const Pace& frames,
                std::chrono::nanoseconds backlog = std::chrono::nanoseconds::max());
   virtual ~PacedSession() = default;
   PacedSession(const PacedSession&) = delete;

@@ -176,6 +176,7 @@ kill -STOP "$reliable"
 wait "$one" || fail "mono-1 ended with $?"
 has_all "$session" 300 || fail 'a reader that has stopped has cost frames'
 until_true 'the other reader has all' received_all fast-reliable mono_1 "$session" images
+says server-again 'a reader of /mono_1/image_raw has missed [0-9]* messages' || fail 'what it missed is not logged'
 kill -CONT "$reliable"
 metrics >"$work/metrics.log"
 grep -q 'orbbuf_unpublished_frames_total{robot="mono-1"} 0' "$work/metrics.log" || fail 'frames were not published'

@@ -19,6 +19,7 @@
 #include "server/calibration/camera_info.hpp"
 #include "server/session/session_reader.hpp"
 #include "server/sink/dds/dds_camera.hpp"
+#include "server/sink/dds/reader_losses.hpp"
 #include "server/sink/paced_sink.hpp"
 #include "server/sink/ros_name.hpp"
 
@@ -31,14 +32,17 @@ constexpr std::chrono::seconds kLastSecond{1};
 constexpr std::chrono::seconds kBacklog{10};
 /// Topics that begin within this time.
 constexpr std::chrono::seconds kTogether{1};
+/// A node that works for 30 ms at each frame needs no more between two.
+constexpr std::chrono::milliseconds kBetweenFrames{34};
 /// A frame that came so late delays no other.
-constexpr std::chrono::milliseconds kAhead{10};
+constexpr std::chrono::milliseconds kAhead{20};
 
 /// What all sinks share.
 struct Dds {
   const DdsParticipant participant;
   const Pace::Clock::time_point begin = Pace::Clock::now() + DdsTopics::kDiscovery;
-  JpegCodec codec;  // `dds` only
+  JpegCodec codec;  // this and the next: `dds` only
+  ReaderLosses reader_losses;
   PacedThread thread{"dds"};
 };
 
@@ -50,7 +54,8 @@ std::unique_ptr<Dds>& the_dds() {
 class DdsSession final : public PacedSession {
  public:
   DdsSession(const SessionInfo& info, const DdsSettings& settings)
-      : PacedSession(the_dds()->thread, info, "dds", settings.pace, kAhead, kBacklog),
+      : PacedSession(the_dds()->thread, info, "dds", Pace(settings.pace, kBetweenFrames, kAhead),
+                     kBacklog),
         name_(ros_name(info.robot_id)),
         frame_id_(ros_frame_id(settings.frame_id, name_)),
         cameras_(calibrated_cameras(info.calibration, session_ + ": published")),
@@ -92,6 +97,7 @@ class DdsSession final : public PacedSession {
   }
 
   std::optional<Error> publish(const EncodedFrame& frame) override {
+    the_dds()->reader_losses.look(the_dds()->participant.entity());
     open(frame.is_stereo());
     const auto time_ns = frame.capture_time_ns;
     auto error = publish(*left_, time_ns, frame.left(), cameras_.left);

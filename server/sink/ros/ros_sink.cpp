@@ -41,7 +41,7 @@ Ros& the_ros() {
 class RosSession final : public PacedSession {
  public:
   RosSession(const SessionInfo& info, const RosSettings& settings)
-      : PacedSession(the_ros().thread, info, "ros", settings.pace),
+      : PacedSession(the_ros().thread, info, "ros", Pace(settings.pace)),
         settings_(settings),
         topic_("/" + ros_name(info.robot_id)),
         frame_id_(ros_frame_id(settings.frame_id, ros_name(info.robot_id))),

@@ -56,7 +56,7 @@ class ListedSession final : public PacedSession {
              "",
              {},
              {{wire::kFirstOther, "imu0", "imu"}, {wire::kFirstOther + 1, "odom", "ros2"}}},
-            "test", 2.0, {}, std::chrono::seconds(1)) {}
+            "test", Pace(2.0), std::chrono::seconds(1)) {}
 
   struct Entry {
     std::string what;
