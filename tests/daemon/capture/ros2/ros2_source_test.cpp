@@ -9,8 +9,8 @@
 #include <utility>
 
 #include "testing/captured_log.hpp"
-#include "tests/daemon/capture/source_test_support.hpp"
 #include "testing/loopback_dds.hpp"
+#include "tests/daemon/capture/source_test_support.hpp"
 #include "tests/daemon/topics/topic_writer.hpp"
 
 namespace orbbuf {
