@@ -20,6 +20,7 @@ constexpr Seconds kAheadOfFree{0.002};  // how far before the link is free to wr
 constexpr double kShortestGuard = 0.1;  // of the interval: what is written may take longer
 constexpr Seconds kUnknownInterval{1};
 constexpr Seconds kLongestTurn{0.25};  // without live frames
+constexpr Seconds kLongestBusy{1};     // by a rate that may be far too low, as after many losses
 
 double or_unknown(double bytes_per_s) {
   return bytes_per_s > 0 ? bytes_per_s : BackfillPace::kUnknownRate;
@@ -45,7 +46,8 @@ void BackfillPace::on_captured(Time now) {
 
 void BackfillPace::on_written(Time now, std::size_t bytes, double bytes_per_s) {
   const Seconds service(static_cast<double>(bytes) / or_unknown(bytes_per_s));
-  busy_until_ = after(std::max(now, busy_until_), service);
+  const Seconds busy = std::max(now, busy_until_) - now + service;
+  busy_until_ = after(now, std::min(busy, kLongestBusy));
 }
 
 BackfillPace::Turn BackfillPace::next(Time now, double bytes_per_s, Time busy_until) const {
@@ -87,6 +89,7 @@ void Backfill::on_disconnected() {
   next_late_ = next_account_ = told_ = 0;
   begun_.clear();
   begun_bytes_ = 0;
+  timer_.cancel();
   accounts_.clear();
   account_time_ = {};
   last_words_.clear();

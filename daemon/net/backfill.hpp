@@ -20,13 +20,13 @@ namespace orbbuf {
 /// through the link before the next live frame is captured.
 ///
 /// The link is taken for a line of the measured rate: what is written keeps it busy for bytes /
-/// rate. The next live frame is expected one mean interval after the last, and earlier by twice the
-/// mean deviation, at least by a tenth of the interval. A part that would not end before that is
-/// made smaller or waits. So a live frame waits for late ones only where rate or capture are other
-/// than they were, and a link that live frames fill to nine tenths carries no late ones.
-/// What is in the link's queue beside that, as after an outage, the acknowledgements tell
-/// (LinkRate::served_at() and is_overdue()).
-/// Knows no clock and no socket. Reentrant.
+/// rate, at most for a second: the rate is an estimate, and the acknowledgements come. The next
+/// live frame is expected one mean interval after the last, and earlier by twice the mean
+/// deviation, at least by a tenth of the interval. A part that would not end before that is made
+/// smaller or waits. So a live frame waits for late ones only where rate or capture are other than
+/// they were, and a link that live frames fill to nine tenths carries no late ones. What is in the
+/// link's queue beside that, as after an outage, the acknowledgements tell (LinkRate::served_at()
+/// and is_overdue()). Knows no clock and no socket. Reentrant.
 class BackfillPace {
  public:
   using Clock = std::chrono::steady_clock;

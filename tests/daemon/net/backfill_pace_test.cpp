@@ -51,6 +51,15 @@ TEST_F(BackfillPaceTest, WhatWasWrittenKeepsTheLinkBusy) {
   EXPECT_EQ(pace_.next(now_ + 35ms, kRate).again, now_ + 60ms);
 }
 
+/// As after a link that lost most of what was sent.
+TEST_F(BackfillPaceTest, ARateThatWasFarTooLowCountsForASecond) {
+  constexpr double kFarTooLow = 50;
+  for (int i = 0; i < 25; ++i) pace_.on_written(capture(), 1'800, kFarTooLow);
+  EXPECT_EQ(pace_.next(now_, kRate).again, now_ + 1s);
+  for (int i = 0; i < 26; ++i) capture();
+  EXPECT_EQ(bytes_at(0us), BackfillPace::kMostBytes);
+}
+
 TEST_F(BackfillPaceTest, AnUnsteadyCameraIsGivenMoreTime) {
   for (int i = 0; i < 40; ++i) capture(i % 2 == 0 ? 36ms : 44ms);
   EXPECT_LT(bytes_at(30'000us), 3'000U);
