@@ -13,6 +13,8 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "common/decimal.hpp"
+
 namespace orbbuf::evaluation {
 namespace {
 
@@ -77,9 +79,10 @@ OutageList read_list(const std::filesystem::path& file) {
     const std::string value = space == std::string::npos ? "" : line.substr(space + 1);
     if (const auto word = words.find(key); word != words.end()) *word->second = value;
     const auto known = numbers.find(key);
-    if (known != numbers.end() && !(std::istringstream(value) >> *known->second)) {
-      fail(file, number, key + ": not a number");
-    }
+    if (known == numbers.end()) continue;
+    const auto parsed = parse_number<double>(value);
+    if (!parsed) fail(file, number, key + ": not a number");
+    *known->second = *parsed;
   }
   return list;
 }

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <stdexcept>
@@ -39,6 +40,12 @@ TEST(OutageList, ComesBackAsItWasWritten) {
   EXPECT_EQ(read.arrivals[0].capture_s, 0.28);
   EXPECT_EQ(read.arrivals[0].arrival_s, 0.301234);
   EXPECT_EQ(read.arrivals[1].quality, 20);
+}
+
+TEST(OutageList, MayNeverBeLiveAgain) {
+  const test::TemporaryFolder folder;
+  write_list(folder / "uniform.csv", {"drive", "", "uniform", "roaming-2", 1, INFINITY, 2, 5, {}});
+  EXPECT_EQ(read_list(folder / "uniform.csv").live_again_s, INFINITY);
 }
 
 std::string complaint_about(const std::string& text) {
