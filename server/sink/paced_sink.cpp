@@ -20,7 +20,7 @@ namespace asio = boost::asio;
 constexpr std::size_t kMostWaitingBytes = std::size_t{64} << 20U;
 constexpr std::size_t kMostPacedBytes = std::size_t{32} << 20U;
 /// A reader that keeps 10 messages may be busy for 30 ms.
-constexpr std::chrono::milliseconds kBetweenMessages{5};
+constexpr std::chrono::milliseconds kBetweenMessages{10};
 
 }  // namespace
 
@@ -41,8 +41,7 @@ PacedSession::PacedSession(PacedThread& thread, const SessionInfo& info, std::st
       thread_(thread),
       backlog_(backlog),
       frames_(frames),
-      paces_(streams_.size(),
-             Pace(frames.speed() * kFaster, kBetweenMessages, 2 * kBetweenMessages)),
+      paces_(streams_.size(), Pace(frames.speed() * kFaster, kBetweenMessages, kBetweenMessages)),
       timer_(thread.pool) {}
 
 void PacedSession::add(FramePtr frame) {
