@@ -30,8 +30,8 @@ RobotSetup draw_robot(Random& random) {
   robot.policy = kPolicies[random.below(kPolicies.size())];
   robot.has_spool = random.one_in(2);
   robot.has_drop_log = random.below(4) != 0;
-  robot.has_large_images = random.one_in(3);
   robot.has_small_disk = random.one_in(5);
+  robot.has_large_images = robot.has_small_disk || random.one_in(3);
   robot.path.delay = draw_length(random, kMillisecond, 200 * kMillisecond);
   if (random.one_in(6))
     robot.path.delay = draw_length(random, 300 * kMillisecond, 900 * kMillisecond);
@@ -140,7 +140,26 @@ void add_death_in_outage(Scenario& scenario, Random& random) {
   death.kind = kDeaths[random.below(kDeaths.size())];
   death.at = outage.at + random.between(0, random.one_in(3) ? kSecond : outage.length);
   draw_value(death, random, scenario);
+  if (death.kind == FaultKind::kDieInARow && random.one_in(2)) {
+    death.at = outage.at;
+    death.value = 10 + random.below(25);
+    death.length = random.between(100 * kMillisecond, 2 * kSecond);
+    outage.length = static_cast<Time>(death.value + 1) * (death.length + 5 * kSecond);
+  }
+  if (scenario.robots[static_cast<std::size_t>(outage.machine - 1)].has_small_disk) {
+    outage.length += 200 * kSecond;  // until it is full
+    death.at = outage.at + outage.length - random.between(kSecond, 20 * kSecond);
+  }
   scenario.faults.push_back(outage);
+  scenario.faults.push_back(death);
+}
+
+/// While it writes.
+void add_death_of_server(Scenario& scenario, Random& random) {
+  Fault death;
+  death.at = random.between(kSecond, scenario.length);
+  death.kind = random.one_in(3) ? FaultKind::kKillAtCall : FaultKind::kPowerCutAtCall;
+  draw_value(death, random, scenario);
   scenario.faults.push_back(death);
 }
 
@@ -171,6 +190,7 @@ Scenario draw_scenario(std::uint64_t seed) {
     if (!scenario.faults.empty() && random.one_in(2)) keep_company(fault, random, scenario);
     scenario.faults.push_back(fault);
     if (random.one_in(3)) add_death_in_outage(scenario, random);
+    if (random.one_in(6)) add_death_of_server(scenario, random);
   }
   std::sort(scenario.faults.begin(), scenario.faults.end(),
             [](const Fault& a, const Fault& b) { return a.at < b.at; });
