@@ -35,11 +35,11 @@ RobotSetup draw_robot(Random& random) {
   robot.path.delay = draw_length(random, kMillisecond, 200 * kMillisecond);
   if (random.one_in(6))
     robot.path.delay = draw_length(random, 300 * kMillisecond, 900 * kMillisecond);
-  // Over a long way a fast stream never pauses for kept frames, as the pace sees it.
-  if (robot.path.delay > 200 * kMillisecond && robot.fps > 10) robot.has_spool = false;
   robot.path.jitter = random.one_in(2) ? std::min(robot.path.delay / 20, kMillisecond) : 0;
   robot.path.queue = draw_length(random, 50 * kMillisecond, kSecond);
   const double needed = robot.fps * (robot.has_large_images ? 12000 : 2500);
+  // A stream that nearly fills the window of its connection has no room for kept frames.
+  if (needed * 2 * static_cast<double>(robot.path.delay) / 1e9 > 48e3) robot.has_spool = false;
   robot.path.bytes_per_second = needed * static_cast<double>(2 + random.below(30));
   return robot;
 }
