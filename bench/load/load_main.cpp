@@ -92,13 +92,12 @@ class Server {
   static std::vector<std::string> command(const Options& options, const fs::path& files,
                                           std::size_t robots, const Settings& more) {
     const std::string count = std::to_string(robots);
-    Settings settings = {"listen.address=127.0.0.1:0",
-                         // All say hello at once, and a quarter of the places is for who has not yet.
-                         "listen.max_connections=" + std::to_string(4 * robots),
-                         "listen.max_connections_per_address=" + count,
-                         "listen.max_robots=" + count,
-                         "files.path=" + files.string(),
-                         "files.sync=" + options.sync};
+    Settings settings = {
+        "listen.address=127.0.0.1:0",
+        // All say hello at once, and a quarter of the places is for who has not yet.
+        "listen.max_connections=" + std::to_string(4 * robots),
+        "listen.max_connections_per_address=" + count, "listen.max_robots=" + count,
+        "files.path=" + files.string(), "files.sync=" + options.sync};
     settings.insert(settings.end(), more.begin(), more.end());
     return orbbuf::test::with_settings({options.server}, settings);
   }
