@@ -86,8 +86,7 @@ TEST(Settings, EveryKeyIsRead) {
                     {"", "/run/{robot}", PipeFormat::kMjpeg, Restart::kNever, Resume::kLive},
                     {},
                     {false, "camera", 7, 3.5, std::chrono::seconds(9)},
-                    false,
-                    "{robot}/camera"};
+                    {false, "{robot}/camera"}};
   expected.quota = {2ULL * 1024 * 1024 * 1024, std::chrono::hours(720)};
   EXPECT_EQ(got, expected);
 }
