@@ -299,6 +299,7 @@ int main(int argc, char** argv) try {
   app.add_flag("--shrink", options.shrinks, "Of a seed that fails: find the faults that it takes");
   app.add_flag("--go-on", options.goes_on, "Do not stop at the first seed that fails");
   if (const auto status = app.parse(argc, argv)) return *status;
+  if (!options.corpus.empty()) options.seeds = seeds_of(options.corpus).size();
   orbbuf::set_up_log("error");
   return simulate(options);
 } catch (const std::exception& error) {
