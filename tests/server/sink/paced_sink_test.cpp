@@ -89,11 +89,12 @@ class PacedSinkTest : public testing::Test {
     on_thread([&] { thread_.finish(Clock::time_point::min()); });
   }
 
+  /// Also what `work` posts there is done.
   void on_thread(const std::function<void()>& work) {
     std::promise<void> done;
     boost::asio::post(thread_.pool, [&] {
       work();
-      done.set_value();
+      boost::asio::post(thread_.pool, [&] { done.set_value(); });
     });
     done.get_future().wait();
   }
