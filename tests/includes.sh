@@ -35,8 +35,7 @@ server/runtime: common
 server/calibration: common
 server/session: common common/journal server/calibration server/runtime
 server/foxglove: common server/calibration
-server/sink/ros_name:
-server/dataset/mcap: common server/runtime server/session server/calibration server/foxglove server/sink/ros_name
+server/dataset/mcap: common server/runtime server/session server/calibration server/foxglove
 server/dataset: common common/journal server/calibration server/session server/dataset/mcap
 server/retention: common common/journal server/runtime server/session
 server/live: common server/session
@@ -46,8 +45,8 @@ server/sink: common server/session
 server/sink/pipe: common server/runtime server/session server/sink
 server/sink/losses: common
 server/sink/paced_sink: common server/session server/sink server/sink/losses
-server/sink/dds: common common/dds server/calibration server/session server/sink server/sink/paced_sink server/sink/ros_name
-server/sink/ros: common server/calibration server/session server/sink server/sink/paced_sink server/sink/ros_name
+server/sink/dds: common common/dds server/calibration server/session server/sink server/sink/paced_sink
+server/sink/ros: common server/calibration server/session server/sink server/sink/paced_sink
 server/sink/make_sinks: common server/runtime server/session server/sink server/sink/pipe server/sink/dds server/sink/ros
 server/settings: common common/net server/fleet/fleet_settings server/live server/retention server/sink/make_sinks
 server/http: common common/journal common/net server/runtime server/calibration server/session server/foxglove server/live server/settings

@@ -11,7 +11,7 @@
 
 #include "common/event_fd.hpp"
 #include "common/log.hpp"
-#include "common/ros_type.hpp"
+#include "common/ros_name.hpp"
 #include "common/seconds.hpp"
 #include "common/system_clock.hpp"
 

@@ -8,10 +8,9 @@
 #include <utility>
 
 #include "common/as_bytes.hpp"
-#include "common/ros_type.hpp"
+#include "common/ros_name.hpp"
 #include "server/dataset/mcap/ros2.hpp"
 #include "server/foxglove/messages.hpp"
-#include "server/sink/ros_name.hpp"
 
 namespace orbbuf::mcap {
 namespace {

@@ -15,13 +15,13 @@
 
 #include "common/jpeg.hpp"
 #include "common/log.hpp"
+#include "common/ros_name.hpp"
 #include "common/sample.hpp"
 #include "server/calibration/camera_info.hpp"
 #include "server/session/session_reader.hpp"
 #include "server/sink/dds/dds_camera.hpp"
 #include "server/sink/dds/reader_losses.hpp"
 #include "server/sink/paced_sink.hpp"
-#include "server/sink/ros_name.hpp"
 
 namespace orbbuf {
 namespace {

@@ -12,10 +12,10 @@
 
 #include "common/jpeg.hpp"
 #include "common/log.hpp"
+#include "common/ros_name.hpp"
 #include "server/calibration/camera_info.hpp"
 #include "server/sink/paced_sink.hpp"
 #include "server/sink/ros/ros_node.hpp"
-#include "server/sink/ros_name.hpp"
 
 namespace orbbuf {
 namespace {

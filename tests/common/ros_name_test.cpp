@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/sink/ros_name.hpp"
+#include "common/ros_name.hpp"
 
 #include <gtest/gtest.h>
 
@@ -15,6 +15,10 @@ TEST(RosName, HasAnUnderscoreForEveryOtherCharacter) {
 TEST(RosName, BeginsWithALetter) {
   EXPECT_EQ(ros_name("2"), "ros_2");
   EXPECT_EQ(ros_name("_a"), "ros__a");
+}
+
+TEST(RosType, IsThatOfDdsWithSlashes) {
+  EXPECT_EQ(ros_type("sensor_msgs::msg::dds_::Imu_"), "sensor_msgs/msg/Imu");
 }
 
 TEST(RosFrameId, HasTheNameInPlaceOfRobot) {
