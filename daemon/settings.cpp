@@ -16,6 +16,7 @@
 
 #include "common/config.hpp"
 #include "common/file_io.hpp"
+#include "common/is_kalibr.hpp"
 #include "common/log.hpp"
 #include "common/text_lines.hpp"
 #include "common/wire.hpp"

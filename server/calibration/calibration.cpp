@@ -7,6 +7,7 @@
 #include <span>
 
 #include "common/decimal.hpp"
+#include "common/is_kalibr.hpp"
 #include "common/text_lines.hpp"
 
 namespace orbbuf {

@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "common/decimal.hpp"
-#include "common/text_lines.hpp"
+#include "common/is_kalibr.hpp"
 #include "server/calibration/calibration.hpp"
 #include "server/session/session_lines.hpp"
 #include "server/session/session_names.hpp"
