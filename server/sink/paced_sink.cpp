@@ -7,7 +7,6 @@
 #include <boost/asio/post.hpp>
 #include <chrono>
 #include <exception>
-#include <type_traits>
 #include <utility>
 
 #include "common/log.hpp"
@@ -51,13 +50,13 @@ void PacedSession::add(FramePtr frame) {
   publish_due();
 }
 
-void PacedSession::add(const wire::Items& items) {
-  const auto stream = std::ranges::find(streams_, items.stream, &wire::StreamDeclaration::id);
-  auto samples = wire::parse_samples(items.payload);
-  thread_.waiting_bytes -= items.payload.size();
+void PacedSession::add(const ItemsPtr& items) {
+  const auto stream = std::ranges::find(streams_, items->stream, &wire::StreamDeclaration::id);
+  auto samples = wire::parse_samples(items->payload);
+  thread_.waiting_bytes -= items->payload.size();
   if (stream == streams_.end() || !samples) return;
   const auto index = static_cast<std::size_t>(stream - streams_.begin());
-  Sequence number = items.first;
+  Sequence number = items->first;
   for (Sample& sample : samples.value()) add(index, number++, std::move(sample));
   publish_due();
 }
@@ -73,14 +72,6 @@ void PacedSession::add(std::size_t stream, Sequence number, Sample sample) {
   }
   thread_.waiting_bytes += message.bytes;
   messages_.push_back(std::move(message));
-}
-
-void PacedSession::attempt(const std::function<std::optional<Error>()>& work) {
-  try {
-    if (const auto error = work()) losses.add(error->text);
-  } catch (const std::exception& error) {
-    losses.add(error.what());
-  }
 }
 
 void PacedSession::publish_due() {
@@ -142,10 +133,13 @@ PacedSession::Clock::time_point PacedSession::due_time(const Message& message) c
 void PacedSession::publish(const Message& message) {
   const auto now = Clock::now();
   if (thread_.last && now > *thread_.last) return losses.add("the server stops");
-  attempt([&] {
-    return message.frame ? publish(*message.frame)
-                         : publish(streams_[message.stream], message.sample);
-  });
+  try {
+    const auto error =
+        message.frame ? publish(*message.frame) : publish(streams_[message.stream], message.sample);
+    if (error) losses.add(error->text);
+  } catch (const std::exception& error) {
+    losses.add(error.what());
+  }
   Pace& pace = message.frame ? frames_ : paces_[message.stream];
   pace.published(message.number, message.time_ns(), now, haste(message));
 }
@@ -176,13 +170,8 @@ void PacedSink::publish_later(Message message, std::size_t bytes) {
     return session_->losses.add("64 MiB of frames and messages wait");
   }
   thread_.waiting_bytes += bytes;
-  asio::post(thread_.pool, [session = session_, message = std::move(message)] {
-    if constexpr (std::is_same_v<Message, ItemsPtr>) {
-      session->add(*message);
-    } else {
-      session->add(message);
-    }
-  });
+  asio::post(thread_.pool,
+             [session = session_, message = std::move(message)] { session->add(message); });
 }
 
 }  // namespace orbbuf

@@ -7,7 +7,6 @@
 #include <boost/asio/thread_pool.hpp>
 #include <cstddef>
 #include <deque>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <set>
@@ -60,7 +59,7 @@ class PacedSession : public std::enable_shared_from_this<PacedSession> {
   PacedSession& operator=(const PacedSession&) = delete;
 
   void add(FramePtr frame);
-  void add(const wire::Items& items);
+  void add(const ItemsPtr& items);
   void publish_due();
 
   Losses losses;
@@ -96,7 +95,6 @@ class PacedSession : public std::enable_shared_from_this<PacedSession> {
     std::int64_t time_ns() const { return frame ? frame->capture_time_ns : sample.time_ns; }
   };
 
-  void attempt(const std::function<std::optional<Error>()>& work);
   std::optional<Clock::time_point> publish_until();
   double haste(const Message& message) const;
   Clock::time_point due_time(const Message& message) const;
