@@ -1,15 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
-# To be sourced in a network namespace of one's own: a network for DDS, programs in the background, waiting for what they
-# say. Wants `fail`, and `logs`, the folder of what the programs say; adds to `pids`.
+# To be sourced in a network namespace of one's own: a folder for the run, a network for DDS, programs in the background,
+# waiting for what they say.
 
-# lay_network: DDS finds its peers by multicast on v0; the robot's link is on lo.
+work=$(mktemp -d "${TMPDIR:-/tmp}/orbbuf-dds.XXXXXX")
+logs=$work # of what the programs say
+pids=()    # of those in the background
+cleanup() {
+  for pid in "${pids[@]}"; do kill -TERM "$pid" || true; kill -CONT "$pid" || true; done 2>/dev/null
+  wait
+  rm -rf "$work"
+}
+trap cleanup EXIT
+fail() { echo "${0##*/}: $*" >&2 && tail -n 20 "$logs"/*.log >&2 && exit 1; }
+
+# lay_network: DDS finds its peers by multicast on v0; the robot's link is on lo, in the table `link` of nftables.
 lay_network() {
   ip link set lo up
   ip link add v0 type veth peer name v1
   ip address add 10.99.0.1/24 dev v0
   ip link set v0 up
   ip link set v1 up
+  nft add table inet link
+  nft add chain inet link input '{ type filter hook input priority 0; }'
   export ROS_DOMAIN_ID=0
 }
 

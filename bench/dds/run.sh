@@ -22,19 +22,15 @@ while [ $# -gt 0 ]; do
   esac
   shift
 done
-work=$(mktemp -d "${TMPDIR:-/tmp}/orbbuf-dds.XXXXXX")
-pids=()
+# shellcheck source=bench/dds/parts.sh
+. "$(dirname "${BASH_SOURCE[0]}")/parts.sh"
+lay_network
+
 end_all() {
   for pid in "${pids[@]}"; do kill -KILL "$pid" || true; done 2>/dev/null
   for pid in "${pids[@]}"; do wait "$pid" || true; done 2>/dev/null
   pids=()
 }
-trap 'end_all; rm -rf "$work"' EXIT
-fail() { echo "dds: $*" >&2 && tail -n 5 "$logs"/*.log >&2 && exit 1; }
-
-# shellcheck source=bench/dds/parts.sh
-. "$(dirname "${BASH_SOURCE[0]}")/parts.sh"
-lay_network
 
 images() { [ "$(grep -c '^[0-9]' "$logs/$1.log")" -ge "$2" ]; } # READER COUNT
 busy() { while :; do :; done; }

@@ -18,22 +18,9 @@ while [ $# -gt 0 ]; do
   esac
   shift
 done
-work=$(mktemp -d "${TMPDIR:-/tmp}/orbbuf-sources.XXXXXX")
-logs=$work
-pids=()
-cleanup() {
-  for pid in "${pids[@]}"; do kill -TERM "$pid" || true; done 2>/dev/null
-  wait
-  rm -rf "$work"
-}
-trap cleanup EXIT
-fail() { echo "sources: $*" >&2 && tail -n 20 "$logs"/*.log >&2 && exit 1; }
-
 # shellcheck source=bench/dds/parts.sh
 . "$(dirname "${BASH_SOURCE[0]}")/parts.sh"
 lay_network
-nft add table inet link
-nft add chain inet link input '{ type filter hook input priority 0; }'
 
 start server "$build/server/orbbuf-server" --set listen.address=127.0.0.1:0 --set "files.path=$work/data" --set dds.enabled=true \
   --set dds.pace=1000

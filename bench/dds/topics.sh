@@ -24,22 +24,9 @@ while [ $# -gt 0 ]; do
   esac
   shift
 done
-work=$(mktemp -d "${TMPDIR:-/tmp}/orbbuf-topics.XXXXXX")
-logs=$work
-pids=()
-cleanup() {
-  for pid in "${pids[@]}"; do kill -TERM "$pid" || true; done 2>/dev/null
-  wait
-  rm -rf "$work"
-}
-trap cleanup EXIT
-fail() { echo "topics: $*" >&2 && tail -n 20 "$work"/{server,robot,writer}.log >&2 && exit 1; }
-
 # shellcheck source=bench/dds/parts.sh
 . "$(dirname "${BASH_SOURCE[0]}")/parts.sh"
 lay_network
-nft add table inet link
-nft add chain inet link input '{ type filter hook input priority 0; }'
 
 messages() { grep -s "^$2 " "$work/$1.log" || true; } # TAP NAME
 has_written() { [ "$(messages source odom | wc -l)" -ge "$1" ]; }

@@ -7,22 +7,9 @@ if [ -z "${ORBBUF_OWN_NAMESPACE-}" ]; then
   ORBBUF_OWN_NAMESPACE=1 exec unshare --net --map-root-user "$0" "$@"
 fi
 build=$(cd "$1" && pwd)
-work=$(mktemp -d)
-logs=$work
-pids=()
-cleanup() {
-  for pid in "${pids[@]}"; do kill -TERM "$pid" || true; kill -CONT "$pid" || true; done 2>/dev/null
-  wait
-  rm -rf "$work"
-}
-trap cleanup EXIT
-fail() { echo "dds: $*" >&2 && tail -n 20 "$work"/*.log >&2 && exit 1; }
-
 # shellcheck source=bench/dds/parts.sh
 . "$(dirname "${BASH_SOURCE[0]}")/../../bench/dds/parts.sh"
 lay_network
-nft add table inet link
-nft add chain inet link input '{ type filter hook input priority 0; }'
 
 serve() { # NAME ADDRESS
   start "$1" "$build/server/orbbuf-server" --set "listen.address=$2" --set "files.path=$work/data" \
