@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "testing/captured_log.hpp"
 
+#include <fmt/format.h>
 #include <spdlog/sinks/base_sink.h>
 #include <spdlog/spdlog.h>
 
@@ -17,11 +18,12 @@ class CapturedLog::Sink final : public spdlog::sinks::base_sink<std::mutex> {
     const std::lock_guard lock(mutex_);
     return found(text);
   }
-  void wait_for(const std::string& text) {
+  void wait_for(const std::string& text, std::size_t times) {
     std::unique_lock lock(mutex_);
-    const auto is_there = [&] { return !found(text).empty(); };
+    const auto is_there = [&] { return found(text).size() >= times; };
     if (grown_.wait_for(lock, std::chrono::minutes(1), is_there)) return;
-    throw std::runtime_error("no line of the log contains: " + text);
+    throw std::runtime_error(fmt::format("no line {} of the log contains \"{}\":\n{}", times, text,
+                                         fmt::join(lines_, "\n")));
   }
 
  private:
@@ -56,6 +58,8 @@ std::vector<std::string> CapturedLog::lines(const std::string& text) const {
   return sink_->lines(text);
 }
 
-void CapturedLog::wait_for(const std::string& text) const { sink_->wait_for(text); }
+void CapturedLog::wait_for(const std::string& text, std::size_t times) const {
+  sink_->wait_for(text, times);
+}
 
 }  // namespace orbbuf::test

@@ -22,8 +22,9 @@ class CapturedLog {
 
   /// The lines that contain `text`.
   std::vector<std::string> lines(const std::string& text = "") const;
-  /// Until there is such a line. Throws std::runtime_error if there is none for a minute.
-  void wait_for(const std::string& text) const;
+  /// Until there are that many such lines. Throws std::runtime_error, with the log, if that takes
+  /// longer than a minute.
+  void wait_for(const std::string& text, std::size_t times = 1) const;
 
  private:
   class Sink;

@@ -175,7 +175,8 @@ void EtcdChannel::attempt() {
   }
   timer_.expires_after(options_.attempt);
   timer_.async_wait([this](const error_code& aborted) {
-    if (!aborted && !is_stopped_ && timer_.expiry() <= Clock::now()) on_failed("no answer");
+    if (aborted || is_stopped_ || !is_busy_) return;  // the answer has come as well
+    if (timer_.expiry() <= Clock::now()) on_failed("no answer");
   });
   if (is_connected_) return send();
   connect();

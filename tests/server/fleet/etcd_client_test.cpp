@@ -3,6 +3,8 @@
 
 #include <gmock/gmock.h>
 
+#include <thread>
+
 #include "testing/real_etcd.hpp"
 #include "tests/server/event_loop.hpp"
 
@@ -174,6 +176,27 @@ TEST_F(EtcdClientTest, AnEtcdThatStandsStillCostsThePatienceAndNoMore) {
   etcd_->resume();
   ASSERT_FALSE(outcomes);
   EXPECT_THAT(outcomes.error().text, HasSubstr("no answer"));
+}
+
+/// Timer and answer are then handled in one go, in either order.
+TEST_F(EtcdClientTest, NothingFailsBehindAnAnswerThatComesWithTheEndOfItsTime) {
+  EtcdChannel::Options options{{*parse(etcd_->endpoint())}, {}, {}, {}};
+  options.attempt = std::chrono::milliseconds(300);
+  options.patience = std::chrono::seconds(60);
+  const auto attempt = options.attempt;
+  client_ = std::make_unique<EtcdClient>(main_, std::move(options));
+  txn({{}, {{"/x", "1"}}, {}});  // it is connected
+  for (int steps = 0; steps < 6; ++steps) {
+    std::optional<std::uint64_t> failures;  // before the answer
+    client_->async_range(KeyRange("/x"),
+                         [&](const auto&) { failures = client_->channel().failures(); });
+    run_ready();
+    for (int i = 0; i < steps && !failures; ++i) main_.run_one();
+    std::this_thread::sleep_for(attempt);  // `main` stands still
+    ASSERT_TRUE(run_until([&] { return failures.has_value(); }));
+    run_ready();
+    EXPECT_EQ(client_->channel().failures(), *failures) << "after " << steps << " steps";
+  }
 }
 
 TEST_F(EtcdClientTest, WhatEtcdRefusesIsNotTriedAgain) {

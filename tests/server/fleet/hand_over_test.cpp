@@ -50,7 +50,7 @@ class HandOverTest : public testing::Test {
     }
     const auto before = log_.lines(name + " has joined").size();
     auto server = std::make_unique<RunningServer>(settings);
-    while (log_.lines(name + " has joined").size() == before) std::this_thread::yield();
+    log_.wait_for(name + " has joined", before + 1);
     return server;
   }
   static void send(const RobotClient& robot, Sequence first, Sequence end) {
@@ -288,7 +288,7 @@ TEST_F(HandOverTest, TheNextOwnersProgramGetsAllFramesInOrderFromEveryServer) {
   http_port_ = 0;
   begin_slam("read.mjpeg");
   a = start("a");
-  while (log_.lines("connection lost").size() < 2) std::this_thread::yield();
+  log_.wait_for("connection lost", 2);
   EXPECT_FALSE(b->drain());
   const RobotClient robot(a->port());
   ASSERT_EQ(robot.hello("robot", "s"), (wire::Position{9, 0}));

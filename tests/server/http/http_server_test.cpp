@@ -75,7 +75,7 @@ TEST_F(HttpServerTest, SaysWhichStreamIsPausedAndWhy) {
   fs::rename(session(), folder_ / "aside");
   write_file(session(), "a file where the folder should be");
   robot.send_frame(plain_frame(3));
-  while (log_.lines("stream paused").empty()) std::this_thread::yield();
+  log_.wait_for("stream paused");
   const HttpAnswer answer = get("/healthz");
   EXPECT_EQ(answer.status, 503);
   EXPECT_THAT(answer.body, testing::MatchesRegex("r s: stream paused: .*Not a directory\n"));
