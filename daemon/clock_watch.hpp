@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <chrono>
+#include <cstdint>
 #include <optional>
 
 #include "common/log.hpp"
@@ -42,8 +44,19 @@ class ClockWatch {
     last_ = now;
   }
 
-  /// By how much the clock was set since the first look, in all: to be added to the capture times.
+  /// The capture times begin with the clock as it is now.
+  void begin_session() { stepped_ = {}; }
+
+  /// By how much the clock was set since then, in all: to be added to the capture times.
   std::chrono::nanoseconds stepped() const { return stepped_; }
+
+  /// The time of a sample, in ns, that was stamped by the system's clock before the last look, on
+  /// the clock of the capture times.
+  std::int64_t session_time(std::int64_t time_ns) const {
+    if (stepped_ == stepped_.zero()) return time_ns;
+    const std::chrono::nanoseconds now = last_->wall.time_since_epoch();
+    return std::min<std::int64_t>(time_ns, now.count()) - stepped_.count();
+  }
 
  private:
   std::optional<SystemClockReading> last_;

@@ -195,9 +195,16 @@ Robot::Robot(const Settings& settings)
       is_camera_(settings.source.kind == "v4l2" || settings.source.kind == "libcamera") {}
 
 bool Robot::run() {
-  for (const int ignored : {SIGUSR1, SIGUSR2}) std::signal(ignored, SIG_IGN);
+  // A reader of the log that has gone is no reason to end.
+  for (const int ignored : {SIGPIPE, SIGUSR1, SIGUSR2}) std::signal(ignored, SIG_IGN);
   await_signal();
   await_reload();
+  if (is_camera_) {
+    samples_.set_clock([this](std::int64_t time_ns) {
+      clock_watch_.look(read_system_clock());
+      return clock_watch_.session_time(time_ns);
+    });
+  }
   sender_.start();
   if (may_reduce_) reducer_.emplace(buffer_, wake_sender());
   pipeline_.start();
@@ -243,6 +250,7 @@ void Robot::report() {
   if (is_over_) return;
   if (is_camera_) {
     clock_watch_.look(read_system_clock());
+    if (buffer_.stats().captured == 0) clock_watch_.begin_session();
     sender_.set_clock_offset(clock_watch_.stepped());
   }
   health_.report(buffer_.report(), sender_);

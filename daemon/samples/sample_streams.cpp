@@ -58,12 +58,14 @@ SampleStreams::SampleStreams(boost::asio::io_context& main,
     Stream& stream =
         streams_.emplace_back(Stream{{id++, each.name, std::string(codec)},
                                      SampleQueue(each.memory_bytes, each.is_latest_only)});
+    stream.has_system_time = is_of_topic(each) || each.kind == "ros2" || each.kind == "socket";
     stream.source = make_sample_source(
         main, each, [this, &stream](const Sample& sample) { take(stream, sample); });
   }
 }
 
-void SampleStreams::take(Stream& stream, const Sample& sample) {
+void SampleStreams::take(Stream& stream, Sample sample) {
+  if (stream.has_system_time && session_time_) sample.time_ns = session_time_(sample.time_ns);
   const bool had_batch = has_batch(stream);
   if (stream.queue.push(sample)) {
     stream.newest = EventRate::Clock::now();

@@ -37,6 +37,11 @@ class SampleStreams {
   /// For the hello.
   std::vector<wire::StreamDeclaration> declarations() const;
 
+  /// Of times by the system's clock, as drivers and ROS 2 stamp, it makes those of the frames'.
+  void set_clock(std::function<std::int64_t(std::int64_t time_ns)> session_time) {
+    session_time_ = std::move(session_time);
+  }
+
   /// A frame of that time was captured.
   void on_frame(std::int64_t time_ns);
 
@@ -82,16 +87,18 @@ class SampleStreams {
     EventRate rate{};
     EventRate::Time newest{};  // when it came
     std::unique_ptr<SampleSource> source{};
+    bool has_system_time = false;
     bool is_taken = true;
     bool is_disorder_logged = false;
     std::uint64_t lost_logged = 0;
   };
 
-  void take(Stream& stream, const Sample& sample);
+  void take(Stream& stream, Sample sample);
   static bool has_batch(const Stream& stream);
   static std::vector<std::uint8_t> take_from(Stream& stream, std::int64_t upto_ns);
 
   const std::function<void()> on_due_;
+  std::function<std::int64_t(std::int64_t)> session_time_;
   std::vector<Stream> streams_;  // as many as at first: their sources know them
 };
 

@@ -22,6 +22,9 @@ constexpr mode_t kForAll = S_IRUSR | S_IWUSR | S_IRGRP | S_IWGRP | S_IROTH | S_I
 Datagrams::socket listen_at(boost::asio::io_context& main, const std::filesystem::path& path) {
   const Datagrams::endpoint endpoint(path.string());
   boost::system::error_code failed;
+  if (std::filesystem::exists(path) && !std::filesystem::is_socket(path)) {
+    throw std::runtime_error("there is something that is no socket");
+  }
   Datagrams::socket other(main, Datagrams());
   other.connect(endpoint, failed);
   if (!failed) throw std::runtime_error("another process listens there");

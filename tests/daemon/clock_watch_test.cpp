@@ -44,6 +44,23 @@ TEST_F(ClockWatchTest, ASynchronisedClockNeedsNoWords) {
   EXPECT_TRUE(log_.lines("clock").empty());
 }
 
+TEST_F(ClockWatchTest, SamplesHaveTheClockOfTheFrames) {
+  const auto wall = [this] {
+    return std::chrono::nanoseconds(now_.wall.time_since_epoch()).count();
+  };
+  look();
+  EXPECT_EQ(watch_.session_time(wall() + 5), wall() + 5);
+  look(seconds(3600));
+  EXPECT_EQ(watch_.session_time(wall() - 5), wall() - 5 - nanoseconds(seconds(3600)).count());
+  const auto stamped_before = wall() - 5;
+  look(seconds(-7200));
+  const auto session = wall() + nanoseconds(seconds(3600)).count();
+  EXPECT_EQ(watch_.session_time(wall()), session);
+  EXPECT_EQ(watch_.session_time(stamped_before), session) << "not of the future";
+  watch_.begin_session();
+  EXPECT_EQ(watch_.session_time(wall()), wall());
+}
+
 TEST_F(ClockWatchTest, SaysWhatIsToBeAddedToTheTimesOfASession) {
   now_.is_synchronised = true;
   look();

@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 
+#include <boost/asio/local/datagram_protocol.hpp>
 #include <fstream>
 
 #include "testing/temporary_folder.hpp"
@@ -69,6 +70,23 @@ TEST_F(SampleStreamsTest, ABatchIsDueOnceItIsTwentyMillisecondsLong) {
   streams.stop();
   streams.on_frame(100'000'000);
   EXPECT_EQ(streams.stats(), "imu0 captured 21 = delivered 0 + late 0 + waiting 21 + lost 0");
+}
+
+TEST_F(SampleStreamsTest, OnlyTimesOfTheSystemsClockAreChanged) {
+  const auto path = folder_ / "imu.sock";
+  SampleStreams streams(io_, {{"imu0", "socket", path}, {"imu1", "euroc", folder_ / "data.csv"}},
+                        [] {});
+  streams.set_clock([](std::int64_t time_ns) { return time_ns - 1000; });
+  using Datagrams = boost::asio::local::datagram_protocol;
+  Datagrams::socket driver(io_, Datagrams());
+  driver.send_to(boost::asio::buffer(to_euroc_line({1005, {}, {}})),
+                 Datagrams::endpoint(path.string()));
+  while (streams.captured()[4] == 0) io_.run_one();
+  streams.on_frame(3);
+  const std::string driver_only = streams.stats();
+  EXPECT_FALSE(streams.take_message(5).empty()) << driver_only;
+  EXPECT_FALSE(streams.take_message(5).empty()) << "of the file, from 0 on";
+  EXPECT_EQ(streams.captured()[5], 4U);
 }
 
 TEST_F(SampleStreamsTest, TheLastOnesOfASourceThatPausesDoNotWaitForMore) {

@@ -5,7 +5,10 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
+#include <filesystem>
+#include <fstream>
 #include <optional>
+#include <stdexcept>
 
 #include "testing/temporary_folder.hpp"
 
@@ -54,6 +57,12 @@ TEST_F(SocketSamplesTest, NothingRunsAfterItsEnd) {
   source.reset();
   io_.run();
   EXPECT_THAT(times_, ElementsAre(10));
+}
+
+TEST_F(SocketSamplesTest, AFileInItsPlaceIsAnErrorAndStays) {
+  std::ofstream(settings_.path) << "a recording";
+  EXPECT_THROW(SocketSamples(io_, settings_, take()), std::runtime_error);
+  EXPECT_TRUE(std::filesystem::is_regular_file(settings_.path));
 }
 
 TEST_F(SocketSamplesTest, WhoMayEnterTheFolderMayWrite) {
