@@ -200,9 +200,11 @@ void Session::on_late(bool is_present_session) {
 void Session::on_account(const wire::Account& account) {
   if (!metrics_) return;
   held_[account.session_id] = account.held;
+  if (account.held == 0) held_.erase(account.session_id);
   std::uint64_t all = 0;
   for (const auto& [session_id, frames] : held_) all += frames;
-  metrics_->on_spool(held_[info_.session_id], all);
+  const auto present = held_.find(info_.session_id);
+  metrics_->on_spool(present == held_.end() ? 0 : present->second, all);
 }
 
 /// So that the record has them even if this process dies.
@@ -321,7 +323,7 @@ void Session::show_samples(const wire::Items& items) const {
 }
 
 void Session::note_failure(const std::optional<Error>& error) {
-  if (is_failing_ == error.has_value()) return;
+  if (is_failing_ == error.has_value() || (!error && keeping_ == Keeping::kFailed)) return;
   is_failing_ = error.has_value();
   if (error) {
     log_error("{}: stream paused: {}", name_, error->text);

@@ -271,6 +271,7 @@ TEST_F(SessionTest, AfterAFailedCommitNothingMoreIsKept) {
   EXPECT_EQ(peer_->kept, 0);
   EXPECT_EQ(session_->received(), 0U);  // the robot shall keep the rest
   EXPECT_EQ(log.lines("error robot session: stream paused: sync").size(), 1U);
+  EXPECT_EQ(log.lines("stream resumed").size(), 0U);
   session_->close(SessionEnd::kStopping);
   EXPECT_EQ(peer_->bye, wire::Position{});
 }
