@@ -23,6 +23,7 @@ using wire::ErrorCode;
 
 constexpr std::chrono::seconds kPartingTime{1};
 constexpr std::uint64_t kMostAside = 8;
+constexpr std::chrono::seconds kLongestHold{5};  // of live frames, by these
 
 }  // namespace
 
@@ -278,6 +279,7 @@ void Connection::handle_late(const wire::Items& items) {
   auto late = late_.add(items.first, part.value());
   if (!late) return fail(late.error());
   if (!late.value()) return read();
+  if (is_discarding_) return discard(late_writes_);
   const bool is_present = late.value()->session_id == session_->info().session_id;
   const bool is_frame = !late.value()->items;
   owner_.stores()->write_late(robot_id_, std::move(*late.value()), weak_from_this(),
@@ -302,12 +304,15 @@ void Connection::handle_account(const wire::Items& items) {
     return fail({ErrorCode::kUnexpected,
                  fmt::format("account {}, not {}", items.first, account_writes_.begun)});
   }
-  session_->on_account(account.value());
-  owner_.stores()->take_account(
-      robot_id_, account.value(), weak_from_this(),
-      [weak = weak_from_this(), number = account_writes_.begin()](const Result<bool>& kept) {
-        if (const auto self = weak.lock()) self->on_aside_kept(self->account_writes_, number, kept);
-      });
+  if (is_discarding_) return discard(account_writes_);
+  owner_.stores()->take_account(robot_id_, account.value(), weak_from_this(),
+                                [weak = weak_from_this(), number = account_writes_.begin(),
+                                 account = account.value()](const Result<bool>& kept) {
+                                  const auto self = weak.lock();
+                                  if (!self) return;
+                                  if (kept && self->session_) self->session_->on_account(account);
+                                  self->on_aside_kept(self->account_writes_, number, kept);
+                                });
   read_aside();
 }
 
@@ -316,13 +321,26 @@ void Connection::on_aside_kept(Aside& writes, std::uint64_t number, const Result
   writes.kept_on.insert(number);
   while (writes.kept_on.erase(writes.kept) > 0) ++writes.kept;
   on_kept();
-  if (state_ == State::kServing && is_held_) read_aside();
+  if (state_ != State::kServing) return;
+  if (is_held_) read_aside();
+  if (is_discarding_ && late_writes_.count() + account_writes_.count() == 0) {
+    fail({ErrorCode::kTimeout, "late frames can be written again: their robot sends them anew"},
+         LogLevel::kInfo);
+  }
 }
 
-/// The stream is read on while they are written, so that they do not hold the live frames.
+/// The stream is read on while they are written, so that they do not hold the live frames. If they
+/// cannot be written, those that follow are discarded: none is acknowledged before these are kept,
+/// so the robot sends them again on its next connection.
 void Connection::read_aside() {
   is_held_ = late_writes_.count() >= kMostAside || account_writes_.count() >= kMostAside;
-  if (!is_held_) read();
+  if (!is_held_) return read();
+  start_timer(kLongestHold);
+}
+
+void Connection::discard(Aside& writes) {
+  writes.discard();
+  read();
 }
 
 void Connection::on_taken() {
@@ -424,6 +442,10 @@ void Connection::on_deadline() {
   if (state_ == State::kParting) return close();
   const bool is_serving = state_ == State::kServing;
   if (is_introduced() && !is_serving) return;
+  if (std::exchange(is_held_, false)) {
+    is_discarding_ = true;
+    return read();
+  }
   const std::chrono::duration<double> limit =
       is_serving ? settings_.idle_timeout : settings_.hello_timeout;
   fail(

@@ -104,10 +104,15 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
     std::uint64_t begun = 0;
     std::uint64_t kept = 0;           // all below it
     std::set<std::uint64_t> kept_on;  // of those beyond
+    std::uint64_t discarded = 0;
 
     std::uint64_t begin() { return begun++; }
     /// That are being written.
-    std::uint64_t count() const { return begun - kept - kept_on.size(); }
+    std::uint64_t count() const { return begun - kept - kept_on.size() - discarded; }
+    void discard() {
+      ++begun;
+      ++discarded;
+    }
   };
 
   void shake_hands();
@@ -126,6 +131,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void handle_account(const wire::Items& items);
   void on_aside_kept(Aside& writes, std::uint64_t number, const Result<bool>& kept);
   void read_aside();
+  void discard(Aside& writes);
   void on_taken();
 
   void fail(const wire::Fault& fault, LogLevel level = LogLevel::kWarn);
@@ -158,7 +164,8 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   LateAssembly late_;
   Aside late_writes_;
   Aside account_writes_;
-  bool is_held_ = false;  // nothing is read before some of these are kept
+  bool is_held_ = false;        // nothing is read before some of these are kept
+  bool is_discarding_ = false;  // all more of them: these cannot be written
   std::array<std::uint8_t, 4096> discarded_{};
   bool is_reading_ = false;
   bool has_peer_closed_ = false;
