@@ -94,8 +94,17 @@ std::size_t Listener::robots() const {
 }
 
 bool Listener::has_session(const std::string& robot_id, const std::string& session_id) const {
-  const SessionKey key(robot_id, claims_ == nullptr ? session_id : claims_->session_in(session_id));
+  const SessionKey key(robot_id, session_in(session_id));
   return sessions_.contains(key) || opening_.contains(key);
+}
+
+bool Listener::is_in_use(const std::string& robot_id, const std::string& folder) const {
+  return has_session(robot_id, folder) ||
+         (stores_ && stores_->is_expected(robot_id, session_in(folder)));
+}
+
+std::string Listener::session_in(const std::string& folder) const {
+  return claims_ == nullptr ? folder : claims_->session_in(folder);
 }
 
 void Listener::accept() {
@@ -194,11 +203,14 @@ bool Listener::wait_for(const SessionKey& key, const std::shared_ptr<Connection>
   return is_new;
 }
 
-/// Null: none waits any more.
+/// Null: none waits any more, or may connect any more.
 std::shared_ptr<Connection> Listener::take_waiting(const SessionKey& key) {
   auto connection = std::move(opening_.extract(key).mapped());
+  if (moved_) asio::post(main_, [this] { move_next(); });
   if (!connection) check_stopped();
-  return connection;
+  if (!connection || is_allowed(key.first)) return connection;
+  connection->refuse(key.first + " is not among listen.robots any more");
+  return nullptr;
 }
 
 /// Each hello asks, also that for a session which is open here: a welcome acknowledges.
@@ -307,7 +319,6 @@ void Listener::on_opened(const SessionKey& key, SessionInfo info, SessionClaims:
     if (stores_) stores_->on_closed(key.first, key.second);
     return;
   }
-  if (moved_) asio::post(main_, [this] { move_next(); });
   if (!opened) {
     log_error("{} {}: no session: {}", key.first, key.second, opened.error().text);
     return connection->refuse("the server cannot keep this session: " + opened.error().text);

@@ -56,10 +56,7 @@ class Listener final : public ConnectionOwner {
   bool has_session(const std::string& robot_id, const std::string& session_id) const;
 
   /// Whether its folder may still grow: it is open, or the robot still has frames of it.
-  bool is_in_use(const std::string& robot_id, const std::string& session_id) const {
-    return has_session(robot_id, session_id) ||
-           (stores_ && stores_->is_expected(robot_id, session_id));
-  }
+  bool is_in_use(const std::string& robot_id, const std::string& folder) const;
 
   /// Before start(): runs at each failed try of a session's sink, a full disk for one.
   void on_sink_failed(std::function<void()> run) { sink_failed_ = std::move(run); }
@@ -101,6 +98,7 @@ class Listener final : public ConnectionOwner {
   std::string make_room(const boost::asio::ip::address& address);
   void on_accept_failed(const boost::system::error_code& failed);
   bool is_allowed(const std::string& robot_id) const;
+  std::string session_in(const std::string& folder) const;
   std::string reason_to_refuse(const SessionKey& key) const;
   void close_other_sessions(const SessionKey& key);
   bool wait_for(const SessionKey& key, const std::shared_ptr<Connection>& connection);

@@ -44,6 +44,64 @@ TEST_F(ListenerTest, APortThatIsTakenIsToldAtTheStart) {
   }
 }
 
+/// Answers when the test says so.
+class HeldClaims final : public SessionClaims {
+ public:
+  void async_enter(const SessionKey& /*session*/, std::function<void(Outcome)> entered) override {
+    entered_ = std::move(entered);
+  }
+  std::string session_in(const std::string& folder) const override { return folder; }
+  std::string refuge() const override { return "b:7722"; }
+
+  std::function<void(Outcome)> entered_;
+};
+
+TEST_F(ListenerTest, AllAreMovedAlsoIfTheLastOneIsSentAwayAtItsHello) {
+  boost::asio::io_context main;
+  boost::asio::thread_pool files(1);
+  HeldClaims claims;
+  Listener listener(main, files, settings_);
+  listener.share_by(claims);
+  listener.start();
+  {
+    const RobotClient robot(listener.endpoint().port());
+    robot.send_hello("r", "s");
+    while (!claims.entered_) main.run_one();
+    bool is_over = false;
+    listener.move_all([&](const auto& told) { is_over = told.empty(); });
+    EXPECT_FALSE(is_over);
+    claims.entered_(SessionClaims::Moved{"b:7722"});
+    main.poll();
+    EXPECT_TRUE(is_over);
+  }
+  listener.stop([] {});
+  main.run();
+}
+
+TEST_F(ListenerTest, OneThatIsNotAllowedAnyMoreWhenItsSessionIsOpenIsRefused) {
+  boost::asio::io_context main;
+  boost::asio::thread_pool files(1);
+  HeldClaims claims;
+  Listener listener(main, files, settings_);
+  listener.share_by(claims);
+  listener.start();
+  {
+    const RobotClient robot(listener.endpoint().port());
+    robot.send_hello("r", "s");
+    while (!claims.entered_) main.run_one();
+    listener.allow({"another"});
+    claims.entered_(SessionClaims::Granted{});
+    while (!listener.has_session("r", "s")) main.run_one();
+    while (listener.has_session("r", "s")) main.run_one();
+    main.poll();
+    const auto error = robot.error();
+    ASSERT_TRUE(error);
+    EXPECT_EQ(error->text, "r is not among listen.robots any more");
+  }
+  listener.stop([] {});
+  main.run();
+}
+
 TEST_F(ListenerTest, TwoRobotsAreServedAtOnce) {
   const auto a = connect();
   const auto b = connect();
