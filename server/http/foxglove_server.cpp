@@ -304,7 +304,7 @@ class FoxgloveServer::Viewer final : public std::enable_shared_from_this<Viewer>
     timer_.async_wait([weak = weak_from_this()](const error_code& failed) {
       const auto self = weak.lock();
       if (failed || !self || self->timer_.expiry() > Clock::now()) return;
-      self->close();
+      if (!self->is_open_ || self->is_writing_) self->close();
     });
   }
 

@@ -37,7 +37,7 @@ std::filesystem::path folder_of(const SinkSettings& sinks) {
 class HttpServer::Connection final : public std::enable_shared_from_this<Connection> {
  public:
   /// `tls`: null for plain TCP. `files` and `owner` must outlive every run of the io_context.
-  Connection(tcp::socket socket, TlsContext* tls, asio::thread_pool& files, HttpServer& owner)
+  Connection(tcp::socket socket, TlsContext* tls, Router::Strand& files, HttpServer& owner)
       : peer_(peer_of(socket)),
         stream_(std::make_unique<Stream>(std::move(socket), tls)),
         files_(files),
@@ -208,7 +208,7 @@ class HttpServer::Connection final : public std::enable_shared_from_this<Connect
 
   const tcp::endpoint peer_;
   std::unique_ptr<Stream> stream_;  // null: given away
-  asio::thread_pool& files_;
+  Router::Strand& files_;
   HttpServer& owner_;
   asio::steady_timer timer_;
   std::chrono::steady_clock::time_point since_;
@@ -228,9 +228,9 @@ class HttpServer::Connection final : public std::enable_shared_from_this<Connect
 
 HttpServer::HttpServer(asio::io_context& main, asio::thread_pool& files, const Settings& settings,
                        Metrics& metrics, FleetPage fleet)
-    : files_(files),
+    : files_(asio::make_strand(files)),
       tls_(make_tls_context(settings.listen.tls)),
-      router_(main, files, metrics, folder_of(settings.sinks),
+      router_(main, files_, metrics, folder_of(settings.sinks),
               !tls_ && is_loopback(*settings.http_address), std::move(fleet)),
       foxglove_(std::make_shared<FoxgloveServer>(main, metrics)),
       acceptor_(listen_on(main, "serve http on", *settings.http_address)),

@@ -78,10 +78,10 @@ fs::path file_in_session(const std::vector<std::string>& words) {
 
 }  // namespace
 
-Router::Router(asio::io_context& main, asio::thread_pool& files, const Metrics& metrics,
-               fs::path folder, bool is_local, FleetPage fleet)
+Router::Router(asio::io_context& main, Strand files, const Metrics& metrics, fs::path folder,
+               bool is_local, FleetPage fleet)
     : main_(main),
-      files_(files),
+      files_(std::move(files)),
       metrics_(metrics),
       folder_(std::move(folder)),
       is_local_(is_local),

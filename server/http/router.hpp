@@ -2,6 +2,7 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
+#include <boost/asio/strand.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <filesystem>
 #include <functional>
@@ -25,14 +26,15 @@ struct FleetPage {
 };
 
 /// What there is to be seen, by path (docs/live-page.md). Read-only. Thread-bound to `main`; what
-/// reads the disk is done on `files`.
+/// reads the disk is done on `files`, one thing at a time: robots' frames wait for no more of it.
 class Router {
  public:
   using Answer = std::function<void(HttpResponse)>;
+  using Strand = boost::asio::strand<boost::asio::thread_pool::executor_type>;
 
   /// `folder`: where sessions are kept; empty: nowhere. `is_local`: only this machine can connect,
   /// so a request for another host was sent by a page from there that misleads a browser here.
-  Router(boost::asio::io_context& main, boost::asio::thread_pool& files, const Metrics& metrics,
+  Router(boost::asio::io_context& main, Strand files, const Metrics& metrics,
          std::filesystem::path folder, bool is_local, FleetPage fleet = {});
 
   /// Runs `answer` once, from within the call or later.
@@ -54,7 +56,7 @@ class Router {
   void run_on_files(std::function<HttpResponse()> work, Answer answer) const;
 
   boost::asio::io_context& main_;
-  boost::asio::thread_pool& files_;
+  mutable Strand files_;
   const Metrics& metrics_;
   const std::filesystem::path folder_;
   const bool is_local_;

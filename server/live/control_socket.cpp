@@ -108,6 +108,7 @@ struct ControlSocket::Client {
   Protocol::socket socket;
   asio::steady_timer timer;
   std::string text;
+  bool has_spoken = false;
 };
 
 ControlSocket::ControlSocket(asio::io_context& main, fs::path path,
@@ -150,10 +151,11 @@ void ControlSocket::read_word(const std::shared_ptr<Client>& client) {
   client->timer.expires_after(kWordTimeout);
   client->timer.async_wait([weak = std::weak_ptr(client)](const error_code& aborted) {
     const auto silent = aborted ? nullptr : weak.lock();
-    if (silent) silent->close();
+    if (silent && !silent->has_spoken) silent->close();
   });
   asio::async_read_until(client->socket, asio::dynamic_buffer(client->text, kMaxWordBytes), '\n',
                          [this, client](const error_code& failed, std::size_t bytes) {
+                           client->has_spoken = true;
                            client->timer.cancel();
                            if (!failed) run(client, client->text.substr(0, bytes - 1));
                          });

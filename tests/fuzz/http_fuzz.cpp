@@ -44,7 +44,7 @@ class World {
   boost::asio::io_context main_{1};
   boost::asio::thread_pool files_{1};
   Metrics metrics_{4};
-  Router router_{main_, files_, metrics_, "/nonexistent", true};
+  Router router_{main_, boost::asio::make_strand(files_), metrics_, "/nonexistent", true};
 };
 
 void run(std::span<const std::uint8_t> input) {
