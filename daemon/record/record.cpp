@@ -13,6 +13,8 @@ using std::chrono::seconds;
 
 constexpr seconds kSyncInterval{1};
 constexpr seconds kRetryInterval{5};
+constexpr int kMostReads = 12;  // of a frame; then it is taken for damaged
+constexpr std::uint64_t kLittle = 64 << 10;
 constexpr seconds kLogInterval{10};
 constexpr seconds kEndLimit{8};  // with link.drain_timeout, the service has 30 s to end
 constexpr std::size_t kEndSyncBytes = 2 << 20;
@@ -232,7 +234,7 @@ void Record::run(const std::stop_token& stop) {
 /// Does one thing, the most urgent first; false if there is nothing to do at `now`.
 bool Record::work(Lock& lock, Clock::time_point now) {
   const bool is_sync_late = now >= sync_at_ && now - sync_at_ > kSyncInterval;
-  return write_notes(lock, now) || read_ahead(lock) || (is_sync_late && sync(lock, now)) ||
+  return write_notes(lock, now) || read_ahead(lock, now) || (is_sync_late && sync(lock, now)) ||
          write_frame(lock, now) || sync(lock, now) || remove_oldest(lock);
 }
 
@@ -240,6 +242,7 @@ Record::Clock::time_point Record::next_deadline(Clock::time_point now) const {
   auto deadline = sync_at_;
   if (is_note_due_ || !notes_.empty()) deadline = std::min(deadline, retry_at_);
   if (!pending_.empty()) deadline = std::min(deadline, std::max(pace_.next(), retry_at_));
+  if (read_at_ > now) deadline = std::min(deadline, read_at_);
   return std::max(deadline, now);
 }
 
@@ -265,7 +268,7 @@ bool Record::write_notes(Lock& lock, Clock::time_point now) {
   }
   if (failed) {
     fail(*failed);
-    make_room_for_notes();
+    make_room_for(notes_.front().body.size());
   }
   sync_at_ = std::min(sync_at_, now);
   lock.lock();
@@ -296,9 +299,9 @@ void Record::on_items_written(const RecordState::Note& note, const journal::Plac
   state_.on_written(written, *note.items);
 }
 
-/// They could not be written. If the disk is full, the oldest frames pay.
-void Record::make_room_for_notes() {
-  if (has_free(segment_bytes_)) return;
+/// It could not be written. If the disk is full, the oldest frames pay.
+void Record::make_room_for(std::size_t note_bytes) {
+  if (has_free(note_bytes + kLittle)) return;
   Lock lock(mutex_);
   const auto oldest = state_.oldest_segment();
   if (!oldest || *oldest >= synced_segment_) return;
@@ -448,40 +451,56 @@ bool Record::sync_files() {
   return true;
 }
 
-bool Record::read_ahead(Lock& lock) {
-  if (ready_.size() >= kReadAhead) return false;
+bool Record::read_ahead(Lock& lock, Clock::time_point now) {
+  if (ready_.size() >= kReadAhead || now < read_at_) return false;
   const auto taken = state_.take_next(live_from_);
   if (!taken) return false;
   const auto rewinds = rewinds_;
   lock.unlock();
   const auto late = read(*taken);
   lock.lock();
-  if (!late) {
+  if (!late && ++failed_reads_ < kMostReads) {  // no descriptors, perhaps
+    read_at_ = now + kRetryInterval;
+    state_.give_back(taken->id);
+    if (damaged_limit_.lets_through()) {
+      log_warn("record: {}; it is tried again every {} s", late.error().text,
+               kRetryInterval.count());
+    }
+    return true;
+  }
+  failed_reads_ = 0;
+  if (!late || !late.value()) {
     ++counts_.damaged;
     state_.remove(taken->id);
     is_changed_ = true;
     if (damaged_limit_.lets_through()) {
-      log_warn("record: {}; {} frames since the start", late.error().text, counts_.damaged);
+      log_warn("record: {} {} in {} {}; {} since the start",
+               taken->id.stream == wire::kFrames ? "frame" : "samples from", taken->place.sequence,
+               journal::segment_path(settings_.path, taken->place.segment).string(),
+               late ? "is damaged" : "cannot be read: " + late.error().text, counts_.damaged);
     }
   } else if (rewinds != rewinds_) {
     state_.give_back(taken->id);
   } else if (state_.is_held(taken->id)) {
     if (ready_.empty()) is_changed_ = true;
-    ready_.push_back(late.value());
+    ready_.push_back(*late.value());
   }
   return true;
 }
 
-Result<Record::LateFrame> Record::read(const RecordState::Taken& taken) const {
+/// Nothing: it is damaged.
+Result<std::optional<Record::LateFrame>> Record::read(const RecordState::Taken& taken) const {
   LateFrame late{taken.id, taken.session, nullptr};
   if (taken.id.stream == wire::kFrames) {
     auto frame = folder_.read_frame(taken.place);
     if (!frame) return std::move(frame).error();
     late.frame = std::move(frame).value();
+    if (!late.frame) return std::nullopt;
   } else {
     auto items = folder_.read_items(taken.place);
     if (!items) return std::move(items).error();
-    late.items = std::move(items).value();
+    if (!items.value()) return std::nullopt;
+    late.items = std::move(*items.value());
   }
   return late;
 }

@@ -182,15 +182,15 @@ class Record {
   bool remove_oldest(Lock& lock);
   bool has_room_for(const RecordState::Note& items);
   void on_items_written(const RecordState::Note& note, const journal::Place& place);
-  bool read_ahead(Lock& lock);
-  Result<LateFrame> read(const RecordState::Taken& taken) const;
+  bool read_ahead(Lock& lock, Clock::time_point now);
+  Result<std::optional<LateFrame>> read(const RecordState::Taken& taken) const;
   void check_folder();
   Result<journal::Place> append(std::uint8_t type, record_format::Bytes head,
                                 record_format::Bytes rest);
   void begin_segment_next();
   void make_room(std::uint64_t bytes);
   void remove_segment(std::uint32_t segment, const std::string& why);
-  void make_room_for_notes();
+  void make_room_for(std::size_t note_bytes);
   bool has_free(std::uint64_t bytes) const;
   bool sync_files();
   void finish(Lock& lock);
@@ -218,6 +218,8 @@ class Record {
   WritePace pace_;
   Clock::time_point sync_at_ = Clock::time_point::max();  // max: all is synced
   Clock::time_point retry_at_{};                          // nothing is written before
+  Clock::time_point read_at_{};                           // nor read before this
+  int failed_reads_ = 0;                                  // of the frame that is next
 
   mutable std::mutex mutex_;
   std::condition_variable_any woken_;

@@ -163,7 +163,7 @@ std::optional<Index> RecordFolder::read_index(std::uint32_t segment) const {
   return is_index ? record_format::parse_index(record.value()->body, segment) : std::nullopt;
 }
 
-Result<wire::Items> RecordFolder::read_items(const KeptFrame& items) const {
+Result<std::optional<wire::Items>> RecordFolder::read_items(const KeptFrame& items) const {
   const journal::Place place{items.segment, items.offset};
   Reader reader(path_, place);
   const auto record = reader.next();
@@ -171,24 +171,19 @@ Result<wire::Items> RecordFolder::read_items(const KeptFrame& items) const {
   const bool is_there = record.value() && record.value()->place == place &&
                         record.value()->type == record_format::kItems;
   auto parsed = is_there ? record_format::parse_items(record.value()->body) : std::nullopt;
-  if (parsed && parsed->second.first == items.sequence) return std::move(parsed->second);
-  return Error{"samples in " + journal::segment_path(path_, items.segment).string() +
-               " are damaged"};
+  if (!parsed || parsed->second.first != items.sequence) return std::nullopt;
+  return std::move(parsed->second);
 }
 
 Result<FramePtr> RecordFolder::read_frame(const KeptFrame& frame) const {
-  const auto attempt = "cannot read frame " + std::to_string(frame.sequence) + " in " +
-                       journal::segment_path(path_, frame.segment).string();
   const journal::Place place{frame.segment, frame.offset};
   Reader reader(path_, place);
   const auto record = reader.next();
-  if (!record) return Error{attempt + ": " + record.error().text};
+  if (!record) return record.error();
   const bool is_frame = record.value() && record.value()->place == place &&
                         record.value()->type == record_format::kFrame;
   auto parsed = is_frame ? record_format::parse_frame(record.value()->body) : std::nullopt;
-  if (!parsed || parsed->second.sequence != frame.sequence) {
-    return Error{attempt + ": it is damaged"};
-  }
+  if (!parsed || parsed->second.sequence != frame.sequence) return FramePtr();
   return FramePtr(std::make_shared<EncodedFrame>(std::move(parsed->second)));
 }
 

@@ -37,8 +37,9 @@ class RecordFolder {
   /// if the folder itself cannot be read.
   Result<End> read(RecordState& state) const;
 
+  /// Null, or nothing: it is damaged. An error: it cannot be read, at the moment at least.
   Result<FramePtr> read_frame(const KeptFrame& frame) const;
-  Result<wire::Items> read_items(const KeptFrame& items) const;
+  Result<std::optional<wire::Items>> read_items(const KeptFrame& items) const;
 
  private:
   using Segments = std::vector<std::uint32_t>;

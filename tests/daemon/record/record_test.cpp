@@ -265,6 +265,21 @@ TEST_F(RecordTest, ADamagedFrameIsPassedOverAndCounted) {
   EXPECT_THAT(log.lines("is damaged").front(), HasSubstr("frame 2"));
 }
 
+TEST_F(RecordTest, FramesThatCannotBeReadForAWhileAreNotLost) {
+  { WatchedRecord(settings(), "a").keep(0, 5); }
+  const CapturedLog log;
+  WatchedRecord record(settings(), "b");
+  std::vector<Sequence> taken = record.take(1);
+  {
+    const ResourceLimit no_more(RLIMIT_NOFILE, 1);  // those that are open stay so
+    for (; record->next(); record->take_next()) taken.push_back(record->next()->frame->sequence);
+    log.wait_for("Too many open files; it is tried again");
+  }
+  while (taken.size() < 5) taken.push_back(record.next().frame->sequence);
+  EXPECT_EQ(taken, numbers(0, 5));
+  EXPECT_EQ(record->stats().damaged, 0U);
+}
+
 TEST_F(RecordTest, ASegmentThatDisappearsCostsItsFrames) {
   { WatchedRecord(settings(4 * kMiB), "a").keep(0, 12, kLarge); }  // six in each segment
   WatchedRecord record(settings(4 * kMiB), "b");
