@@ -79,7 +79,7 @@ void FrameBuffer::push(FramePtr frame) {
   waiting_bytes_ += frame->jpeg.size();
   const double position_s = next_position(*frame);
   waiting_.push_back({std::move(frame), position_s});
-  while (is_over_limit()) {
+  while (!limits_.is_waited_for && is_over_limit()) {
     update_view();
     lock.unlock();
     const std::size_t choice = policy_->victim(view_);
@@ -237,6 +237,9 @@ void FrameBuffer::collect_for_record(ForRecord& record, bool those_at_risk) {
       for (Entry& entry : *entries) {
         if (std::exchange(entry.is_old, true)) keep(entry);
       }
+    }
+    for (auto& [entry, similarity] : unconfirmed_drops_) {
+      if (std::exchange(entry.is_old, true)) keep(entry);
     }
   }
   std::swap(record, for_record_);

@@ -27,6 +27,9 @@ struct BufferLimits {
   std::size_t frames = std::numeric_limits<std::size_t>::max();
   /// Of JPEG, those in flight included, which take half of it at most.
   std::size_t bytes = std::numeric_limits<std::size_t>::max();
+  /// By wait_for_room(), before each frame: then no push gives up one, also if frames have come
+  /// back from a connection meanwhile.
+  bool is_waited_for = false;
 };
 
 /// The robot's frames from capture to acknowledgement, and the count of what became of each.

@@ -25,7 +25,8 @@ FrameBuffer make_buffer(const BufferSettings& settings, FillFeatures extract) {
   // Where a size has 32 bits, more than it holds is no limit.
   const auto bytes =
       static_cast<std::size_t>(std::min<std::uint64_t>(settings.memory_bytes, SIZE_MAX));
-  if (settings.policy != "catch-up") return {{settings.capacity, bytes}, std::move(policy)};
+  if (settings.policy != "catch-up")
+    return {{settings.capacity, bytes, settings.is_waited_for}, std::move(policy)};
   return {{.bytes = bytes}, std::move(policy), std::make_unique<SendPlanner>(settings.plan)};
 }
 

@@ -20,6 +20,7 @@ struct BufferSettings {
   std::string policy = "catch-up";         ///< one of kPolicies
   std::size_t capacity = 25;               ///< frames, >= 3; of all policies but catch-up
   std::uint64_t memory_bytes = 64U << 20;  ///< of JPEG, that may wait
+  bool is_waited_for = false;              ///< see BufferLimits
   PlanSettings plan;                       ///< of catch-up; `[link]` of orbbufd.toml
   std::uint64_t seed = 1;                  ///< of the random policy
 };

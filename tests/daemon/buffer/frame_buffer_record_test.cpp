@@ -67,6 +67,18 @@ TEST_F(FrameBufferRecordTest, AFrameThatTheServerMayHaveIsCollectedWhenItTurnsOu
   EXPECT_EQ(collect(), Numbers{1});
 }
 
+TEST_F(FrameBufferRecordTest, OfALongOutageAlsoTheFramesThatTheServerMayHaveAreCollected) {
+  push(0, 2);
+  take(2);
+  buffer_.return_in_flight();
+  push(3, 4);  // 0 and 1 go
+  collect(true);
+  EXPECT_EQ(collect(true), (Numbers{2, 3, 4, 0, 1}));
+  buffer_.resume(1);
+  EXPECT_EQ(collect(), Numbers{});
+  EXPECT_EQ(delivered(), Numbers{0});
+}
+
 TEST_F(FrameBufferRecordTest, AtTheEndAllThatIsUndeliveredIsCollected) {
   push(0, 3);
   take(1);

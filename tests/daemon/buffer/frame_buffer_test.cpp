@@ -99,6 +99,18 @@ TEST_F(FrameBufferTest, HasRoomUntilItIsFull) {
   EXPECT_EQ(buffer_.stats().waiting, kCapacity);
 }
 
+TEST_F(FrameBufferTest, IfItIsWaitedForNoneIsGivenUpForThoseThatCameBack) {
+  FrameBuffer buffer({kCapacity, 100, true}, std::make_unique<FakePolicy>());
+  for (Sequence i = 0; i < kCapacity; ++i) capture_and_push(buffer, i);
+  ASSERT_TRUE(buffer.take());
+  ASSERT_TRUE(buffer.wait_for_room({}));
+  buffer.return_in_flight();
+  capture_and_push(buffer, kCapacity);
+  buffer.resume(0);
+  EXPECT_THAT(collect_drops(buffer), IsEmpty());
+  EXPECT_EQ(buffer.stats().waiting, kCapacity + 1);
+}
+
 TEST_F(FrameBufferTest, HandsOutWhatWaitsInOrderAndThenNothing) {
   Sequence next = 0;
   for (const std::size_t count : {0U, 1U, 3U, 4U}) {
