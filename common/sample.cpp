@@ -134,7 +134,7 @@ std::string to_euroc_line(const Sample& sample) {
 
 std::optional<Sample> parse_euroc_line(std::string_view line) {
   Sample sample;
-  bool is_sound = take_field(line, sample.time_ns, false);
+  bool is_sound = take_field(line, sample.time_ns, false) && sample.time_ns >= 0;
   for (double& value : sample.angular_velocity) {
     is_sound = is_sound && take_field(line, value, false);
   }

@@ -200,6 +200,9 @@ void Requantiser::State::read_header(std::span<const std::uint8_t> jpeg) {
 
 /// From the last component to the first: a table that luma and chroma share is made for luma.
 void Requantiser::State::set_steps(int quality) {
+  for (int i = 0; i < in.num_components; ++i) {
+    if (in.comp_info[i].quant_table == nullptr) fail("a component has no scan");
+  }
   const bool has_chroma = in.jpeg_color_space == JCS_YCbCr || in.jpeg_color_space == JCS_YCCK;
   jpeg_set_quality(&out, quality, TRUE);
   const std::array<JQUANT_TBL, 2> standard = {*out.quant_tbl_ptrs[0], *out.quant_tbl_ptrs[1]};

@@ -25,7 +25,7 @@ TEST(Sample, TheDataSetsOwnLinesAreRead) {
 
 TEST(Sample, OtherLinesAreNone) {
   for (const char* line : {"", "#timestamp", "1,2,3,4,5,6", "1,2,3,4,5,6,7,8", "1,2,3,4,5,6,nan",
-                           "1,2,3,,5,6,7", "1.5,2,3,4,5,6,7", "1,2,3,4,5,6,7x"}) {
+                           "1,2,3,,5,6,7", "1.5,2,3,4,5,6,7", "1,2,3,4,5,6,7x", "-1,2,3,4,5,6,7"}) {
     EXPECT_FALSE(parse_euroc_line(line)) << line;
   }
 }

@@ -323,6 +323,9 @@ TEST(Requantiser, ATruncatedImageIsAnErrorAndDoesNotAffectTheNext) {
       const auto cut = requantiser.reduce(
           frame_of({whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size)}), 30);
       ASSERT_FALSE(cut) << size;
+      Bytes ended(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+      ended.insert(ended.end(), {0xFF, 0xD9});  // components may have no scan
+      ASSERT_FALSE(requantiser.reduce(frame_of(ended), 30)) << size;
     }
     EXPECT_EQ(requantiser.reduce(frame_of(whole), 30).value().jpeg, good);
   }
