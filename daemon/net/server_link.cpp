@@ -23,6 +23,7 @@ namespace {
 
 constexpr milliseconds kWatchInterval{50};
 constexpr std::chrono::nanoseconds kSilence = 4 * wire::kHeartbeat;
+constexpr std::chrono::nanoseconds kPause = kSilence / 2;  // of this program
 constexpr seconds kShortestLookupInterval{2};
 constexpr seconds kLongestLookupInterval{30};
 constexpr int kLookupPartOfOutage = 30;
@@ -423,8 +424,12 @@ void ServerLink::check_attempts() {
 
 void ServerLink::check_connection() {
   const auto progress = connection_->progress();
-  ack_watch_.look(progress, Clock::now());
-  connection_watch_.look(progress, Clock::now());
+  const auto now = Clock::now();
+  ack_watch_.look(progress, now);
+  if (now - std::exchange(check_time_, now) > kPause || connection_watch_.is_stalled()) {
+    ack_watch_.excuse(now);
+  }
+  connection_watch_.look(progress, now);
   if (is_silent()) return on_silence();
   if (connection_watch_.is_moving()) {
     if (progress) pace_.on_round_trip(progress->least_round_trip);

@@ -218,7 +218,8 @@ class ServerLink final : private ServerConnection::Owner {
   std::shared_ptr<ServerConnection> connection_;  // the one that was welcome; null without
   StallWatch connection_watch_;
   AckWatch ack_watch_;
-  std::shared_ptr<ServerConnection> candidate_;  // to be welcome: TCP is there; null without
+  std::chrono::steady_clock::time_point check_time_{};  // of check_connection()
+  std::shared_ptr<ServerConnection> candidate_;         // to be welcome: TCP is there; null without
   StallWatch candidate_watch_;
   Clock::time_point step_time_;    // when the candidate began its present step
   std::vector<Attempt> attempts_;  // oldest first: TCP is not there yet

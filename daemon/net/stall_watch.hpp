@@ -48,6 +48,12 @@ class AckWatch {
     silent_for_ = taken_ ? now - *taken_ : std::chrono::nanoseconds(0);
   }
 
+  /// Its word may be on its way: the silence begins `now`.
+  void excuse(Time now) {
+    if (taken_) taken_ = now;
+    silent_for_ = {};
+  }
+
   /// How long, at the last look, the server had owed an answer.
   std::chrono::nanoseconds silent_for() const { return silent_for_; }
   bool is_silent() const { return silent_for_ >= timeout_; }

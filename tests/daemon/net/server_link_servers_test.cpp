@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <string>
+#include <thread>
 
 #include "testing/captured_log.hpp"
 #include "testing/own_network.hpp"
@@ -27,6 +28,15 @@ class ServerLinkServers : public ::testing::Test, protected LinkRig {
   void start_on_a() {
     start_with_both();
     a_.welcome({});
+    expect_connected();
+  }
+  void start_on_a_of_a_fleet() {
+    start_with_both();
+    a_.accept_hello();
+    wire::Welcome welcome;
+    welcome.takes.set(wire::kFrames).set(wire::kDrops);
+    welcome.has_heartbeat = true;
+    a_.send(wire::encode(welcome));
     expect_connected();
   }
   void expect_connected_to(const ScriptedServer& server) {
@@ -211,14 +221,22 @@ TEST_F(ServerLinkServers, TheOthersAreTriedWhenTheRobotWasMovedToADeadOne) {
   expect_connected_to(a_);
 }
 
+TEST_F(ServerLinkServers, AServerIsNotLeftForAPauseOfTheRobot) {
+  start_on_a_of_a_fleet();
+  ask([](ServerLink& link) { return link.write(one_frame()), true; });
+  EXPECT_EQ(a_.read(wire::Type::kFrame).frame().sequence, 0U);
+  EXPECT_EQ(owner_.next(), "writable 0 0");
+  ask([](ServerLink&) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1500));
+    return true;
+  });
+  a_.ack({1, 0});  // 300 ms later it would be too late
+  EXPECT_EQ(owner_.next(), "ack 1 0");
+  EXPECT_TRUE(ask([](const ServerLink& link) { return link.is_connected(); }));
+}
+
 TEST_F(ServerLinkServers, AServerThatStandsStillIsLeftForAnother) {
-  start_with_both();
-  a_.accept_hello();
-  wire::Welcome welcome;
-  welcome.takes.set(wire::kFrames).set(wire::kDrops);
-  welcome.has_heartbeat = true;
-  a_.send(wire::encode(welcome));
-  expect_connected();
+  start_on_a_of_a_fleet();
   ask([](ServerLink& link) { return link.write(one_frame()), true; });
   EXPECT_EQ(a_.read(wire::Type::kFrame).frame().sequence, 0U);  // and it says nothing of it
   EXPECT_EQ(owner_.next(), "writable 0 0");
