@@ -115,6 +115,7 @@ class Robot {
   }
   void await_signal();
   void await_reload();
+  void on_pushed();
   void on_source_ended(bool failed);
   void report();
   void log_stats() const;
@@ -136,7 +137,8 @@ class Robot {
   Health health_;
   ClockWatch clock_watch_;
   const bool may_reduce_;
-  const bool is_camera_;      // else the times are the source's
+  const bool is_camera_;  // else the times are the source's
+  bool has_frames_ = false;
   bool is_stopping_ = false;  // by a signal
   bool source_failed_ = false;
   bool is_complete_ = false;
@@ -170,6 +172,7 @@ BufferSettings buffer_settings(const Settings& settings, const FrameSource& sour
   if (!source.is_live()) {
     buffer.policy = "drop-oldest";
     buffer.memory_bytes = std::numeric_limits<std::uint64_t>::max();
+    buffer.is_waited_for = true;
   }
   return buffer;
 }
@@ -187,7 +190,7 @@ Robot::Robot(const Settings& settings)
       sender_(io_, settings.link, hello_, buffer_, record_, samples_),
       pipeline_(
           std::move(source_), settings.jpeg, buffer_,
-          {[this] { asio::post(io_, [this] { sender_.on_pushed(); }); },
+          {[this] { asio::post(io_, [this] { on_pushed(); }); },
            [this](bool failed) { asio::post(io_, [this, failed] { on_source_ended(failed); }); }}),
       health_(service_),
       may_reduce_(buffer_.encode_quality() &&
@@ -233,6 +236,14 @@ void Robot::await_reload() {
   });
 }
 
+void Robot::on_pushed() {
+  if (is_camera_ && !std::exchange(has_frames_, true)) {  // whose times begin here
+    clock_watch_.look(read_system_clock());
+    clock_watch_.begin_session();
+  }
+  sender_.on_pushed();
+}
+
 void Robot::on_source_ended(bool failed) {
   source_failed_ = failed;
   service_.stopping();
@@ -250,7 +261,6 @@ void Robot::report() {
   if (is_over_) return;
   if (is_camera_) {
     clock_watch_.look(read_system_clock());
-    if (buffer_.stats().captured == 0) clock_watch_.begin_session();
     sender_.set_clock_offset(clock_watch_.stepped());
   }
   health_.report(buffer_.report(), sender_);

@@ -117,7 +117,8 @@ void Sender::write_next() {
     // The post of on_pushed() may be behind.
     samples_.on_frame(chosen_->capture_time_ns);
     if (!write_samples(samples_.take_message(chosen_->capture_time_ns))) write_chosen();
-  } else if (write_samples(done_ ? samples_.take_message(std::numeric_limits<std::int64_t>::max())
+  } else if (!is_drops_turn &&
+             write_samples(done_ ? samples_.take_message(std::numeric_limits<std::int64_t>::max())
                                  : samples_.take_batch())) {
     // Frames and drop records go when the link is free again.
   } else if (drops_.has_unsent()) {
@@ -200,9 +201,9 @@ void Sender::collect(bool those_at_risk) {
   drops_.add(collected_);
   record_.give_up(collected_);
   buffer_.collect_for_record(for_record_, those_at_risk);
+  for (FramePtr& frame : for_record_.frames) record_.keep(std::move(frame));
   for (const Sequence sequence : for_record_.delivered) record_.release(sequence);
   record_.set_live_from(for_record_.first_undelivered);
-  for (FramePtr& frame : for_record_.frames) record_.keep(std::move(frame));
 }
 
 void Sender::note_progress() {
@@ -304,6 +305,7 @@ void Sender::give_up_waiting() {
 
 void Sender::end(bool complete) {
   link_.close();
+  backfill_.on_disconnected();
   drain_timer_.cancel();
   report_timer_.cancel();
   buffer_.give_up();

@@ -170,6 +170,7 @@ void ServerConnection::dispatch(const wire::Header& header) {
   } else if (header.type == wire::Type::kAck && welcome_) {
     const auto ack = wire::parse_ack(header, body_);
     if (!accept(ack)) return;
+    if (const auto why = owner_->refusal_of(ack.value().position)) return refuse(*why);
     owner_->on_ack(ack.value());
   } else if (header.type == wire::Type::kBye && welcome_) {
     const auto bye = wire::parse_bye(header, body_);

@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "daemon/buffer/simple_policies.hpp"
+#include "testing/captured_log.hpp"
 #include "testing/scripted_server.hpp"
 #include "testing/temporary_folder.hpp"
 
@@ -244,6 +245,17 @@ TEST_F(SenderTest, NothingIsStartedAgainAfterTheEndByATimerOfTheSameMoment) {
   asio::post(io_, [] { std::this_thread::sleep_for(std::chrono::milliseconds(500)); });
   EXPECT_FALSE(done.get());
   EXPECT_EQ(has_ended_.get_future().wait_for(std::chrono::minutes(1)), std::future_status::ready);
+}
+
+TEST_F(SenderTest, AnAckOfWhatWasNotSentIsNotBelieved) {
+  const test::CapturedLog log;
+  start();
+  server_.welcome({});
+  push(0, 0);
+  server_.read(Type::kFrame);
+  server_.ack({2, 0});
+  log.wait_for("reaches frame 2 and drop record 0, which this robot has not sent");
+  EXPECT_EQ(buffer_.stats().acknowledged, 0U);
 }
 
 TEST_F(SenderTest, FinishOnASlowServerReportsWhatItGaveUp) {
