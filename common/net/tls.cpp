@@ -55,14 +55,12 @@ void require_private(const fs::path& key) {
   }
 }
 
-void require_in_date(TlsContext& context, const fs::path& file) {
+/// Empty: it is in date.
+std::string_view fault_of_date(TlsContext& context) {
   const X509* const own = ::SSL_CTX_get0_certificate(context.native_handle());
-  if (::X509_cmp_current_time(::X509_get0_notAfter(own)) < 0) {
-    refuse_file("certificate", file, "it has expired");
-  }
-  if (::X509_cmp_current_time(::X509_get0_notBefore(own)) > 0) {
-    refuse_file("certificate", file, "it is not valid yet, or this machine's clock is wrong");
-  }
+  if (::X509_cmp_current_time(::X509_get0_notAfter(own)) < 0) return "it has expired";
+  const bool is_early = ::X509_cmp_current_time(::X509_get0_notBefore(own)) > 0;
+  return is_early ? "it is not valid yet, or this machine's clock is wrong" : "";
 }
 
 }  // namespace
@@ -82,7 +80,7 @@ void load_tls(ConfigReader& config, TlsSettings& tls) {
   }
 }
 
-std::shared_ptr<TlsContext> make_tls_context(const TlsSettings& tls) {
+std::shared_ptr<TlsContext> make_tls_context(const TlsSettings& tls, bool is_robot) {
   if (!tls.is_on()) return nullptr;
   auto context = std::make_shared<TlsContext>(TlsContext::tls);
   ::SSL_CTX_set_min_proto_version(context->native_handle(), TLS1_3_VERSION);
@@ -95,7 +93,11 @@ std::shared_ptr<TlsContext> make_tls_context(const TlsSettings& tls) {
   require_readable("certificate", tls.certificate);
   context->use_certificate_chain_file(tls.certificate.string(), failed);
   if (failed) refuse_file("certificate", tls.certificate, failed.message());
-  require_in_date(*context, tls.certificate);
+  if (const auto fault = fault_of_date(*context); !fault.empty()) {
+    if (!is_robot) refuse_file("certificate", tls.certificate, fault);
+    log_error("link: the TLS certificate {}: {}; no server will take it", tls.certificate.string(),
+              fault);
+  }
   require_readable("key", tls.key);
   require_private(tls.key);
   context->use_private_key_file(tls.key.string(), TlsContext::pem, failed);
@@ -106,13 +108,13 @@ std::shared_ptr<TlsContext> make_tls_context(const TlsSettings& tls) {
   return context;
 }
 
-std::shared_ptr<TlsContext> reload_tls_context(const TlsSettings& tls) {
+std::shared_ptr<TlsContext> reload_tls_context(const TlsSettings& tls, bool is_robot) {
   if (!tls.is_on()) {
     log_info("SIGHUP: no [tls], so there are no certificates to read again");
     return nullptr;
   }
   try {
-    auto context = make_tls_context(tls);
+    auto context = make_tls_context(tls, is_robot);
     log_info("SIGHUP: read the certificates again; new connections use them");
     return context;
   } catch (const std::runtime_error& error) {

@@ -32,11 +32,12 @@ void load_tls(ConfigReader& config, TlsSettings& tls);
 /// A context for TLS 1.3 only, in which each end requires and checks the other's certificate; null
 /// if `tls` is off. Throws std::runtime_error that names the file and the reason: the file is
 /// missing or not PEM, other users can read the key, the key does not match the certificate, the
-/// certificate has expired or is not valid yet.
-std::shared_ptr<TlsContext> make_tls_context(const TlsSettings& tls);
+/// certificate has expired or is not valid yet. is_robot: that is logged, and no error, for a robot
+/// captures also while its clock is wrong.
+std::shared_ptr<TlsContext> make_tls_context(const TlsSettings& tls, bool is_robot = false);
 
 /// For SIGHUP: a context of the files as they are now, for new connections; null if `tls` is off or
 /// the files cannot be used. Logs which of them.
-std::shared_ptr<TlsContext> reload_tls_context(const TlsSettings& tls);
+std::shared_ptr<TlsContext> reload_tls_context(const TlsSettings& tls, bool is_robot = false);
 
 }  // namespace orbbuf

@@ -62,7 +62,7 @@ void warn_of_interfaces(const LinkSettings& settings) {
 ServerLink::ServerLink(asio::io_context& io, LinkSettings settings, wire::Hello hello, Owner& owner)
     : io_(io),
       settings_(std::move(settings)),
-      tls_(make_tls_context(settings_.tls)),
+      tls_(make_tls_context(settings_.tls, true)),
       hello_(std::move(hello)),
       owner_(owner),
       connection_watch_(settings_.stall_timeout),
@@ -95,7 +95,7 @@ void ServerLink::start() {
 }
 
 void ServerLink::reload_tls() {
-  if (auto context = reload_tls_context(settings_.tls)) tls_ = std::move(context);
+  if (auto context = reload_tls_context(settings_.tls, true)) tls_ = std::move(context);
 }
 
 void ServerLink::close() {

@@ -6,6 +6,7 @@
 
 #include <cstdlib>
 
+#include "testing/captured_log.hpp"
 #include "testing/certificates.hpp"
 #include "tests/common/config_fixture.hpp"
 
@@ -100,6 +101,9 @@ TEST(TlsContext, OurOwnCertificateMustBeInDate) {
   const Certificates made;
   made.expire("turtlebot1");
   EXPECT_THAT(refusal(made.robot()), HasSubstr("it has expired"));
+  const test::CapturedLog log;
+  EXPECT_TRUE(make_tls_context(made.robot(), true)) << "a robot goes on";
+  EXPECT_EQ(log.lines("it has expired; no server will take it").size(), 1U);
 }
 
 }  // namespace
