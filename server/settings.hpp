@@ -30,7 +30,7 @@ struct ListenSettings {
   std::chrono::nanoseconds hello_timeout = std::chrono::seconds(5);
   std::chrono::nanoseconds idle_timeout = std::chrono::seconds(10);
   std::uint32_t max_frame_bytes = 16 * 1024 * 1024;
-  std::uint32_t receive_buffer_bytes = 256 * 1024;  ///< per connection; 0: the kernel's choice
+  std::uint32_t receive_buffer_bytes = 0;  ///< per connection; 0: the kernel's choice
 
   friend bool operator==(const ListenSettings&, const ListenSettings&) = default;
 };

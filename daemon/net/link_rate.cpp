@@ -23,17 +23,36 @@ constexpr double kPartOfSlowStart = 0.5;   // the rate was perhaps taken too hig
 constexpr std::size_t kLeastFrames = 2;    // one is sent while the next one waits
 constexpr double kBeyondS = 0.03;
 constexpr double kLateS = 0.02;
+constexpr double kFadeS = 3;  // a link may fade for so long before it breaks
+// Of frames that are alone on their way:
+constexpr std::chrono::seconds kSettling{1};  // those of a new connection do not count
+constexpr std::size_t kAlone = 8;             // so many do
+constexpr std::size_t kLeastAlone = 3;
+constexpr std::chrono::seconds kMeasureEach{2};
+constexpr std::chrono::milliseconds kUsualDelay{20};  // more than that may hide a faster link
+constexpr double kFaster = 1.03;
+constexpr double kMostOfCarried = 2;
 
 }  // namespace
 
 void LinkRate::on_written(Time now, Sequence sequence, std::size_t bytes) {
-  on_their_way_.push_back({sequence, bytes, now});
+  if (!begun_) begun_ = alone_time_ = now;
+  on_their_way_.push_back({sequence, bytes, now, on_their_way_.empty()});
 }
 
 void LinkRate::on_lost() {
   on_their_way_.clear();
   slow_.reset();
+  begun_.reset();
+  beyond_s_.clear();
+  usual_ = {};
+  const auto before_slow = std::exchange(before_slow_, std::nullopt);
   if (std::exchange(is_new_, true)) return;
+  if (before_slow) {
+    bytes_ = before_slow->bytes;
+    service_s_ = before_slow->service_s;
+    passed_s_ = before_slow->passed_s;
+  }
   service_s_ = std::max(service_s_, passed_s_ / kMostOfStream) / kMemoryFrames;
   bytes_ /= kMemoryFrames;
   passed_s_ /= kMemoryFrames;
@@ -46,10 +65,28 @@ void LinkRate::begin_connection(double round_trip_s) {
   slow_start_s_ = windows > 1 ? kPartOfSlowStart * round_trip_s * std::log2(windows) : 0;
 }
 
+/// The median: what is now and then on its way as well does not change it.
+void LinkRate::learn_path(Time now, const Written& alone, std::chrono::nanoseconds round_trip) {
+  alone_time_ = now;
+  if (service_s_ <= 0 || alone.time - *begun_ < kSettling) return;
+  const double service_s = static_cast<double>(alone.bytes) / bytes_per_s();
+  beyond_s_.push_back(std::max(0.0, to_seconds(now - alone.time - round_trip) - service_s));
+  if (beyond_s_.size() > kAlone) beyond_s_.pop_front();
+  if (beyond_s_.size() < kLeastAlone) return;
+  auto sorted = beyond_s_;
+  const auto median = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+  std::nth_element(sorted.begin(), median, sorted.end());
+  usual_ =
+      std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::duration<double>(*median));
+}
+
 /// Frames that are received together are one observation.
 void LinkRate::on_received(Time now, Sequence next, std::chrono::nanoseconds round_trip) {
   if (on_their_way_.empty() || on_their_way_.front().sequence >= next) return;
-  const Time ready = on_their_way_.front().time + round_trip;
+  const Written first = on_their_way_.front();
+  const bool has_company = on_their_way_.size() > 1 && on_their_way_[1].sequence < next;
+  if (first.is_alone && !has_company) learn_path(now, first, round_trip);
+  const Time ready = first.time + path(round_trip);
   Observation seen;
   while (!on_their_way_.empty() && on_their_way_.front().sequence < next) {
     seen.bytes += static_cast<double>(on_their_way_.front().bytes);
@@ -63,11 +100,18 @@ void LinkRate::on_received(Time now, Sequence next, std::chrono::nanoseconds rou
   }
   received_time_ = now;
   observe(seen);
+  // A link that is idle between frames may be faster than what they tell of it.
+  const bool may_be_faster = seen.idle_s > 0 && !slow_ && usual_ > kUsualDelay;
+  if (may_be_faster && passed_s_ < kMostOfCarried * service_s_) service_s_ /= kFaster;
 }
 
 void LinkRate::observe(Observation seen) {
   if (service_s_ <= 0) return add(seen, 1);
   const double rate = bytes_per_s();
+  slow_for_s_ += seen.service_s + seen.idle_s;
+  const bool is_as_before =
+      before_slow_ && rate > before_slow_->bytes / before_slow_->service_s / kSlow;
+  if (is_as_before || slow_for_s_ > kFadeS) before_slow_.reset();
   const double tokens = std::max(tokens_, std::min(kAtOnce, tokens_ + rate * seen.idle_s));
   const double at_once = std::min(tokens, seen.bytes);
   tokens_ = std::clamp(tokens + rate * seen.service_s - seen.bytes, 0.0, std::max(tokens, kAtOnce));
@@ -98,6 +142,10 @@ void LinkRate::observe(Observation seen) {
 
 /// The link has changed, and what was seen before tells nothing.
 void LinkRate::become_slow(const Observation& before, const Observation& seen) {
+  if (!before_slow_) {
+    before_slow_ = {bytes_, service_s_, passed_s_};
+    slow_for_s_ = 0;
+  }
   bytes_ = before.bytes + seen.bytes;
   service_s_ = before.service_s + seen.service_s;
   passed_s_ = service_s_;
@@ -123,15 +171,17 @@ bool LinkRate::is_doubtful(Time now, std::chrono::nanoseconds round_trip) const 
   if (slow_) return true;
   if (on_their_way_.empty() || service_s_ <= 0) return false;
   const Written& first = on_their_way_.front();
-  const double served_s = to_seconds(now - std::max(received_time_, first.time + round_trip));
+  const double served_s = to_seconds(now - std::max(received_time_, first.time + path(round_trip)));
   return is_slow(served_s, static_cast<double>(first.bytes) / bytes_per_s());
 }
 
 bool LinkRate::has_room(Time now, std::chrono::nanoseconds round_trip) const {
-  if (is_doubtful(now, round_trip)) return on_their_way_.empty();
+  const bool is_measure_due =
+      usual_.count() > 0 && now - alone_time_ > kMeasureEach + path(round_trip);
+  if (is_measure_due || is_doubtful(now, round_trip)) return on_their_way_.empty();
   if (on_their_way_.size() < kLeastFrames) return true;
   const double bytes = bytes_on_their_way() + static_cast<double>(on_their_way_.back().bytes);
-  return bytes < bytes_per_s() * (2 * to_seconds(round_trip) + kBeyondS);
+  return bytes < bytes_per_s() * (2 * to_seconds(path(round_trip)) + kBeyondS);
 }
 
 double LinkRate::bytes_on_their_way() const {
@@ -146,13 +196,13 @@ LinkRate::Time LinkRate::served_at(std::chrono::nanoseconds round_trip) const {
 
 bool LinkRate::is_overdue(Time now, std::chrono::nanoseconds round_trip) const {
   if (on_their_way_.empty()) return false;
-  return service_s_ <= 0 || now > served_at(1, round_trip) + round_trip;
+  return service_s_ <= 0 || now > served_at(1, round_trip) + path(round_trip);
 }
 
 /// The first ones of those on their way.
 LinkRate::Time LinkRate::served_at(std::size_t frames, std::chrono::nanoseconds round_trip) const {
   const double seconds_per_byte = service_s_ > 0 ? service_s_ / bytes_ : 0;
-  Time time = received_time_ - round_trip;
+  Time time = received_time_ - path(round_trip);
   for (std::size_t i = 0; i < frames; ++i) {
     const Written& written = on_their_way_[i];
     const std::chrono::duration<double> service(static_cast<double>(written.bytes) *

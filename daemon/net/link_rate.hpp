@@ -15,9 +15,10 @@ namespace orbbuf {
 ///
 /// Frames queue for the link, so the service of a frame begins when the one before it has been
 /// received, or when it was written, whichever is later; the path's own round trip is no
-/// service. The rate is what was served over how long that took, of about the last 16 frames and
-/// the last second of service. A server slower than the link counts like a slow link: its
-/// answers come later.
+/// service, nor what frames that are alone on their way usually need beyond it: jitter, the sleep
+/// of a Wi-Fi card, other streams in the same queue. The rate is what was served over how long that
+/// took, of about the last 16 frames and the last second of service. A server slower than the link
+/// counts like a slow link: its answers come later.
 ///
 /// A link that was idle may pass up to 32 kB at once. A frame that comes then shows only two bounds
 /// of the rate, with and without those bytes. While frames follow each other, a rate between the
@@ -33,7 +34,8 @@ class LinkRate {
   /// The server has every frame below `next`. round_trip: the path's shortest.
   void on_received(Time now, Sequence next, std::chrono::nanoseconds round_trip);
   /// The connection broke: what is on its way will not be answered, and tells nothing. The rate
-  /// is now at most three times what the stream carried, and counts as one frame.
+  /// is now at most three times what the stream carried, and counts as one frame. A link fades
+  /// before it breaks: if it has become slow within the last seconds, the rate is that of before.
   void on_lost();
 
   /// 0 until a frame has been received. An outage does not change it: one observation counts
@@ -47,7 +49,8 @@ class LinkRate {
   /// Whether one more frame like the last one may be written. What is written is beyond the
   /// planner, and may be more than the link's queue holds, so that is little: two frames, or what
   /// link and server take in two round trips and 30 ms. One frame while the link may have become
-  /// slow.
+  /// slow; and one now and then if the path usually takes longer than its round trip, to measure
+  /// that.
   bool has_room(Time now, std::chrono::nanoseconds round_trip) const;
 
   /// When the link has served what is on its way, as far as the acknowledgements tell; in the past
@@ -61,6 +64,7 @@ class LinkRate {
     Sequence sequence = 0;
     std::size_t bytes = 0;
     Time time;
+    bool is_alone = false;  // nothing was on its way
   };
   /// What was received together.
   struct Observation {
@@ -69,7 +73,19 @@ class LinkRate {
     double idle_s = 0;  // of the link before that
   };
 
+  /// The sums of what was seen.
+  struct Sums {
+    double bytes = 0;
+    double service_s = 0;
+    double passed_s = 0;
+  };
+
   void begin_connection(double round_trip_s);
+  void learn_path(Time now, const Written& alone, std::chrono::nanoseconds round_trip);
+  /// With what it usually takes longer.
+  std::chrono::nanoseconds path(std::chrono::nanoseconds round_trip) const {
+    return round_trip + usual_;
+  }
   void observe(Observation seen);
   void become_slow(const Observation& before, const Observation& seen);
   static bool is_slow(double service_s, double expected_s);
@@ -87,6 +103,12 @@ class LinkRate {
   double tokens_ = 0;                // bytes that the link may pass now without any service
   double slow_start_s_ = 0;          // that the connection may still need
   bool is_new_ = true;               // no frame of this connection was received
+  std::optional<Time> begun_;        // the first frame of this connection was written
+  std::deque<double> beyond_s_;      // of the last frames that were alone: beyond trip and service
+  std::chrono::nanoseconds usual_{0};  // of these
+  Time alone_time_;                    // the last one was received
+  std::optional<Sums> before_slow_;    // a while ago at most
+  double slow_for_s_ = 0;              // since then
 };
 
 }  // namespace orbbuf

@@ -31,7 +31,7 @@ class LinkRateTest : public testing::Test {
     const LinkRate::Time there = now_ + round_trip_ / 2;
     const auto service = nanoseconds(std::llround(1e9 * static_cast<double>(bytes) / rate));
     served_ = std::max(served_, there) + service;
-    acks_.push_back({next_ + 1, served_ + round_trip_ / 2});
+    acks_.push_back({next_ + 1, served_ + round_trip_ / 2 + beyond_});
     rate_.on_written(now_, next_++, bytes);
   }
   void acknowledge_until(LinkRate::Time time) {
@@ -59,6 +59,7 @@ class LinkRateTest : public testing::Test {
   LinkRate rate_;
   double true_rate_ = 1e6;
   nanoseconds round_trip_{0};
+  nanoseconds beyond_{0};  // what the path takes longer
   LinkRate::Time now_;
   LinkRate::Time served_;
   Sequence next_ = 0;
@@ -91,6 +92,54 @@ TEST_F(LinkRateTest, BehindABrokenConnectionItIsAtMostThreeTimesWhatTheStreamCar
   expect_rate(3e6);
   rate_.on_lost();
   expect_rate(3e6);
+}
+
+TEST_F(LinkRateTest, ALinkThatFadesBeforeItBreaksIsNoSlowOneAfterwards) {
+  true_rate_ = 2.5e6;
+  run(200, milliseconds(40));
+  true_rate_ = 5e4;
+  run(50, milliseconds(40));
+  EXPECT_LT(rate_.bytes_per_s(), 1e5);
+  rate_.on_lost();
+  EXPECT_GT(rate_.bytes_per_s(), 2e6);
+}
+
+TEST_F(LinkRateTest, OneThatWasSlowForLongIsSlowAfterwards) {
+  true_rate_ = 2.5e6;
+  run(200, milliseconds(40));
+  true_rate_ = 5e4;
+  run(500, milliseconds(40));
+  rate_.on_lost();
+  expect_rate(5e4);
+}
+
+/// Another stream in the queue, or a Wi-Fi card that sleeps. Frames are as large as the rate
+/// allows.
+TEST_F(LinkRateTest, WhatThePathUsuallyTakesLongerIsNoService) {
+  true_rate_ = 2.5e6;
+  round_trip_ = milliseconds(20);
+  run(100, milliseconds(40));
+  const auto run_as_planned = [&](int frames) {
+    const Sequence before = next_;
+    for (int i = 0; i < frames; ++i) {
+      const double fits = rate_.bytes_per_s(now_, round_trip_) * 0.04;
+      const auto bytes = static_cast<std::size_t>(std::clamp(fits, 0.25 * kBytes, 1.0 * kBytes));
+      if (rate_.has_room(now_, round_trip_)) write(bytes, true_rate_);
+      acknowledge_until(now_ + milliseconds(40));
+    }
+    return next_ - before;
+  };
+  for (const int beyond_ms : {50, 100, 200}) {
+    beyond_ = milliseconds(beyond_ms);
+    run_as_planned(500);
+    EXPECT_GE(run_as_planned(250), 200U) << beyond_ms << " ms";
+  }
+  beyond_ = {};
+  run_as_planned(250);
+  true_rate_ = 4e5;  // and a link that becomes slow is seen as before
+  run_as_planned(50);
+  EXPECT_LT(rate_.bytes_per_s(), 5e5);
+  EXPECT_GT(rate_.bytes_per_s(), 3e5);
 }
 
 TEST_F(LinkRateTest, WhatAnIdleLinkPassesAtOnceIsNoRate) {
