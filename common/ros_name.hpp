@@ -19,6 +19,22 @@ inline std::string ros_name(const std::string& robot_id) {
   return name;
 }
 
+/// Whether ROS 2 allows it as the whole name of a topic, or as what several have in front:
+/// `/front/camera`.
+inline bool is_ros_topic(std::string_view name) {
+  char before = 0;
+  for (const char c : name) {
+    const bool is_letter = std::isalpha(static_cast<unsigned char>(c)) != 0 || c == '_';
+    const bool is_digit = std::isdigit(static_cast<unsigned char>(c)) != 0;
+    const bool fits = before == 0     ? c == '/'
+                      : before == '/' ? is_letter
+                                      : c == '/' || is_letter || is_digit;
+    if (!fits) return false;
+    before = c;
+  }
+  return name.size() > 1 && before != '/';
+}
+
 /// A type of DDS, `sensor_msgs::msg::dds_::Imu_`, as ROS 2 has it: `sensor_msgs/msg/Imu`.
 inline std::string ros_type(std::string_view dds_type) {
   constexpr std::string_view kModule = "::dds_::";

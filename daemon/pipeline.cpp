@@ -75,7 +75,9 @@ void Pipeline::work_until_end(const std::stop_token& stop) {
 void Pipeline::encode(const Captured& captured) {
   auto encoded = try_to_encode(captured);
   if (encoded) {
-    buffer_.push(std::make_shared<const EncodedFrame>(std::move(encoded.value())));
+    auto frame = std::make_shared<const EncodedFrame>(std::move(encoded.value()));
+    if (events_.encoded) events_.encoded(frame);
+    buffer_.push(std::move(frame));
   } else {
     if (failure_log_.lets_through()) {
       log_warn("frame {}: {} (further failures are not logged for 10 s)", captured.sequence,

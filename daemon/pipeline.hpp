@@ -27,6 +27,8 @@ class Pipeline {
     std::function<void()> changed;           ///< `worker`: the buffer has news for the sender
     std::function<void(bool failed)> ended;  ///< `worker`, last: the source is at its end, or gone;
                                              ///< or the worker cannot go on
+    std::function<void(const FramePtr&)>
+        encoded{};  ///< `worker`: a frame on its way into the buffer
   };
 
   /// `buffer` must outlive the pipeline. Nothing runs before start().

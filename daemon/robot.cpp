@@ -28,6 +28,9 @@
 #include "daemon/net/sender.hpp"
 #include "daemon/pipeline.hpp"
 #include "daemon/reducer.hpp"
+#ifdef ORBBUF_DAEMON_DDS
+#include "daemon/topics/camera_publisher.hpp"
+#endif
 
 namespace orbbuf {
 namespace asio = boost::asio;
@@ -177,6 +180,17 @@ BufferSettings buffer_settings(const Settings& settings, const FrameSource& sour
   return buffer;
 }
 
+/// Takes each frame for the robot's own nodes; nothing if they get none.
+std::function<void(const FramePtr&)> publish_to_robot([[maybe_unused]] const Settings& settings) {
+#ifdef ORBBUF_DAEMON_DDS
+  if (!settings.publish.empty()) {
+    auto to = std::make_shared<CameraPublisher>(settings.publish, settings.calibration);
+    return [to](const FramePtr& frame) { to->publish(frame); };
+  }
+#endif
+  return {};
+}
+
 Robot::Robot(const Settings& settings)
     : source_(open_source(settings.source)),
       extractor_(settings.features),
@@ -191,7 +205,8 @@ Robot::Robot(const Settings& settings)
       pipeline_(
           std::move(source_), settings.jpeg, buffer_,
           {[this] { asio::post(io_, [this] { on_pushed(); }); },
-           [this](bool failed) { asio::post(io_, [this, failed] { on_source_ended(failed); }); }}),
+           [this](bool failed) { asio::post(io_, [this, failed] { on_source_ended(failed); }); },
+           publish_to_robot(settings)}),
       health_(service_),
       may_reduce_(buffer_.encode_quality() &&
                   settings.buffer.plan.least_quality < settings.buffer.plan.quality),

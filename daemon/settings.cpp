@@ -18,6 +18,7 @@
 #include "common/file_io.hpp"
 #include "common/is_kalibr.hpp"
 #include "common/log.hpp"
+#include "common/ros_name.hpp"
 #include "common/text_lines.hpp"
 #include "common/wire.hpp"
 #include "daemon/capture/camera_formats.hpp"
@@ -150,6 +151,22 @@ void read_stereo(ConfigReader& config, SourceSettings& source) {
   if (source.is_side_by_side && has_width && source.width_px % 2 != 0) {
     config.fail("source.width", "must be even with source.stereo = \"side-by-side\"");
   }
+}
+
+void read_publish(ConfigReader& config, Settings& settings) {
+  const std::string key = "source.publish";
+  config.read(key, settings.publish);
+  if (settings.publish.empty()) return;
+  if (!is_ros_topic(settings.publish)) {
+    config.fail(key, fmt::format("expected a name of ROS 2 such as \"/camera\", got \"{}\"",
+                                 settings.publish));
+  }
+  if (settings.source.kind == "ros2") {
+    config.fail(key, "cannot be combined with source.kind = \"ros2\", whose images are a topic");
+  }
+#ifndef ORBBUF_DAEMON_DDS
+  config.fail(key, "orbbufd was built without DDS (cmake -DORBBUF_WITH_DDS=ON)");
+#endif
 }
 
 void read_images(ConfigReader& config, Settings& settings) {
@@ -323,6 +340,7 @@ Settings load_settings(const std::filesystem::path& file, std::span<const std::s
   read_robot(config, settings);
   read_source(config, settings.source);
   read_stereo(config, settings.source);
+  read_publish(config, settings);
   read_images(config, settings);
   read_buffer(config, settings.buffer);
   read_plan(config, settings.jpeg.quality, settings.buffer.plan);

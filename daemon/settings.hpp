@@ -22,6 +22,7 @@ struct Settings {
   std::string robot_id;     ///< `[robot] id`; by default the host's name
   std::string calibration;  ///< `[camera] calibration`: DSO's camera.txt or Kalibr's; may be empty
   SourceSettings source;
+  std::string publish;  ///< `[source] publish`: for ROS 2 on this robot, `/camera`; empty: not
   JpegSettings jpeg;
   FeatureSettings features;
   BufferSettings buffer;

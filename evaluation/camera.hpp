@@ -4,7 +4,7 @@
 #include <filesystem>
 #include <string>
 
-#include "server/calibration/calibration.hpp"
+#include "common/calibration/calibration.hpp"
 
 namespace orbbuf::evaluation {
 

@@ -12,9 +12,10 @@ allowed() {
 common:
 common/journal: common
 common/net: common
-common/dds:
-daemon/topics: common common/dds
+common/calibration: common
+common/dds: common common/calibration
 daemon/mailbox: common
+daemon/topics: common common/dds daemon/mailbox
 daemon/buffer: common
 daemon/capture: common
 daemon/capture/libcamera: common daemon/capture
@@ -29,14 +30,13 @@ daemon/record: common common/journal
 daemon/samples: common daemon/capture daemon/capture/replay daemon/topics
 daemon/net: common common/net daemon/buffer daemon/record daemon/samples
 daemon/settings: common daemon/buffer daemon/capture daemon/image daemon/net daemon/record daemon/samples
-daemon: common daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/net daemon/samples daemon/settings daemon/capture/list_cameras daemon/capture/make_source
+daemon: common daemon/topics daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/net daemon/samples daemon/settings daemon/capture/list_cameras daemon/capture/make_source
 server/fleet/fleet_settings: common common/net
 server/runtime: common
-server/calibration: common
-server/session: common common/journal server/calibration server/runtime
-server/foxglove: common server/calibration
-server/dataset/mcap: common server/runtime server/session server/calibration server/foxglove
-server/dataset: common common/journal server/calibration server/session server/dataset/mcap
+server/session: common common/journal common/calibration server/runtime
+server/foxglove: common common/calibration
+server/dataset/mcap: common server/runtime server/session common/calibration server/foxglove
+server/dataset: common common/journal common/calibration server/session server/dataset/mcap
 server/retention: common common/journal server/runtime server/session
 server/live: common server/session
 server/link/session_claim: common server/session
@@ -45,15 +45,15 @@ server/sink: common server/session
 server/sink/pipe: common server/runtime server/session server/sink
 server/sink/losses: common
 server/sink/paced_sink: common server/session server/sink server/sink/losses
-server/sink/dds: common common/dds server/calibration server/session server/sink server/sink/paced_sink
-server/sink/ros: common server/calibration server/session server/sink server/sink/paced_sink
+server/sink/dds: common common/dds server/session server/sink server/sink/paced_sink
+server/sink/ros: common common/calibration server/session server/sink server/sink/paced_sink
 server/sink/make_sinks: common server/runtime server/session server/sink server/sink/pipe server/sink/dds server/sink/ros
 server/settings: common common/net server/fleet/fleet_settings server/live server/retention server/sink/make_sinks
-server/http: common common/journal common/net server/runtime server/calibration server/session server/foxglove server/live server/settings
+server/http: common common/journal common/net server/runtime common/calibration server/session server/foxglove server/live server/settings
 server/link: common common/net server/link/session_claim server/runtime server/session server/live server/sink server/sink/make_sinks server/settings
 bench:
 bench/sim:
-evaluation: server/calibration
+evaluation: common/calibration
 evaluation/world: common bench evaluation
 evaluation/odometry: common bench evaluation
 evaluation/imu: common bench evaluation evaluation/odometry

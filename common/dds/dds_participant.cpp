@@ -52,6 +52,13 @@ DdsParticipant::DdsParticipant() : domain_id_(configured_domain_id()) {
   require_dds(entity_, kAttempt);
 }
 
+std::shared_ptr<const DdsParticipant> DdsParticipant::shared() {
+  static std::weak_ptr<const DdsParticipant> known;
+  auto participant = known.lock();
+  if (!participant) known = participant = std::make_shared<const DdsParticipant>();
+  return participant;
+}
+
 DdsParticipant::~DdsParticipant() { dds_delete(domain_); }
 
 }  // namespace orbbuf

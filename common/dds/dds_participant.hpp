@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <string_view>
 
 namespace orbbuf {
@@ -13,6 +14,9 @@ class DdsParticipant {
   /// std::runtime_error if there is no network interface, or one of these is wrong, or the process
   /// has a participant in the domain already.
   DdsParticipant();
+  /// The one of the process, which is made if nothing has it; not to be called by several threads
+  /// at a time. Throws likewise.
+  static std::shared_ptr<const DdsParticipant> shared();
   /// Waits up to 1 s (Cyclone's LingerDuration) for readers that lack messages.
   ~DdsParticipant();
   DdsParticipant(const DdsParticipant&) = delete;

@@ -20,13 +20,6 @@ namespace {
 
 constexpr std::size_t kMostKinds = 64;
 
-std::shared_ptr<const DdsParticipant> the_participant() {
-  static std::weak_ptr<const DdsParticipant> shared;
-  auto participant = shared.lock();
-  if (!participant) shared = participant = std::make_shared<const DdsParticipant>();
-  return participant;
-}
-
 void wake(dds_entity_t /*reader*/, void* event) {
   ::eventfd_write(static_cast<const UniqueFd*>(event)->get(), 1);
 }
@@ -107,7 +100,7 @@ TopicReader::TopicReader(const std::string& topic, Types types, int depth,
       types_(std::move(types)),
       depth_(depth),
       patience_(patience),
-      participant_(the_participant()),
+      participant_(DdsParticipant::shared()),
       event_(make_event_fd()),
       listener_(make_listener(event_)),
       publications_(
@@ -137,6 +130,8 @@ std::optional<TopicReader::Message> TopicReader::take() {
 void TopicReader::look_for_publishers() {
   void* samples[1] = {nullptr};
   dds_sample_info_t info;
+  dds_instance_handle_t own = 0;
+  dds_get_instance_handle(participant_->entity(), &own);
   while (dds_take(publications_, samples, &info, 1, 1) > 0) {
     const auto& found = *static_cast<const dds_builtintopic_endpoint_t*>(samples[0]);
     if (info.instance_state != DDS_IST_ALIVE) {
@@ -145,7 +140,8 @@ void TopicReader::look_for_publishers() {
       } else {
         publishers_.erase(info.instance_handle);
       }
-    } else if (info.valid_data && is_of(found.topic_name, topic_)) {
+    } else if (info.valid_data && found.participant_instance_handle != own &&
+               is_of(found.topic_name, topic_)) {
       dds_reliability_kind_t kind = DDS_RELIABILITY_BEST_EFFORT;
       dds_qget_reliability(found.qos, &kind, nullptr);
       publishers_[info.instance_handle] = {ros_type(found.type_name),

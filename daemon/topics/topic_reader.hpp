@@ -25,7 +25,8 @@ namespace orbbuf {
 /// reliably if all publishers are reliable, else at best effort; those of any type as each
 /// publisher offers them, also those that were there before, where it keeps them. It logs once when
 /// no message has come for `patience`, with the reason, and when messages come again. Thread-bound;
-/// all readers of the process are made on one thread, since they share a participant.
+/// all readers of the process are made on one thread, since they share a participant. What this
+/// process publishes it does not read.
 class TopicReader {
  public:
   static constexpr std::chrono::seconds kPatience{5};

@@ -16,7 +16,7 @@
 #include "common/log.hpp"
 #include "common/progress.hpp"
 #include "common/sample.hpp"
-#include "server/calibration/calibration.hpp"
+#include "common/calibration/calibration.hpp"
 #include "server/dataset/mcap/part.hpp"
 #include "server/session/session_names.hpp"
 #include "server/session/session_reader.hpp"

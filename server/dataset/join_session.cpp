@@ -10,10 +10,10 @@
 #include <utility>
 
 #include "common/as_bytes.hpp"
+#include "common/calibration/calibration.hpp"
 #include "common/file_io.hpp"
 #include "common/journal/journal.hpp"
 #include "common/wire.hpp"
-#include "server/calibration/calibration.hpp"
 #include "server/session/session_names.hpp"
 #include "server/session/session_reader.hpp"
 #include "server/session/views.hpp"

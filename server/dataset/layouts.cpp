@@ -8,9 +8,9 @@
 #include <optional>
 #include <utility>
 
+#include "common/calibration/calibration.hpp"
 #include "common/decimal.hpp"
 #include "common/is_kalibr.hpp"
-#include "server/calibration/calibration.hpp"
 #include "server/session/session_lines.hpp"
 #include "server/session/session_names.hpp"
 

@@ -7,10 +7,10 @@
 #include <string_view>
 #include <vector>
 
+#include "common/calibration/camera_info.hpp"
 #include "common/drop_record.hpp"
 #include "common/frame.hpp"
 #include "common/sample.hpp"
-#include "server/calibration/camera_info.hpp"
 
 /// The messages of Foxglove's schemas that recordings and live viewers get, as protobuf writes
 /// them, and the drop record and samples as JSON.

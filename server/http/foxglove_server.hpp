@@ -15,8 +15,8 @@
 #include <string>
 #include <vector>
 
+#include "common/calibration/camera_info.hpp"
 #include "common/net/stream.hpp"
-#include "server/calibration/camera_info.hpp"
 #include "server/http/foxglove_protocol.hpp"
 #include "server/http/request_reader.hpp"
 #include "server/http/response.hpp"

@@ -6,10 +6,10 @@
 #include <string_view>
 #include <utility>
 
+#include "common/calibration/calibration.hpp"
 #include "common/decimal.hpp"
 #include "common/journal/journal.hpp"
 #include "common/wire.hpp"
-#include "server/calibration/calibration.hpp"
 #include "server/http/views.hpp"
 #include "server/runtime/run_in_pool.hpp"
 #include "server/session/session_names.hpp"

@@ -17,9 +17,9 @@
 #include <utility>
 #include <vector>
 
+#include "common/calibration/calibration.hpp"
 #include "common/seconds.hpp"
 #include "common/wire.hpp"
-#include "server/calibration/calibration.hpp"
 #include "server/http/page_parts.hpp"  // made of page/ by CMake
 #include "server/session/session_names.hpp"
 #include "server/session/session_reader.hpp"

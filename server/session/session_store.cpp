@@ -15,7 +15,7 @@
 #include "common/crc32.hpp"
 #include "common/file_io.hpp"
 #include "common/sample.hpp"
-#include "server/calibration/calibration.hpp"
+#include "common/calibration/calibration.hpp"
 #include "server/session/session_lines.hpp"
 #include "server/session/session_names.hpp"
 #include "server/session/session_reader.hpp"

@@ -17,6 +17,13 @@ TEST(RosName, BeginsWithALetter) {
   EXPECT_EQ(ros_name("_a"), "ros__a");
 }
 
+TEST(RosTopic, IsAWholeName) {
+  for (const char* name : {"/camera", "/_a/b_2", "/A"}) EXPECT_TRUE(is_ros_topic(name)) << name;
+  for (const char* name : {"", "/", "camera", "/camera/", "//a", "/a//b", "/2", "/a b", "/a-b"}) {
+    EXPECT_FALSE(is_ros_topic(name)) << name;
+  }
+}
+
 TEST(RosType, IsThatOfDdsWithSlashes) {
   EXPECT_EQ(ros_type("sensor_msgs::msg::dds_::Imu_"), "sensor_msgs/msg/Imu");
 }

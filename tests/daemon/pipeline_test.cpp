@@ -49,13 +49,15 @@ class PipelineTest : public ::testing::Test {
                            ++changes_;
                            on_changed_();
                          },
-                         [this](bool failed) { ended_.set_value(failed); }});
+                         [this](bool failed) { ended_.set_value(failed); },
+                         [this](const FramePtr& frame) { encoded_.push_back(frame->sequence); }});
     pipeline_->start();
   }
   bool wait_for_end() { return ended_.get_future().get(); }
 
   FrameBuffer buffer_{{5}, std::make_unique<DropOldestPolicy>()};
-  int changes_ = 0;  // worker only
+  int changes_ = 0;                // worker only
+  std::vector<Sequence> encoded_;  // likewise
   std::function<void()> on_changed_ = [] {};
   std::promise<bool> ended_;
   std::unique_ptr<Pipeline> pipeline_;
@@ -99,6 +101,7 @@ TEST_F(PipelineTest, LiveSourceNeverWaitsAndEveryFrameIsAccountedFor) {
   EXPECT_EQ(stats.captured, 1000U);
   EXPECT_EQ(stats.captured, stats.skipped + stats.dropped + stats.waiting);
   EXPECT_EQ(collect_drops(buffer_).size(), stats.skipped + stats.dropped);
+  EXPECT_EQ(encoded_.size(), stats.captured - stats.skipped);
 }
 
 TEST_F(PipelineTest, FrameThatCannotBeReadIsNamedAndTheRestGoesOn) {
@@ -113,6 +116,7 @@ TEST_F(PipelineTest, FrameThatCannotBeReadIsNamedAndTheRestGoesOn) {
   EXPECT_FALSE(wait_for_end());
   EXPECT_EQ(buffer_.take()->sequence, 0U);
   EXPECT_EQ(buffer_.take()->sequence, 2U);
+  EXPECT_EQ(encoded_, (std::vector<Sequence>{0, 2}));
   EXPECT_EQ(buffer_.stats().failed, 1U);
   EXPECT_EQ(collect_drops(buffer_), (std::vector<DropRecord>{{1, 1000, DropReason::kFailed}}));
 }

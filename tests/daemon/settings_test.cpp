@@ -216,6 +216,18 @@ TEST(Settings, StereoIsTwoFoldersTwoCamerasOrSideBySide) {
   names(why({"source.stereo=both"}), "source.stereo: ");
 }
 
+TEST(Settings, TheRobotsOwnNodesMayGetTheFrames) {
+  EXPECT_EQ(with({}).publish, "");
+  names(why({"source.publish=camera"}), "source.publish: expected a name of ROS 2");
+  names(why({"source.kind=ros2", "source.topic=/a", "source.publish=/camera"}),
+        "source.publish: cannot be combined with source.kind = \"ros2\"");
+#ifdef ORBBUF_DAEMON_DDS
+  EXPECT_EQ(with({"source.publish=/front/camera"}).publish, "/front/camera");
+#else
+  names(why({"source.publish=/camera"}), "source.publish: orbbufd was built without DDS");
+#endif
+}
+
 TEST(Settings, WhatCannotBeIsRefusedByName) {
   names(why({"robot.id=../etc"}), "robot.id: ");
   names(why({"source.kind=folder"}), "source.path: required for source.kind = \"folder\"");

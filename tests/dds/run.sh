@@ -24,10 +24,12 @@ end_server() {
 }
 camera='camera.calibration="RadTan 100 101 80 60 -0.1 0.01 0.001 -0.001\n160 120\nnone\n160 120\n0.1\n"'
 robot=("$build/daemon/orbbufd" --set buffer.policy=drop-oldest --set buffer.capacity=1000)
-capture() { # ID SEED FRAMES RATE [SETTING]
+capture() { # ID SEED FRAMES RATE [SETTING ...]
+  local setting settings=()
+  for setting in "${@:5}"; do settings+=(--set "$setting"); done
   start "robot-$1" "${robot[@]}" --set "robot.id=$1" --set "link.server=$address" --set source.kind=generated \
     --set source.width=160 --set source.height=120 --set "source.fps=$4" --set "source.seed=$2" \
-    --set "source.frames=$3" ${5+--set "$5"}
+    --set "source.frames=$3" "${settings[@]}"
 }
 session_of() { find "$work"/data*/"$1" -mindepth 1 -maxdepth 1 -printf '%T@ %p\n' | sort -n | tail -n 1 | cut -d' ' -f2; }
 has_frames() { [ "$(cat "$work"/data*/"$1"/*/times.txt 2>/dev/null | wc -l)" -ge "$2" ]; } # ROBOT COUNT
@@ -168,6 +170,33 @@ kill -CONT "$reliable"
 metrics >"$work/metrics.log"
 grep -q 'orbbuf_unpublished_frames_total{robot="mono-1"} 0' "$work/metrics.log" || fail 'frames were not published'
 echo "dds: a reader that stopped: $(wc -l <"$session/times.txt") of 300 frames recorded, and all of them at another reader"
+
+# A robot whose own nodes get the frames as well: readers of both, through an outage, and beside a reliable one that stops.
+for reader in cyclone fast stopped; do
+  case $reader in fast) program=orbbuf-fast-dds-reader ;; *) program=orbbuf-dds-reader ;; esac
+  read_with "kept-$reader" $program reliable robot/kept
+done
+stopped=${pids[-1]}
+capture keeper 9 400 50 "${camera/0.1\\n/}" source.publish=/robot/kept
+one=${pids[-1]}
+until_true 'a node of the robot has a frame' says kept-stopped 'receiving robot/kept .jpg'
+kill -STOP "$stopped"
+nft add rule inet link input tcp dport "${address##*:}" drop
+sleep 2 # the outage
+nft flush chain inet link input
+wait "$one" || fail "keeper ended with $?"
+kill -CONT "$stopped"
+session=$(session_of keeper)
+has_all "$session" 400 || fail 'publishing on the robot has cost frames'
+frames=$(wc -l <"$session/times.txt")
+for reader in cyclone fast; do
+  count=$(received "kept-$reader" robot/kept "$session" images)
+  echo "dds: on the robot itself: $reader: $count of $frames frames, byte for byte"
+  [ "$count" -ge $((frames / 2)) ] || fail "kept-$reader: $count of $frames frames" # without those before it was there
+done
+for info in "$work"/kept-cyclone/robot/kept/*.info; do
+  [ "$(cat "$info")" = 'robot/kept 160x120 plumb_bob 100.000000 101.000000 80.000000 60.000000 0.000000' ] || fail "$info"
+done
 
 # The robot's own topics: a second robot reads what this server publishes, and sends it to a second server, through an
 # outage. Each image arrives with its bytes and its stamp, and each sample once.

@@ -9,11 +9,11 @@
 #include <string_view>
 #include <vector>
 
+#include "common/calibration/camera_info.hpp"
 #include "common/drop_record.hpp"
 #include "common/error.hpp"
 #include "common/frame.hpp"
 #include "common/sample.hpp"
-#include "server/calibration/camera_info.hpp"
 #include "server/dataset/mcap/file.hpp"
 #include "server/session/records.hpp"
 

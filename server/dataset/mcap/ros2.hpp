@@ -6,8 +6,8 @@
 #include <string>
 #include <string_view>
 
+#include "common/calibration/camera_info.hpp"
 #include "common/sample.hpp"
-#include "server/calibration/camera_info.hpp"
 #include "server/dataset/mcap/record.hpp"
 
 /// Messages of ROS 2 as CDR, and the texts of their types.

@@ -13,13 +13,11 @@
 #include <string_view>
 #include <utility>
 
-#include "common/jpeg.hpp"
+#include "common/dds/dds_camera.hpp"
 #include "common/log.hpp"
 #include "common/ros_name.hpp"
 #include "common/sample.hpp"
-#include "server/calibration/camera_info.hpp"
 #include "server/session/session_reader.hpp"
-#include "server/sink/dds/dds_camera.hpp"
 #include "server/sink/dds/reader_losses.hpp"
 #include "server/sink/paced_sink.hpp"
 
@@ -41,8 +39,7 @@ constexpr std::chrono::milliseconds kAhead{20};
 struct Dds {
   const DdsParticipant participant;
   const Pace::Clock::time_point begin = Pace::Clock::now() + DdsTopics::kDiscovery;
-  JpegCodec codec;  // this and the next: `dds` only
-  ReaderLosses reader_losses;
+  ReaderLosses reader_losses;  // `dds` only
   PacedThread thread{"dds"};
 };
 
@@ -58,7 +55,7 @@ class DdsSession final : public PacedSession {
                      kBacklog),
         name_(ros_name(info.robot_id)),
         frame_id_(ros_frame_id(settings.frame_id, name_)),
-        cameras_(calibrated_cameras(info.calibration, session_ + ": published")),
+        cameras_(the_dds()->participant, name_, frame_id_, info.calibration, session_),
         topics_(the_dds()->participant, name_) {
     if (name_ != info.robot_id) {
       log_info("{}: ROS 2 allows letters, digits and _ in a topic's name: publishing on /{}",
@@ -71,20 +68,10 @@ class DdsSession final : public PacedSession {
     for (const wire::StreamDeclaration& stream : streams_) {
       if (stream.codec == wire::kSampleCodec) open(stream);
     }
-    open(cameras_.right.has_value());
+    cameras_.open();
   }
 
  private:
-  void open(bool is_stereo) {
-    if (left_ && is_stereo == (right_ != nullptr)) return;
-    const DdsParticipant& participant = the_dds()->participant;
-    right_.reset();
-    left_.reset();
-    left_ =
-        std::make_unique<DdsCamera>(participant, is_stereo ? name_ + "/left" : name_, frame_id_);
-    if (is_stereo) right_ = std::make_unique<DdsCamera>(participant, name_ + "/right", frame_id_);
-    if (is_stereo) warn_without_right_camera(cameras_, session_);
-  }
   std::optional<Clock::time_point> wait_for_readers() override {
     return Clock::now() < begin_ ? std::optional(begin_) : std::nullopt;
   }
@@ -98,11 +85,7 @@ class DdsSession final : public PacedSession {
 
   std::optional<Error> publish(const EncodedFrame& frame) override {
     the_dds()->reader_losses.look(the_dds()->participant.entity());
-    open(frame.is_stereo());
-    const auto time_ns = frame.capture_time_ns;
-    auto error = publish(*left_, time_ns, frame.left(), cameras_.left);
-    if (!error && right_) error = publish(*right_, time_ns, frame.right(), cameras_.right);
-    return error;
+    return cameras_.publish(frame);
   }
   std::optional<Error> publish(const wire::StreamDeclaration& stream,
                                const Sample& sample) override {
@@ -143,25 +126,13 @@ class DdsSession final : public PacedSession {
     publish_due();
   }
 
-  static std::optional<Error> publish(DdsCamera& camera, std::int64_t time_ns,
-                                      std::span<const std::uint8_t> jpeg,
-                                      const std::optional<CameraInfo>& info) {
-    if (auto error = camera.publish(time_ns, jpeg, info ? &*info : nullptr)) return error;
-    if (!camera.has_raw_reader()) return std::nullopt;
-    const auto image = the_dds()->codec.decode_gray(jpeg, 1);
-    if (!image) return image.error();
-    return camera.publish_raw(time_ns, image.value());
-  }
-
   const std::string name_;
   const std::string frame_id_;
-  const CalibratedCameras cameras_;
+  DdsCameras cameras_;
   Clock::time_point begin_ = the_dds()->begin;
   std::optional<Clock::time_point> last_first_;
   std::map<wire::StreamId, std::unique_ptr<DdsImu>> imus_;
   DdsTopics topics_;
-  std::unique_ptr<DdsCamera> left_;   // or the only one
-  std::unique_ptr<DdsCamera> right_;  // null: not stereo
 };
 
 }  // namespace

@@ -7,7 +7,7 @@
 #include <memory>
 #include <string>
 
-#include "server/calibration/camera_info.hpp"
+#include "common/calibration/camera_info.hpp"
 
 namespace orbbuf {
 

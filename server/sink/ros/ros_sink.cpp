@@ -10,10 +10,10 @@
 #include <utility>
 #include <vector>
 
+#include "common/calibration/camera_info.hpp"
 #include "common/jpeg.hpp"
 #include "common/log.hpp"
 #include "common/ros_name.hpp"
-#include "server/calibration/camera_info.hpp"
 #include "server/sink/paced_sink.hpp"
 #include "server/sink/ros/ros_node.hpp"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/sink/dds/dds_camera.hpp"
+#include "common/dds/dds_camera.hpp"
 
 #include <dds/dds.h>
 #include <dds/ddsi/ddsi_serdata.h>

@@ -8,14 +8,16 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
+#include "common/calibration/camera_info.hpp"
 #include "common/dds/dds_participant.hpp"
 #include "common/dds/raw_topic.hpp"
 #include "common/error.hpp"
+#include "common/frame.hpp"
 #include "common/jpeg.hpp"
 #include "common/sample.hpp"
-#include "server/calibration/camera_info.hpp"
 
 namespace orbbuf {
 
@@ -26,13 +28,16 @@ namespace orbbuf {
 ///   BASE/camera_info           sensor_msgs/msg/CameraInfo, latched: a reader that asks for
 ///                              durability `transient local` gets the last one, too
 ///
-/// All are reliable, and keep the last 256 messages (raw: 16) for readers that lack them. No reader
-/// holds up a call, or another reader: one that is slower misses what is older.
+/// All are reliable, and keep the last `depth` messages (raw: 16 at most) for readers that lack
+/// them. No reader holds up a call, or another reader: one that is slower misses what is older.
 /// Thread-bound: one object per thread; it must not outlive the participant.
 class DdsCamera {
  public:
+  static constexpr std::int32_t kDepth = 256;
+
   /// base: as ROS 2 writes it, without a first slash: `turtlebot1/left`. Throws std::runtime_error.
-  DdsCamera(const DdsParticipant& participant, const std::string& base, std::string frame_id);
+  DdsCamera(const DdsParticipant& participant, const std::string& base, std::string frame_id,
+            std::int32_t depth = kDepth);
   ~DdsCamera();
   DdsCamera(const DdsCamera&) = delete;
   DdsCamera& operator=(const DdsCamera&) = delete;
@@ -50,6 +55,38 @@ class DdsCamera {
   int compressed_ = 0;
   int raw_ = 0;
   int info_ = 0;
+};
+
+/// The topics of a camera or a stereo pair: those of DdsCamera, of a pair with BASE/left and
+/// BASE/right. Each image goes with its camera_info, if the calibration has it, and its pixels are
+/// decoded only while a reader asks for raw images. Otherwise as DdsCamera.
+class DdsCameras {
+ public:
+  /// calibration: as parse_calibration() reads it; empty: none. name: of all this, for the log.
+  DdsCameras(const DdsParticipant& participant, std::string base, std::string frame_id,
+             std::string_view calibration, std::string name,
+             std::int32_t depth = DdsCamera::kDepth);
+
+  /// Makes the topics, of a pair if the calibration has two cameras. Throws std::runtime_error.
+  void open() { open(info_.right.has_value()); }
+  /// First makes the topics, if there are none, or others. Throws likewise.
+  std::optional<Error> publish(const EncodedFrame& frame);
+
+ private:
+  void open(bool is_stereo);
+  std::optional<Error> publish(DdsCamera& camera, std::int64_t time_ns,
+                               std::span<const std::uint8_t> jpeg,
+                               const std::optional<CameraInfo>& info);
+
+  const DdsParticipant& participant_;
+  const std::string base_;
+  const std::string frame_id_;
+  const std::string name_;
+  const std::int32_t depth_;
+  const CalibratedCameras info_;
+  JpegCodec codec_;
+  std::unique_ptr<DdsCamera> left_;   // or the only one
+  std::unique_ptr<DdsCamera> right_;  // null: not stereo
 };
 
 /// The ROS 2 topic of an inertial sensor, sensor_msgs/msg/Imu: without orientation, which the first

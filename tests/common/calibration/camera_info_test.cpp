@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/calibration/camera_info.hpp"
+#include "common/calibration/camera_info.hpp"
 
 #include <gmock/gmock.h>
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/calibration/camera_info.hpp"
+#include "common/calibration/camera_info.hpp"
 
+#include "common/calibration/calibration.hpp"
 #include "common/log.hpp"
-#include "server/calibration/calibration.hpp"
 
 namespace orbbuf {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/calibration/calibration.hpp"
+#include "common/calibration/calibration.hpp"
 
 #include <fmt/core.h>
 #include <fmt/format.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/sink/dds/dds_camera.hpp"
+#include "common/dds/dds_camera.hpp"
 
 #include <dds/dds.h>
 #include <fmt/core.h>
@@ -16,7 +16,6 @@ namespace {
 using Qos = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
 
 constexpr dds_duration_t kLongestWrite = DDS_MSECS(100);
-constexpr std::int32_t kDepth = 256;  // messages that a slow reader may still get
 constexpr std::int32_t kRawDepth = 16;
 constexpr std::int32_t kSampleDepth = 60'000;
 constexpr std::size_t kTopicBytes = std::size_t{64} << 20U;
@@ -91,20 +90,20 @@ std::optional<Error> write_message(dds_entity_t writer, const void* message) {
 }  // namespace
 
 DdsCamera::DdsCamera(const DdsParticipant& participant, const std::string& base,
-                     std::string frame_id)
+                     std::string frame_id, std::int32_t depth)
     : frame_id_(std::move(frame_id)),
       publisher_(require_dds(dds_create_publisher(participant.entity(), nullptr, nullptr),
                              "make a publisher")) {
   const auto writer = [&](const dds_topic_descriptor_t& type, std::string_view name,
-                          std::int32_t depth, bool is_latched) {
-    return make_writer(participant, publisher_, type, fmt::format("rt/{}/{}", base, name), depth,
+                          std::int32_t kept, bool is_latched) {
+    return make_writer(participant, publisher_, type, fmt::format("rt/{}/{}", base, name), kept,
                        is_latched);
   };
   try {
     compressed_ =
-        writer(sensor_msgs_msg_dds__CompressedImage__desc, "image_raw/compressed", kDepth, false);
-    raw_ = writer(sensor_msgs_msg_dds__Image__desc, "image_raw", kRawDepth, false);
-    info_ = writer(sensor_msgs_msg_dds__CameraInfo__desc, "camera_info", kDepth, true);
+        writer(sensor_msgs_msg_dds__CompressedImage__desc, "image_raw/compressed", depth, false);
+    raw_ = writer(sensor_msgs_msg_dds__Image__desc, "image_raw", std::min(depth, kRawDepth), false);
+    info_ = writer(sensor_msgs_msg_dds__CameraInfo__desc, "camera_info", depth, true);
   } catch (...) {
     dds_delete(publisher_);
     throw;
@@ -143,6 +142,45 @@ bool DdsCamera::has_raw_reader() const {
   dds_publication_matched_status_t matched{};
   return dds_get_publication_matched_status(raw_, &matched) == DDS_RETCODE_OK &&
          matched.current_count > 0;
+}
+
+DdsCameras::DdsCameras(const DdsParticipant& participant, std::string base, std::string frame_id,
+                       std::string_view calibration, std::string name, std::int32_t depth)
+    : participant_(participant),
+      base_(std::move(base)),
+      frame_id_(std::move(frame_id)),
+      name_(std::move(name)),
+      depth_(depth),
+      info_(calibrated_cameras(calibration, name_ + ": published")) {}
+
+void DdsCameras::open(bool is_stereo) {
+  if (left_ && is_stereo == (right_ != nullptr)) return;
+  right_.reset();
+  left_.reset();
+  left_ = std::make_unique<DdsCamera>(participant_, is_stereo ? base_ + "/left" : base_, frame_id_,
+                                      depth_);
+  if (!is_stereo) return;
+  right_ = std::make_unique<DdsCamera>(participant_, base_ + "/right", frame_id_, depth_);
+  warn_without_right_camera(info_, name_);
+}
+
+std::optional<Error> DdsCameras::publish(const EncodedFrame& frame) {
+  open(frame.is_stereo());
+  auto error = publish(*left_, frame.capture_time_ns, frame.left(), info_.left);
+  if (!error && right_) {
+    error = publish(*right_, frame.capture_time_ns, frame.right(), info_.right);
+  }
+  return error;
+}
+
+std::optional<Error> DdsCameras::publish(DdsCamera& camera, std::int64_t time_ns,
+                                         std::span<const std::uint8_t> jpeg,
+                                         const std::optional<CameraInfo>& info) {
+  if (auto error = camera.publish(time_ns, jpeg, info ? &*info : nullptr)) return error;
+  if (!camera.has_raw_reader()) return std::nullopt;
+  const auto image = codec_.decode_gray(jpeg, 1);
+  if (!image) return image.error();
+  return camera.publish_raw(time_ns, image.value());
 }
 
 DdsImu::DdsImu(const DdsParticipant& participant, const std::string& topic, std::string frame_id)
@@ -210,7 +248,8 @@ const DdsTopics::Writer& DdsTopics::writer_for(const TopicMessage& message) {
     dds_qset_reliability(qos.get(), DDS_RELIABILITY_BEST_EFFORT, kLongestWrite);
   }
   if (of.is_latched) {
-    const auto depth = static_cast<std::int32_t>(std::min<std::uint32_t>(of.depth, kDepth));
+    const auto depth =
+        static_cast<std::int32_t>(std::min<std::uint32_t>(of.depth, DdsCamera::kDepth));
     dds_qset_durability(qos.get(), DDS_DURABILITY_TRANSIENT_LOCAL);
     dds_qset_durability_service(qos.get(), 0, DDS_HISTORY_KEEP_LAST, depth, DDS_LENGTH_UNLIMITED,
                                 DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED);

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <string>
 
-#include "server/calibration/calibration.hpp"
+#include "common/calibration/calibration.hpp"
 
 namespace orbbuf {
 namespace {

@@ -4,8 +4,8 @@
 
 #include <string>
 
-#include "server/calibration/calibration.hpp"
-#include "server/calibration/camera_info.hpp"
+#include "common/calibration/calibration.hpp"
+#include "common/calibration/camera_info.hpp"
 
 namespace orbbuf {
 namespace {
