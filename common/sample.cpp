@@ -7,7 +7,6 @@
 #include <cassert>
 #include <charconv>
 #include <cmath>
-#include <limits>
 
 #include "common/byte_order.hpp"
 
@@ -15,8 +14,6 @@ namespace orbbuf {
 namespace {
 
 constexpr std::size_t kSampleBytes = 56;
-/// In place of the first sample's time: messages of topics follow.
-constexpr std::int64_t kMessagesFollow = std::numeric_limits<std::int64_t>::min();
 
 template <class Archive>
 void fields(Archive& archive, wire::FieldsOf<Archive, Sample>& sample) {
@@ -76,7 +73,7 @@ std::vector<std::uint8_t> encode_messages(std::span<const Sample> samples) {
     if (same == writers.end()) writers.push_back(sample.message->publisher.get());
   }
   wire::Writer out(0);
-  out.fields(static_cast<std::uint16_t>(samples.size()), kMessagesFollow,
+  out.fields(static_cast<std::uint16_t>(samples.size()),
              static_cast<std::uint16_t>(writers.size()));
   for (const TopicPublisher* writer : writers) fields(out, *writer);
   for (std::size_t i = 0; i < samples.size(); ++i) {
@@ -167,15 +164,13 @@ std::vector<std::uint8_t> encode_samples(std::span<const Sample> samples) {
   return std::move(out.bytes());
 }
 
-Parsed<std::vector<Sample>> parse_samples(std::span<const std::uint8_t> payload) {
+Parsed<std::vector<Sample>> parse_samples(std::string_view codec,
+                                          std::span<const std::uint8_t> payload) {
   Reader in(payload);
   const auto count = in.take<std::uint16_t>();
-  Reader of_messages = in;
-  if (count > 0 && count <= kMaxSamplesPerMessage &&
-      of_messages.take<std::int64_t>() == kMessagesFollow) {
-    return parse_messages(of_messages, count);
-  }
-  if (count == 0 || count > kMaxSamplesPerMessage || in.left() != count * kSampleBytes) {
+  const bool is_count = count > 0 && count <= kMaxSamplesPerMessage;
+  if (is_count && codec == kTopicCodec) return parse_messages(in, count);
+  if (!is_count || in.left() != count * kSampleBytes) {
     return Fault{ErrorCode::kMalformed,
                  fmt::format("samples: {} of them in {} bytes", count, payload.size())};
   }
@@ -185,6 +180,13 @@ Parsed<std::vector<Sample>> parse_samples(std::span<const std::uint8_t> payload)
     if (!is_finite(sample)) return Fault{ErrorCode::kMalformed, "samples: a number is not finite"};
   }
   return samples;
+}
+
+Parsed<std::vector<Sample>> parse_samples(std::span<const StreamDeclaration> declared,
+                                          StreamId stream, std::span<const std::uint8_t> payload) {
+  const auto found = std::ranges::find(declared, stream, &StreamDeclaration::id);
+  if (found != declared.end()) return parse_samples(found->codec, payload);
+  return Fault{ErrorCode::kUnexpected, fmt::format("items of stream {}, not declared", stream)};
 }
 
 }  // namespace wire

@@ -84,7 +84,11 @@ bool is_valid(const TopicPublisher& publisher);
 /// The payload of items: 1 to kMaxSamplesPerMessage samples, or as many messages of topics, which
 /// together have to fit into kMaxItemsBytes.
 std::vector<std::uint8_t> encode_samples(std::span<const Sample> samples);
-Parsed<std::vector<Sample>> parse_samples(std::span<const std::uint8_t> payload);
+Parsed<std::vector<Sample>> parse_samples(std::string_view codec,
+                                          std::span<const std::uint8_t> payload);
+/// Of the codec that the stream was declared with.
+Parsed<std::vector<Sample>> parse_samples(std::span<const StreamDeclaration> declared,
+                                          StreamId stream, std::span<const std::uint8_t> payload);
 
 }  // namespace wire
 }  // namespace orbbuf

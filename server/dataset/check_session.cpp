@@ -10,13 +10,13 @@
 #include <system_error>
 #include <utility>
 
+#include "common/calibration/calibration.hpp"
 #include "common/crc32.hpp"
 #include "common/decimal.hpp"
 #include "common/jpeg.hpp"
 #include "common/log.hpp"
 #include "common/progress.hpp"
 #include "common/sample.hpp"
-#include "common/calibration/calibration.hpp"
 #include "server/dataset/mcap/part.hpp"
 #include "server/session/session_names.hpp"
 #include "server/session/session_reader.hpp"
@@ -158,7 +158,7 @@ class Check {
 
   std::optional<Error> check_samples() {
     for (const wire::StreamDeclaration& stream : outline_.summary.info.streams) {
-      const auto read = for_each_sample(folder_, stream.id, [](const Sample&) {});
+      const auto read = for_each_sample(folder_, stream, [](const Sample&) {});
       if (!read) return read.error();
       const SampleTotals& totals = read.value();
       const bool is_lost = totals.is_final || totals.lost() == 0;

@@ -160,7 +160,7 @@ std::optional<Error> add_euroc_samples(const RecordedSession& session, std::int6
   for (const wire::StreamDeclaration& stream : session.summary.info.streams) {
     if (stream.codec == wire::kTopicCodec) continue;
     std::string text(kEurocImuHeader);
-    const auto totals = for_each_sample(session.folder, stream.id, [&](Sample sample) {
+    const auto totals = for_each_sample(session.folder, stream, [&](Sample sample) {
       if (__builtin_add_overflow(sample.time_ns, offset_ns, &sample.time_ns)) return;
       text += to_euroc_line(sample);
     });
@@ -190,7 +190,7 @@ std::optional<Error> write_recording(const RecordedSession& session, std::int64_
   for (const wire::StreamDeclaration& stream : session.summary.info.streams) {
     std::uint64_t number = 0;  // what was lost is not left out
     std::optional<Error> failed;
-    const auto totals = for_each_sample(session.folder, stream.id, [&](Sample sample) {
+    const auto totals = for_each_sample(session.folder, stream, [&](Sample sample) {
       if (failed || __builtin_add_overflow(sample.time_ns, offset_ns, &sample.time_ns)) return;
       const auto added = recording.add(stream.id, number++, sample);
       if (!added) failed = added.error();

@@ -267,7 +267,7 @@ std::optional<std::uint64_t> Connection::check_drops(const wire::Items& items) {
 
 /// Likewise.
 std::optional<std::uint64_t> Connection::check_samples(const wire::Items& items) {
-  const auto samples = wire::parse_samples(items.payload);
+  const auto samples = wire::parse_samples(session_->info().streams, items.stream, items.payload);
   if (samples) return samples.value().size();
   fail(samples.error());
   return std::nullopt;

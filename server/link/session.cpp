@@ -319,7 +319,7 @@ void Session::show_samples(const wire::Items& items) const {
   const auto stream = std::ranges::find(info_.streams, items.stream, &wire::StreamDeclaration::id);
   if (stream == info_.streams.end()) return;
   metrics_->on_samples(stream->name, position_[items.stream], items.first,
-                       wire::parse_samples(items.payload).value());
+                       wire::parse_samples(stream->codec, items.payload).value());
 }
 
 void Session::note_failure(const std::optional<Error>& error) {

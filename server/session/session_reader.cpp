@@ -120,16 +120,17 @@ class Drops {
 /// the samples of one record.
 class LateSamples {
  public:
-  explicit LateSamples(fs::path folder) : folder_(std::move(folder)) {}
+  LateSamples(fs::path folder, const wire::StreamDeclaration& stream)
+      : folder_(std::move(folder)), stream_(stream) {}
 
-  std::optional<Error> find(wire::StreamId stream) {
+  std::optional<Error> find() {
     RecordReader reader(folder_);
     for (;;) {
       const auto entry = reader.next();
       if (!entry) return entry.error();
       if (!entry.value()) break;
       const auto* const items = std::get_if<RecordedItems>(&entry.value()->record.body);
-      if (items == nullptr || items->stream != stream || !items->is_late) continue;
+      if (items == nullptr || items->stream != stream_.id || !items->is_late) continue;
       places_.emplace_back(items->first, entry.value()->place);
       end_ = std::max(end_, items->next);
     }
@@ -169,11 +170,13 @@ class LateSamples {
     if (!entry.value() || entry.value()->place != place) return std::nullopt;
     const auto* const items = std::get_if<RecordedItems>(&entry.value()->record.body);
     if (items == nullptr) return std::nullopt;
-    if (auto samples = wire::parse_samples(items->payload)) samples_ = std::move(samples).value();
+    auto samples = wire::parse_samples(stream_.codec, items->payload);
+    if (samples) samples_ = std::move(samples).value();
     return std::nullopt;
   }
 
   const fs::path folder_;
+  const wire::StreamDeclaration& stream_;
   std::vector<std::pair<std::uint64_t, journal::Place>> places_;  // by the first number
   std::size_t next_place_ = 0;
   std::optional<RecordReader> reader_;
@@ -319,16 +322,16 @@ Result<std::optional<Tail>> read_tail(const fs::path& folder, const SessionSumma
   return std::optional<Tail>();
 }
 
-Result<SampleTotals> for_each_sample(const fs::path& folder, wire::StreamId stream,
+Result<SampleTotals> for_each_sample(const fs::path& folder, const wire::StreamDeclaration& stream,
                                      const std::function<void(const Sample&)>& take) {
   SampleTotals totals;
-  LateSamples late(folder);
+  LateSamples late(folder, stream);
   if (const auto summary = read_summary(folder)) {
-    const auto end = end_of(*summary, stream);
+    const auto end = end_of(*summary, stream.id);
     totals.next = end.value_or(0);
     totals.is_final = end.has_value();
     if (summary->totals.late_items > 0) {
-      if (auto error = late.find(stream)) return std::move(*error);
+      if (auto error = late.find()) return std::move(*error);
     }
   }
   std::optional<std::int64_t> last_ns;
@@ -350,7 +353,7 @@ Result<SampleTotals> for_each_sample(const fs::path& folder, wire::StreamId stre
     }
     const RecordBody& body = entry.value()->record.body;
     if (const auto* const summary = std::get_if<SessionSummary>(&body)) {
-      totals.first = summary->info.segment.from[stream];
+      totals.first = summary->info.segment.from[stream.id];
       totals.next = std::max(totals.next, totals.first);
     }
     if (const auto* const frame = std::get_if<RecordedFrame>(&body); frame && !frame->is_late) {
@@ -358,8 +361,8 @@ Result<SampleTotals> for_each_sample(const fs::path& folder, wire::StreamId stre
           std::max(newest_frame_ns.value_or(frame->capture_time_ns), frame->capture_time_ns);
     }
     const auto* const items = std::get_if<RecordedItems>(&body);
-    if (items == nullptr || items->stream != stream || items->is_late) continue;
-    const auto samples = wire::parse_samples(items->payload);
+    if (items == nullptr || items->stream != stream.id || items->is_late) continue;
+    const auto samples = wire::parse_samples(stream.codec, items->payload);
     if (!samples) continue;
     for (std::uint64_t number = items->first; const Sample& sample : samples.value()) {
       if (auto error = late.take_below(number++, hand_on)) return std::move(*error);

@@ -72,7 +72,8 @@ struct SampleTotals {
 };
 /// Hands on the samples of a stream in the order of their numbers, also those that came late.
 /// Memory: 24 bytes for each record of these, and one record.
-Result<SampleTotals> for_each_sample(const std::filesystem::path& folder, wire::StreamId stream,
+Result<SampleTotals> for_each_sample(const std::filesystem::path& folder,
+                                     const wire::StreamDeclaration& stream,
                                      const std::function<void(const Sample&)>& take);
 
 /// Where a journal ends: the records from the newest checkpoint on, added up.

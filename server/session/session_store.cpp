@@ -12,10 +12,10 @@
 #include <variant>
 
 #include "common/as_bytes.hpp"
+#include "common/calibration/calibration.hpp"
 #include "common/crc32.hpp"
 #include "common/file_io.hpp"
 #include "common/sample.hpp"
-#include "common/calibration/calibration.hpp"
 #include "server/session/session_lines.hpp"
 #include "server/session/session_names.hpp"
 #include "server/session/session_reader.hpp"
@@ -262,7 +262,7 @@ void SessionStore::append_samples(const RecordedItems& items) {
   std::optional<Error> error;
   if (file) {
     std::string lines;
-    const auto samples = wire::parse_samples(items.payload);
+    const auto samples = wire::parse_samples(stream->codec, items.payload);
     if (!samples) return;
     for (const Sample& sample : samples.value()) lines += to_line(sample);
     error = write_all(file.get(), as_bytes(lines), path);
@@ -383,11 +383,8 @@ Result<SessionStore::Late> SessionStore::write_late(const EncodedFrame& frame,
 
 std::optional<Error> SessionStore::write_late(const wire::Items& items) {
   if (sync_failed_) return sync_failed_;
-  const auto& streams = summary_.info.streams;
-  const bool is_known =
-      std::ranges::find(streams, items.stream, &wire::StreamDeclaration::id) != streams.end();
-  const auto samples = wire::parse_samples(items.payload);
-  if (!is_known || !samples) return std::nullopt;
+  const auto samples = wire::parse_samples(summary_.info.streams, items.stream, items.payload);
+  if (!samples) return std::nullopt;
   if (auto error = load_numbers()) return error;
   const SequenceSet& there = numbers_->items[items.stream];
   const std::uint64_t end = items.first + samples.value().size();

@@ -125,8 +125,8 @@ Result<SampleTotals> write_samples(const fs::path& folder, const wire::StreamDec
   if (failed) return system_error("create a folder for " + name, failed.value());
   View view(folder, name);
   view.add(stream.codec == wire::kTopicCodec ? kMessageHeader : kEurocImuHeader);
-  auto totals = for_each_sample(folder, stream.id,
-                                [&view](const Sample& sample) { view.add(to_line(sample)); });
+  auto totals =
+      for_each_sample(folder, stream, [&view](const Sample& sample) { view.add(to_line(sample)); });
   if (!totals) return totals.error();
   if (auto error = view.finish()) return std::move(*error);
   return totals;
@@ -164,7 +164,7 @@ std::optional<Error> make_views(const fs::path& folder, Views views) {
   std::string samples;
   for (const wire::StreamDeclaration& stream : outline.value().summary.info.streams) {
     const auto totals = has_times ? write_samples(folder, stream)
-                                  : for_each_sample(folder, stream.id, [](const Sample&) {});
+                                  : for_each_sample(folder, stream, [](const Sample&) {});
     if (!totals) return totals.error();
     const bool is_lost = totals.value().is_final || totals.value().lost() == 0;
     samples += fmt::format("{} delivered {} {} {}\n", stream.name, totals.value().samples,

@@ -52,9 +52,9 @@ void PacedSession::add(FramePtr frame) {
 
 void PacedSession::add(const ItemsPtr& items) {
   const auto stream = std::ranges::find(streams_, items->stream, &wire::StreamDeclaration::id);
-  auto samples = wire::parse_samples(items->payload);
+  auto samples = wire::parse_samples(streams_, items->stream, items->payload);
   thread_.waiting_bytes -= items->payload.size();
-  if (stream == streams_.end() || !samples) return;
+  if (!samples) return;
   const auto index = static_cast<std::size_t>(stream - streams_.begin());
   Sequence number = items->first;
   for (Sample& sample : samples.value()) add(index, number++, std::move(sample));

@@ -34,20 +34,20 @@ TEST(Sample, APayloadReadsBackTheSame) {
   const std::vector<Sample> samples = {sample_of(-1), sample_of(7)};
   const auto payload = wire::encode_samples(samples);
   EXPECT_EQ(payload.size(), 2U + 2U * 56U);
-  EXPECT_EQ(wire::parse_samples(payload).value(), samples);
+  EXPECT_EQ(wire::parse_samples(wire::kSampleCodec, payload).value(), samples);
 }
 
 TEST(Sample, APayloadThatIsCutOrLongerOrNotFiniteIsRefused) {
   const std::vector<Sample> samples = {sample_of(1)};
   auto payload = wire::encode_samples(samples);
   for (std::size_t bytes = 0; bytes < payload.size(); ++bytes) {
-    EXPECT_FALSE(wire::parse_samples(std::span(payload).first(bytes))) << bytes;
+    EXPECT_FALSE(wire::parse_samples(wire::kSampleCodec, std::span(payload).first(bytes))) << bytes;
   }
   payload.push_back(0);
-  EXPECT_FALSE(wire::parse_samples(payload));
+  EXPECT_FALSE(wire::parse_samples(wire::kSampleCodec, payload));
   const std::vector<Sample> infinite = {
       {1, {0, 0, std::numeric_limits<double>::infinity()}, {0, 0, 0}}};
-  EXPECT_FALSE(wire::parse_samples(wire::encode_samples(infinite)));
+  EXPECT_FALSE(wire::parse_samples(wire::kSampleCodec, wire::encode_samples(infinite)));
 }
 
 /// A message of `bytes` bytes.
@@ -66,7 +66,7 @@ TEST(Sample, MessagesOfTopicsReadBackTheSame) {
   const std::vector<Sample> samples = {message_of(-1, 1, 4), message_of(7, 2, 5),
                                        message_of(7, 1, 1000)};
   const auto payload = wire::encode_samples(samples);
-  const auto again = wire::parse_samples(payload);
+  const auto again = wire::parse_samples(wire::kTopicCodec, payload);
   ASSERT_TRUE(again);
   ASSERT_EQ(again.value().size(), samples.size());
   for (std::size_t i = 0; i < samples.size(); ++i) {
@@ -83,18 +83,29 @@ TEST(Sample, MessagesThatAreCutOrLongerOrOfNoPublisherAreRefused) {
   const std::vector<Sample> samples = {message_of(1, 1, 4), message_of(2, 2, 5)};
   auto payload = wire::encode_samples(samples);
   for (std::size_t bytes = 0; bytes < payload.size(); ++bytes) {
-    EXPECT_FALSE(wire::parse_samples(std::span(payload).first(bytes))) << bytes;
+    EXPECT_FALSE(wire::parse_samples(wire::kTopicCodec, std::span(payload).first(bytes))) << bytes;
   }
   payload.push_back(0);
-  EXPECT_FALSE(wire::parse_samples(payload));
+  EXPECT_FALSE(wire::parse_samples(wire::kTopicCodec, payload));
   payload.pop_back();
   payload[payload.size() - 1 - 5 - 4 - 8] = 2;  // the second one's publisher
-  EXPECT_FALSE(wire::parse_samples(payload));
+  EXPECT_FALSE(wire::parse_samples(wire::kTopicCodec, payload));
 }
 
 TEST(Sample, AMessageHasTheHeaderOfCdr) {
   const std::vector<Sample> samples = {message_of(1, 1, 3)};
-  EXPECT_FALSE(wire::parse_samples(wire::encode_samples(samples)));
+  EXPECT_FALSE(wire::parse_samples(wire::kTopicCodec, wire::encode_samples(samples)));
+}
+
+TEST(Sample, APayloadIsReadByTheCodecOfItsStream) {
+  const std::vector<wire::StreamDeclaration> declared = {{4, "imu0", "imu"}, {6, "odom", "ros2"}};
+  const auto samples = wire::encode_samples(std::vector<Sample>{sample_of(1)});
+  const auto messages = wire::encode_samples(std::vector<Sample>{message_of(1, 1, 4)});
+  EXPECT_TRUE(wire::parse_samples(declared, 4, samples));
+  EXPECT_TRUE(wire::parse_samples(declared, 6, messages));
+  EXPECT_FALSE(wire::parse_samples(declared, 4, messages));
+  EXPECT_FALSE(wire::parse_samples(declared, 6, samples));
+  EXPECT_FALSE(wire::parse_samples(declared, 5, samples));
 }
 
 TEST(Sample, APublisherHasTheNamesThatRos2Allows) {

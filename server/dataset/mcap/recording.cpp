@@ -145,8 +145,8 @@ Result<bool> Recording::add(const DropRecord& range) {
 
 Result<bool> Recording::add(const RecordedItems& items) {
   bool is_written = false;
-  const auto samples = wire::parse_samples(items.payload);
-  if (items.stream < wire::kFirstOther || !samples) return is_written;
+  const auto samples = wire::parse_samples(streams_, items.stream, items.payload);
+  if (!samples) return is_written;
   for (std::uint64_t number = items.first; const Sample& sample : samples.value()) {
     auto added = add(items.stream, number++, sample);
     if (!added) return added;

@@ -109,7 +109,7 @@ class DdsSession final : public PacedSession {
       if (stream.codec != wire::kTopicCodec || end == 0 || before.folder.empty()) continue;
       std::map<std::uint64_t, std::deque<Sample>> kept;
       const auto error = read_items(before.folder, stream.id, [&](const RecordedItems& items) {
-        const auto samples = wire::parse_samples(items.payload);
+        const auto samples = wire::parse_samples(stream.codec, items.payload);
         if (items.is_late || items.next > end || !samples) return;
         for (const Sample& sample : samples.value()) {
           if (!sample.message || !sample.message->publisher->is_latched) continue;

@@ -243,7 +243,7 @@ void PipeSink::add_samples(wire::StreamId stream, const std::vector<std::uint8_t
                            std::deque<NamedSample>& samples) const {
   const auto declared = std::ranges::find(streams_, stream, &wire::StreamDeclaration::id);
   if (declared == streams_.end()) return;
-  const auto items = wire::parse_samples(payload);
+  const auto items = wire::parse_samples(declared->codec, payload);
   if (!items) return;
   for (const Sample& sample : items.value()) {
     if (!sample.message) samples.push_back({declared->name, sample});

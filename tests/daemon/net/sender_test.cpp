@@ -101,7 +101,7 @@ TEST_F(SenderTest, SamplesGoBeforeTheFirstFrameThatIsNewerAndAgainUntilAcknowled
     const wire::Items items = server_.read(Type::kItems).items();
     EXPECT_EQ(items.stream, wire::kFirstOther);
     EXPECT_EQ(items.first, first);
-    EXPECT_EQ(wire::parse_samples(items.payload).value().size(), count);
+    EXPECT_EQ(wire::parse_samples(wire::kSampleCodec, items.payload).value().size(), count);
   };
   EXPECT_EQ(server_.read(Type::kFrame).frame().sequence, 0U);
   server_.ack({1, 0});

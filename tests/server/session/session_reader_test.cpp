@@ -179,8 +179,8 @@ TEST_F(SessionReaderTest, LateSamplesAreMergedRecordByRecord) {
   EXPECT_FALSE(store->write_items({4, 10, 11, samples(10, 11)}));
   EXPECT_FALSE(store->write_items({4, 15, 16, samples(15, 16)}));
   std::vector<std::int64_t> times;
-  const auto totals =
-      for_each_sample(folder_, 4, [&](const Sample& sample) { times.push_back(sample.time_ns); });
+  const auto totals = for_each_sample(
+      folder_, {4, "imu0", "imu"}, [&](const Sample& sample) { times.push_back(sample.time_ns); });
   ASSERT_TRUE(totals);
   EXPECT_THAT(times, ElementsAre(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 15, 20, 21, 22, 23,
                                  24, 25, 26, 27, 28, 29));
