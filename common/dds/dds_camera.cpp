@@ -10,6 +10,8 @@
 #include <string_view>
 #include <utility>
 
+#include "common/dds/type_hash.hpp"
+
 namespace orbbuf {
 namespace {
 
@@ -46,6 +48,7 @@ dds_entity_t make_writer(const DdsParticipant& participant, dds_entity_t publish
       require_dds(dds_create_topic(participant.entity(), &type, name.c_str(), nullptr, nullptr),
                   "make the topic " + name);
   dds_qset_writer_data_lifecycle(qos.get(), false);
+  set_type_hash(qos.get(), type.m_typename);
   const dds_entity_t writer = dds_create_writer(publisher, topic, qos.get(), nullptr);
   dds_delete(topic);  // the writer keeps it
   return require_dds(writer, "write to the topic " + name);

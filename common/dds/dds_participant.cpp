@@ -4,6 +4,7 @@
 #include <dds/dds.h>
 #include <fmt/core.h>
 
+#include <algorithm>
 #include <charconv>
 #include <cstdlib>
 #include <stdexcept>
@@ -34,7 +35,24 @@ dds_domainid_t configured_domain_id() {
   return id;
 }
 
+std::vector<dds_entity_t> children_of(dds_entity_t entity) {
+  std::vector<dds_entity_t> children(
+      static_cast<std::size_t>(std::max(dds_get_children(entity, nullptr, 0), 0)));
+  if (!children.empty()) dds_get_children(entity, children.data(), children.size());
+  return children;
+}
+
 }  // namespace
+
+std::vector<int> writers_of(int participant) {
+  std::vector<int> writers;
+  for (const dds_entity_t publisher : children_of(participant)) {
+    for (const dds_entity_t each : children_of(publisher)) {
+      if (dds_get_publisher(each) == publisher) writers.push_back(each);
+    }
+  }
+  return writers;
+}
 
 int require_dds(int entity, std::string_view attempt) {
   if (entity >= 0) return entity;

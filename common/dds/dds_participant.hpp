@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <string_view>
+#include <vector>
 
 namespace orbbuf {
 
@@ -30,6 +31,9 @@ class DdsParticipant {
   int domain_;
   int entity_;
 };
+
+/// Those of a participant.
+std::vector<int> writers_of(int participant);
 
 /// `entity`, which a call of Cyclone DDS returned. Throws std::runtime_error, `dds: cannot ATTEMPT:
 /// why`, if it is an error.

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <utility>
 
+#include "common/dds/type_hash.hpp"
 #include "common/event_fd.hpp"
 #include "common/log.hpp"
 #include "common/ros_name.hpp"
@@ -177,6 +178,7 @@ void TopicReader::open(const Kind& kind) {
   dds_qset_reliability(
       qos, kind.is_reliable ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT, 0);
   dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, depth_);
+  set_type_hash(qos, types_[kind.type]->m_typename);
   reader_ = dds_create_reader(participant_->entity(), topic, qos, listener_.get());
   dds_delete_qos(qos);
   dds_delete(topic);  // the reader keeps it

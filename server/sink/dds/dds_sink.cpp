@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "common/dds/dds_camera.hpp"
+#include "common/dds/dds_node.hpp"
 #include "common/log.hpp"
 #include "common/ros_name.hpp"
 #include "common/sample.hpp"
@@ -37,9 +38,21 @@ constexpr std::chrono::milliseconds kAhead{20};
 
 /// What all sinks share.
 struct Dds {
+  /// Of readers and for them, on `dds`, as long as something is published.
+  void look() {
+    if (!look_limit.lets_through()) return;
+    reader_losses.look(participant.entity());
+    tell();
+  }
+  void tell() {
+    if (const auto error = node->tell()) log_warn("dds: as a node: {}", error->text);
+  }
+
   const DdsParticipant participant;
   const Pace::Clock::time_point begin = Pace::Clock::now() + DdsTopics::kDiscovery;
-  ReaderLosses reader_losses;  // `dds` only
+  ReaderLosses reader_losses;  // this and the others: `dds` only
+  LogLimit look_limit{std::chrono::seconds{1}};
+  std::optional<DdsNode> node;
   PacedThread thread{"dds"};
 };
 
@@ -69,6 +82,7 @@ class DdsSession final : public PacedSession {
       if (stream.codec == wire::kSampleCodec) open(stream);
     }
     cameras_.open();
+    the_dds()->tell();
   }
 
  private:
@@ -84,7 +98,7 @@ class DdsSession final : public PacedSession {
   }
 
   std::optional<Error> publish(const EncodedFrame& frame) override {
-    the_dds()->reader_losses.look(the_dds()->participant.entity());
+    the_dds()->look();
     return cameras_.publish(frame);
   }
   std::optional<Error> publish(const wire::StreamDeclaration& stream,
@@ -137,7 +151,12 @@ class DdsSession final : public PacedSession {
 
 }  // namespace
 
-void begin_dds() { the_dds() = std::make_unique<Dds>(); }
+void begin_dds() {
+  the_dds() = std::make_unique<Dds>();
+  Dds& dds = *the_dds();
+  dds.node.emplace(dds.participant, "orbbuf_server",
+                   [&dds] { asio::post(dds.thread.pool, [&dds] { dds.tell(); }); });
+}
 
 std::shared_ptr<FrameSink> make_dds_sink(asio::io_context& main, const SessionInfo& info,
                                          const DdsSettings& settings, const DdsBefore& before) {
@@ -156,6 +175,7 @@ void end_dds() {
   PacedThread& thread = the_dds()->thread;
   asio::post(thread.pool, [&thread] { thread.finish(Pace::Clock::now() + kLastSecond); });
   thread.pool.join();
+  the_dds()->node.reset();  // before the pool, which it uses
   the_dds().reset();
 }
 

@@ -7,19 +7,13 @@
 #include <algorithm>
 #include <vector>
 
+#include "common/dds/dds_participant.hpp"
 #include "common/dds/reader_states.h"
 
 namespace orbbuf {
 namespace {
 
 constexpr std::size_t kMostReaders = 64;
-
-std::vector<dds_entity_t> children_of(dds_entity_t entity) {
-  std::vector<dds_entity_t> children(
-      static_cast<std::size_t>(std::max(dds_get_children(entity, nullptr, 0), 0)));
-  if (!children.empty()) dds_get_children(entity, children.data(), children.size());
-  return children;
-}
 
 /// As ROS 2 has it.
 std::string topic_of(dds_entity_t writer) {
@@ -32,11 +26,8 @@ std::string topic_of(dds_entity_t writer) {
 }  // namespace
 
 void ReaderLosses::look(int participant) {
-  if (!look_.lets_through()) return;
   Readers seen;
-  for (const dds_entity_t publisher : children_of(participant)) {
-    for (const dds_entity_t writer : children_of(publisher)) look_at(writer, seen);
-  }
+  for (const int writer : writers_of(participant)) look_at(writer, seen);
   readers_ = std::move(seen);  // without those that have gone
 }
 

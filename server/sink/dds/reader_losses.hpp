@@ -16,8 +16,8 @@ namespace orbbuf {
 /// logged at most every 10 s. One thread.
 class ReaderLosses {
  public:
-  /// At all writers of a participant; at most once a second. What went between two looks through
-  /// the history and out of it counts in the next one.
+  /// At all writers of a participant. What went between two looks through the history and out of
+  /// it counts in the next one.
   void look(int participant);
 
  private:
@@ -32,7 +32,6 @@ class ReaderLosses {
 
   void look_at(int writer, Readers& seen);
 
-  LogLimit look_{std::chrono::seconds{1}};
   Readers readers_;
 };
 
