@@ -4,22 +4,25 @@
 # in a network namespace of its own. Each message that orbbufd captured is compared with what came behind the server: its
 # bytes, and when it was written. Beside it nodes of one thread read there with queues of 10 (/tf: 100, as tf2 has) and
 # work for 30 ms at each image: one of Cyclone DDS, and one of Fast DDS if it is built.
-# Usage: bench/dds/topics.sh BUILD_FOLDER [--cut SECONDS] [--restart] [--writer PROGRAM] [--pace N]
-#   --restart: the server, too, ends and begins again; --writer: in place of the one of Cyclone DDS; --pace: dds.pace;
-#   with --cut 0 --pace 1000, `added_ms` is what the way through the link adds in the median
+# Usage: bench/dds/topics.sh BUILD_FOLDER [--cut SECONDS] [--restart] [--stop] [--writer PROGRAM] [--pace N]
+#   --restart: the server, too, ends and begins again; --stop: another reliable reader of all topics behind the server is
+#   stopped by SIGSTOP; --writer: in place of the one of Cyclone DDS; --pace: dds.pace;
+#   with --cut 0 --pace 1000, `added_ms` is what the way through the link adds in the median, `added_p99_ms` to 99 % of the
+#   messages, and `added_longest_ms` to the latest
 set -euo pipefail
 if [ -z "${ORBBUF_OWN_NAMESPACE-}" ]; then
   ORBBUF_OWN_NAMESPACE=1 exec unshare --net --map-root-user "$0" "$@"
 fi
 build=$(cd "$1" && pwd)
 shift
-cut=2 pace=1.2 is_restarted='' writer=$build/bench/orbbuf-dds-topic-writer
+cut=2 pace=1.2 is_restarted='' is_stopped='' writer=$build/bench/orbbuf-dds-topic-writer
 while [ $# -gt 0 ]; do
   case $1 in
     --cut) cut=$2 && shift ;;
     --writer) writer=$(realpath "$2") && shift ;;
     --pace) pace=$2 && shift ;;
     --restart) is_restarted=1 ;;
+    --stop) is_stopped=1 ;;
     *) echo "topics: unknown option $1" >&2 && exit 2 ;;
   esac
   shift
@@ -38,7 +41,9 @@ start behind "$tap" /robot_1 volatile
 nodes=(node-of-cyclone)
 start node-of-cyclone "$tap" /robot_1 volatile 10 30
 [ ! -x "$fast_tap" ] || { nodes+=(node-of-fast) && start node-of-fast "$fast_tap" /robot_1 10 30; }
-for reader in source behind "${nodes[@]}"; do until_true "$reader is there" says "$reader" ready; done
+taps=(source behind)
+[ -z "$is_stopped" ] || { taps+=(stopped) && start stopped "$tap" /robot_1 volatile && stopped=${pids[-1]}; }
+for reader in "${taps[@]}" "${nodes[@]}"; do until_true "$reader is there" says "$reader" ready; done
 serve() { # NAME ADDRESS
   start "$1" "$build/server/orbbuf-server" --set "listen.address=$2" --set "files.path=$work/data" --set dds.enabled=true \
     --set "dds.pace=$pace"
@@ -59,6 +64,7 @@ start robot "$build/daemon/orbbufd" --set robot.id=robot-1 --set "link.server=$a
 robot=${pids[-1]}
 start writer "$writer" $((cut + 8)) 2 "$work"/data/pictures/*/images/*.jpg # readers: the tap and orbbufd
 until_true 'messages are written' has_written 60
+[ -z "$is_stopped" ] || kill -STOP "$stopped"
 nft add rule inet link input tcp dport "${address##*:}" drop
 sleep "$cut"
 nft flush chain inet link input
@@ -126,9 +132,15 @@ for node in "${nodes[@]}"; do
   # Some hundred without a pace. A busy machine lets a node oversleep, which then misses a few.
   [ "$cut" -gt 5 ] || [ "$pace" != 1.2 ] || [ "$missed" -le 10 ] || status=1
 done
-age() { messages "$1" "$2" | cut -d' ' -f5 | sort -n | awk '{ v[NR] = $1 } END { print v[int((NR + 1) / 2)] }'; } # TAP NAME
+age() { # TAP NAME PART: of the later half of the messages, since the first ones wait for readers
+  messages "$1" "$2" | cut -d' ' -f5 | awk '{ v[NR] = $1 } END { for (i = int(NR / 2) + 1; i <= NR; ++i) print v[i] }' |
+    sort -n | awk -v p="$3" '{ v[NR] = $1 } END { print v[int((NR - 1) * p) + 1] }'
+}
 for topic in camera imu odom tf scan; do
-  echo "RESULT dds.added_ms.$topic $(awk "BEGIN { print $(age behind "$topic") - $(age source "$topic") }")"
+  for part in 'ms 0.5' 'p99_ms 0.99' 'longest_ms 1'; do
+    read -r name part <<<"$part"
+    echo "RESULT dds.added_$name.$topic $(awk "BEGIN { print $(age behind "$topic" "$part") - $(age source "$topic" "$part") }")"
+  done
 done
 echo "RESULT dds.late_behind_frame $("$build/server/orbbuf-server" check "$session" |
   awk '/came behind a newer frame/ { n += $3 } END { print n + 0 }')"
