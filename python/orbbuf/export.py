@@ -12,6 +12,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+from .frame import Frame
 from .session import PathLike, Session, format_seconds
 
 # Name in camera.txt: how many numbers it has, and EuRoC's name (Kalibr's words).
@@ -71,6 +72,9 @@ class _Output:
             raise ValueError(f"{session.folder}: no frames")
         self.session = session
         self.notes: list[str] = []
+        self._offset_ns = session.clock_offset_ns
+        if self._offset_ns:
+            self.notes.append(f"the robot's clock was set: all times have {self._offset_ns * 1e-9:+.3f} s added")
         self.camera = None
         if session.camera is None:
             self.notes.append("no calibration: the robot sent none")
@@ -84,6 +88,14 @@ class _Output:
         if kalibr.exists():
             self.text(kalibr.name, kalibr.read_text())
             self.notes.append(f"{kalibr.name} is copied; orbbuf-server export also writes what it has beyond camera.txt")
+
+    def time_ns(self, frame: Frame) -> int:
+        return frame.time_ns + self._offset_ns
+
+    def samples(self, source: Path, name: str) -> None:
+        head, *lines = source.read_text().splitlines(keepends=True)
+        times = (line.split(",", 1) for line in lines)
+        self.text(name, head + "".join(f"{int(time) + self._offset_ns},{rest}" for time, rest in times))
 
     def text(self, name: str, content: str) -> None:
         path = self.folder / name
@@ -107,9 +119,9 @@ def to_tum(session: Session, out: PathLike) -> list[str]:
     output = _Output(session, out)
     index = "# color images\n# by orbbuf\n# timestamp filename\n"
     for frame in session:
-        name = f"rgb/{format_seconds(frame.time_ns)}.jpg"
-        output.image(frame.left, name)
-        index += f"{format_seconds(frame.time_ns)} {name}\n"
+        time = format_seconds(output.time_ns(frame))
+        output.image(frame.left, f"rgb/{time}.jpg")
+        index += f"{time} rgb/{time}.jpg\n"
     output.text("rgb.txt", index)
     if session.is_stereo:
         output.notes.append("TUM RGB-D has one camera: the right images are left out")
@@ -126,7 +138,7 @@ def to_kitti(session: Session, out: PathLike) -> list[str]:
         output.image(frame.left, f"image_0/{number:0{digits}}.jpg")
         if frame.right is not None:
             output.image(frame.right, f"image_1/{number:0{digits}}.jpg")
-    output.text("times.txt", "".join(f"{format_seconds(frame.time_ns)}\n" for frame in session))
+    output.text("times.txt", "".join(f"{format_seconds(output.time_ns(frame))}\n" for frame in session))
     camera = output.camera
     if camera is None:
         return output.notes
@@ -149,16 +161,19 @@ def _projection(camera: Camera, x_m: float) -> str:
 
 
 def to_euroc(session: Session, out: PathLike) -> list[str]:
-    """EuRoC: mav0/cam0/data/NANOSECONDS.jpg, data.csv and sensor.yaml, and cam1 of the right camera."""
+    """EuRoC: mav0/cam0/data/NANOSECONDS.jpg, data.csv and sensor.yaml, cam1 of the right camera, imu0/data.csv."""
     output = _Output(session, out)
     index = "#timestamp [ns],filename\n"
     for frame in session:
-        output.image(frame.left, f"mav0/cam0/data/{frame.time_ns}.jpg")
+        time_ns = output.time_ns(frame)
+        output.image(frame.left, f"mav0/cam0/data/{time_ns}.jpg")
         if frame.right is not None:
-            output.image(frame.right, f"mav0/cam1/data/{frame.time_ns}.jpg")
-        index += f"{frame.time_ns},{frame.time_ns}.jpg\n"
+            output.image(frame.right, f"mav0/cam1/data/{time_ns}.jpg")
+        index += f"{time_ns},{time_ns}.jpg\n"
     for camera in ("cam0", "cam1") if session.is_stereo else ("cam0",):
         output.text(f"mav0/{camera}/data.csv", index)
+    for samples in session.folder.glob("imu*/data.csv"):
+        output.samples(samples, f"mav0/{samples.parent.name}/data.csv")
     if output.camera is None:
         return output.notes
     output.text("mav0/cam0/sensor.yaml", _sensor_yaml(output.camera, session.rate_hz, 0.0))

@@ -114,6 +114,14 @@ class Session(Sequence[Frame]):
         return path.read_text() if path.exists() else None
 
     @property
+    def clock_offset_ns(self) -> int:
+        """What the robot's clock was set by since the session began: to be added to all times. 0 while it is not known."""
+        for line in _Tail(self.folder / "session.txt").read()[0]:
+            if line.startswith("clock_offset_ns "):
+                return int(line.split()[1])
+        return 0
+
+    @property
     def drops(self) -> list[Drop]:
         """The captured frames that are not in the session, with the reason. The list is complete when the session
         has ended."""

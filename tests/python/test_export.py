@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import os
+import shutil
 import subprocess
 import unittest
 from pathlib import Path
@@ -40,6 +41,25 @@ class ExportTest(FolderTest):
         with self.assertRaisesRegex(ValueError, "no frames"):
             orbbuf.to_euroc(orbbuf.Session(self.folder / "empty"), self.folder / "new")
         self.assertFalse((self.folder / "new").exists())
+
+    def test_times_have_what_the_robots_clock_was_set_by(self):
+        session, _, _ = self.export("tum", "none")
+        (session / "session.txt").write_text("ended\nclock_offset_ns -40000000\n")
+        for layout, name, first in (("kitti", "times.txt", "-0.040000000"), ("euroc", "mav0/cam0/data.csv", "-40000000,"),
+                                    ("tum", "rgb.txt", "-0.040000000 rgb/-0.040000000.jpg")):
+            shutil.rmtree(self.folder / f"{layout}-none-False", ignore_errors=True)
+            _, out, notes = self.export(layout, "none")
+            lines = [line for line in (out / name).read_text().splitlines() if not line.startswith("#")]
+            self.assertTrue(lines[0].startswith(first), lines[0])
+            self.assertIn("the robot's clock was set: all times have -0.040 s added", notes)
+
+    def test_samples_go_along_to_euroc(self):
+        session, _, _ = self.export("kitti", "none")
+        (session / "session.txt").write_text("clock_offset_ns 5\n")
+        (session / "imu0").mkdir()
+        (session / "imu0/data.csv").write_text("#timestamp,w\n10,1,2\n20,0.5,2\n")
+        _, out, _ = self.export("euroc", "none")
+        self.assertEqual((out / "mav0/imu0/data.csv").read_text(), "#timestamp,w\n15,1,2\n25,0.5,2\n")
 
     def test_kalibrs_file_goes_along(self):
         session, _, _ = self.export("kitti", "radtan")
