@@ -141,9 +141,7 @@ class Join {
       for (const Part& part : parts_) {
         const SessionSummary& summary = part.outline.summary;
         if (summary.position[stream] == 0 && summary.totals.late_items == 0) continue;
-        const auto take = [&](const RecordedItems& items) {
-          if (items.is_late || items.next > summary_.position[stream]) append(items);
-        };
+        const auto take = [&](const RecordedItems& items) { append_new(items); };
         if (auto error = read_items(part.folder, stream, take)) return error;
       }
     }
@@ -168,6 +166,18 @@ class Join {
       if (!newest || age(*account) < age(*newest)) newest = account;
     }
     return newest;
+  }
+
+  /// Without the samples that the part before has, too: what the robot had no acknowledgement of,
+  /// it sent again, in other batches.
+  void append_new(const RecordedItems& items) {
+    const std::uint64_t from = summary_.position[items.stream];
+    if (items.is_late || items.first >= from) return append(items);
+    const auto samples = wire::parse_samples(items.payload);
+    if (!samples || samples.value().size() <= from - items.first) return;
+    const auto rest =
+        std::span(samples.value()).subspan(static_cast<std::size_t>(from - items.first));
+    append(RecordedItems{items.stream, from, items.next, wire::encode_samples(rest)});
   }
 
   /// Nothing after the first error.

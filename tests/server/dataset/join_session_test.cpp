@@ -137,6 +137,33 @@ TEST_F(JoinSession, OtherStreamsGoOnFromSegmentToSegment) {
   EXPECT_THAT(firsts, testing::ElementsAre(0));
 }
 
+/// etcd's position was behind what the owner before had, and the robot made its batches anew.
+TEST_F(JoinSession, SamplesThatTwoOwnersHaveAreThereOnce) {
+  constexpr wire::StreamId kStream = wire::kFirstOther;
+  const std::vector<wire::StreamDeclaration> streams{{kStream, "imu0", "imu"}};
+  const auto write = [&](const char* name, const SegmentInfo& segment, std::uint64_t first,
+                         std::uint64_t next) {
+    std::vector<Sample> samples;
+    for (auto number = first; number < next; ++number) {
+      samples.push_back({static_cast<std::int64_t>(number), {}, {}});
+    }
+    const auto store = test::open_store(folder_ / name, {"r", "s", "", segment, streams});
+    ASSERT_FALSE(store->write_items({kStream, first, next, wire::encode_samples(samples)}));
+    segments_.push_back(folder_ / name);
+  };
+  write("a", {}, 0, 10);
+  SegmentInfo second{2, {}};
+  second.from[kStream] = 7;
+  write("b", second, 7, 12);
+  join();
+  std::vector<std::int64_t> times;
+  const auto totals = for_each_sample(
+      folder_ / "out", kStream, [&](const Sample& sample) { times.push_back(sample.time_ns); });
+  ASSERT_TRUE(totals);
+  EXPECT_THAT(times, testing::ElementsAre(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11));
+  EXPECT_EQ(totals.value().lost(), 0U);
+}
+
 TEST_F(JoinSession, WhatTheOwnerBeforeHadNotYetAcknowledgedIsThereOnce) {
   record("a", {}, {0, 1, 2, 3}, {});
   record("b", {2, {2, 0}}, {2, 3, 4}, {}, 5);
