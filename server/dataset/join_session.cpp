@@ -52,7 +52,11 @@ class Join {
  public:
   Join(std::vector<Part> parts, fs::path out) : parts_(std::move(parts)), out_(std::move(out)) {
     report_.segments = parts_.size();
-    summary_.info = parts_.back().outline.summary.info;
+    for (const Part& part : parts_) {
+      const std::string older = std::move(summary_.info.calibration);
+      summary_.info = part.outline.summary.info;
+      if (summary_.info.calibration.empty()) summary_.info.calibration = older;
+    }
     summary_.info.segment = {};
   }
 
@@ -207,8 +211,11 @@ Result<JoinReport> join_session(const std::vector<fs::path>& segments, const fs:
     parts.push_back({folder, std::move(outline).value()});
   }
   if (parts.empty()) return Error{"no segment of the session was found"};
-  std::ranges::stable_sort(
-      parts, {}, [](const Part& part) { return part.outline.summary.info.segment.epoch; });
+  // A server that has only late frames made a folder of the first epoch, whatever was there before.
+  std::ranges::stable_sort(parts, {}, [](const Part& part) {
+    const SessionSummary& summary = part.outline.summary;
+    return std::pair(summary.info.segment.epoch, summary.totals.live > 0);
+  });
   std::error_code failed;
   if (fs::exists(out, failed) && !fs::is_empty(out, failed)) {
     return Error{out.string() + ": is there already, and not empty"};

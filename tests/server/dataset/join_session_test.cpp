@@ -164,6 +164,23 @@ TEST_F(JoinSession, SamplesThatTwoOwnersHaveAreThereOnce) {
   EXPECT_EQ(totals.value().lost(), 0U);
 }
 
+/// A server that never had the session live knows neither its calibration nor its clock.
+TEST_F(JoinSession, WhatIsKnownOfTheLiveStreamStaysWithAPartOfLateFramesOnly) {
+  const std::string calibration = "Pinhole 0.5 0.5 0.5 0.5 0\n16 16\ncrop\n16 16\n";
+  const auto live = test::open_store(folder_ / "live", {"r", "s", calibration, {}});
+  ASSERT_FALSE(live->write(*test::jpeg_frame_ptr(0, 16, 16), 0));
+  ASSERT_FALSE(live->note({wire::Stats{2, 0, 0, 0, 0, 0, 0}, 5}));
+  const auto late = test::open_store(folder_ / "late");
+  ASSERT_TRUE(late->write_late(*test::jpeg_frame_ptr(1, 16, 16), 0));
+  segments_ = {folder_ / "live", folder_ / "late"};
+  join();
+  const auto joined = read_session(folder_ / "out");
+  ASSERT_TRUE(joined);
+  EXPECT_EQ(joined.value().summary.info.calibration, calibration);
+  EXPECT_EQ(joined.value().summary.closing.clock_offset_ns, 5);
+  EXPECT_TRUE(joined.value().summary.closing.stats);
+}
+
 TEST_F(JoinSession, WhatTheOwnerBeforeHadNotYetAcknowledgedIsThereOnce) {
   record("a", {}, {0, 1, 2, 3}, {});
   record("b", {2, {2, 0}}, {2, 3, 4}, {}, 5);
