@@ -145,7 +145,7 @@ class LateSamples {
       for (; at_ < samples_.size() && number_ < number; ++at_, ++number_) {
         if (number_ < next_) continue;  // another record had it
         next_ = number_ + 1;
-        take(samples_[at_]);
+        take(samples_[at_], number_);
       }
       if (at_ < samples_.size() || next_place_ == places_.size()) break;
       if (places_[next_place_].first >= number) break;
@@ -335,8 +335,9 @@ Result<SampleTotals> for_each_sample(const fs::path& folder, const wire::StreamD
     }
   }
   std::optional<std::int64_t> last_ns;
-  const auto hand_on = [&](const Sample& sample) {
+  const auto hand_on = [&](const Sample& sample, std::uint64_t number) {
     ++totals.samples;
+    if (number < totals.first) ++totals.earlier;
     if (last_ns && sample.time_ns <= *last_ns && !sample.message) ++totals.backward;
     last_ns = sample.time_ns;
     take(sample);
@@ -365,9 +366,9 @@ Result<SampleTotals> for_each_sample(const fs::path& folder, const wire::StreamD
     const auto samples = wire::parse_samples(stream.codec, items->payload);
     if (!samples) continue;
     for (std::uint64_t number = items->first; const Sample& sample : samples.value()) {
-      if (auto error = late.take_below(number++, hand_on)) return std::move(*error);
+      if (auto error = late.take_below(number, hand_on)) return std::move(*error);
       if (newest_frame_ns && sample.time_ns <= *newest_frame_ns) ++totals.behind_frames;
-      hand_on(sample);
+      hand_on(sample, number++);
     }
     totals.next = std::max(totals.next, items->next);
   }

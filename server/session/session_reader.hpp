@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -64,11 +65,12 @@ struct SampleTotals {
   std::uint64_t samples = 0;
   std::uint64_t first = 0;
   std::uint64_t next = 0;
+  std::uint64_t earlier = 0;        ///< of `samples`: late ones below `first`
   std::uint64_t backward = 0;       ///< whose time is not after that of the one before
   std::uint64_t behind_frames = 0;  ///< not newer than a frame that came live before them
   bool is_final = false;            ///< the robot has no more of them
 
-  std::uint64_t lost() const { return next - first - samples; }
+  std::uint64_t lost() const { return next - first - std::min(next - first, samples - earlier); }
 };
 /// Hands on the samples of a stream in the order of their numbers, also those that came late.
 /// Memory: 24 bytes for each record of these, and one record.

@@ -388,9 +388,8 @@ std::optional<Error> SessionStore::write_late(const wire::Items& items) {
   if (auto error = load_numbers()) return error;
   const SequenceSet& there = numbers_->items[items.stream];
   const std::uint64_t end = items.first + samples.value().size();
-  const std::uint64_t from = std::max(items.first, summary_.info.segment.from[items.stream]);
   std::vector<RecordedItems> missing;
-  for (auto first = there.next_out(from, end); first < end;) {
+  for (auto first = there.next_out(items.first, end); first < end;) {
     const auto next = there.next_in(first, end);
     const auto some = std::span(samples.value())
                           .subspan(static_cast<std::size_t>(first - items.first),

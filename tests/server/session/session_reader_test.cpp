@@ -189,6 +189,30 @@ TEST_F(SessionReaderTest, LateSamplesAreMergedRecordByRecord) {
   EXPECT_EQ(totals.value().backward, 0U);
 }
 
+/// The robot's memory was full, and another server took over above what it had kept for later.
+TEST_F(SessionReaderTest, LateSamplesFromBeforeTheSegmentAreThere) {
+  SegmentInfo segment{2, {}};
+  segment.from[4] = 10;
+  const auto opened = SessionStore::open(
+      folder_, {"robot", "session", "", segment, {{4, "imu0", "imu"}}}, Durability::kAck);
+  ASSERT_TRUE(opened);
+  const auto samples = [](std::uint64_t first, std::uint64_t end) {
+    std::vector<Sample> all;
+    for (; first < end; ++first) all.push_back({static_cast<std::int64_t>(first), {}, {}});
+    return wire::encode_samples(all);
+  };
+  EXPECT_FALSE(opened.value()->write_items({4, 10, 12, samples(10, 12)}));
+  EXPECT_FALSE(opened.value()->write_late({4, 3, samples(3, 8)}));
+  EXPECT_FALSE(opened.value()->write_late({4, 3, samples(3, 8)}));
+  std::vector<std::int64_t> times;
+  const auto totals =
+      for_each_sample(folder_, 4, [&](const Sample& sample) { times.push_back(sample.time_ns); });
+  ASSERT_TRUE(totals);
+  EXPECT_THAT(times, ElementsAre(3, 4, 5, 6, 7, 10, 11));
+  EXPECT_EQ(totals.value().samples, 7U);
+  EXPECT_EQ(totals.value().lost(), 0U) << "8 and 9 may be with the other server";
+}
+
 class FrameFollowerTest : public test::StoredSession {
  protected:
   static constexpr Sequence kNone = ~Sequence{0};
