@@ -92,11 +92,13 @@ Result<Unkept> read_unkept(const fs::path& folder, const Place& from, Durability
   return unkept;
 }
 
-/// Before the first record that is damaged, or whose images are not whole; kNowhere: all are.
-Place find_cut(const fs::path& folder, const Unkept& unkept) {
+/// Before the first record that is damaged, or whose images are not whole; kNowhere: all are. An
+/// error if an image is there and cannot be read: a power cut is not why.
+Result<Place> find_cut(const fs::path& folder, const Unkept& unkept) {
   for (const auto& [place, frame] : unkept.frames) {
     if (place >= unkept.invalid) break;
     const auto images = read_images(folder, frame);
+    if (!images && !are_images_gone(folder, frame)) return images.error();
     if (!images || !is_whole(frame, images.value())) return place;
   }
   return unkept.invalid;
@@ -241,7 +243,9 @@ Result<RecoveredSession> recover_session(const fs::path& folder, const SessionIn
     auto read = read_unkept(folder, from, durability);
     if (!read) return read.error();
     unkept = std::move(read).value();
-    const Place cut = find_cut(folder, unkept);
+    const auto found = find_cut(folder, unkept);
+    if (!found) return found.error();
+    const Place cut = found.value();
     if (cut < tail.value()->end) {
       const auto lost = std::ranges::count_if(
           unkept.frames, [&](const PlacedFrame& frame) { return frame.place >= cut; });

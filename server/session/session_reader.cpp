@@ -407,6 +407,15 @@ Result<EncodedFrame> read_images(const fs::path& folder, const RecordedFrame& re
   return frame;
 }
 
+bool are_images_gone(const fs::path& folder, const RecordedFrame& frame) {
+  const auto is_gone = [&](const std::string& image) {
+    std::error_code failed;
+    return !fs::exists(folder / image, failed) && !failed;
+  };
+  return is_gone(session_names::left_image(frame.sequence)) ||
+         (frame.is_stereo() && is_gone(session_names::right_image(frame.sequence)));
+}
+
 bool is_whole(const RecordedFrame& recorded, const EncodedFrame& images) {
   if (recorded.is_reduced() && !images.is_reduced()) return true;  // as read_images() found
   if (images.jpeg.size() != recorded.bytes) return false;

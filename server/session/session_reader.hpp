@@ -100,6 +100,9 @@ std::optional<SessionSummary> read_summary(const std::filesystem::path& folder);
 /// compared with their checksums: see is_whole().
 Result<EncodedFrame> read_images(const std::filesystem::path& folder, const RecordedFrame& frame);
 
+/// Whether one of them is not there, which is certain: another error is for now.
+bool are_images_gone(const std::filesystem::path& folder, const RecordedFrame& frame);
+
 /// Whether the images are what the record says, or, of a reduced frame, the whole JPEG: a power cut
 /// may have lost the record of that.
 bool is_whole(const RecordedFrame& recorded, const EncodedFrame& images);

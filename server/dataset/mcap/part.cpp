@@ -20,11 +20,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-bool is_gone(const fs::path& image) {
-  std::error_code failed;
-  return !fs::exists(image, failed) && !failed;
-}
-
 /// The whole JPEG has taken the place of what came.
 bool is_replaced(const fs::path& folder, const RecordedFrame& frame) {
   std::error_code failed;
@@ -107,10 +102,7 @@ Result<bool> PartMaker::add_record(const RecordBody& body) {
 Result<bool> PartMaker::add(const RecordedFrame& frame) {
   const auto images = read_images(folder_, frame);
   if (images) return put(images.value());
-  const bool are_gone =
-      is_gone(folder_ / session_names::left_image(frame.sequence)) ||
-      (frame.is_stereo() && is_gone(folder_ / session_names::right_image(frame.sequence)));
-  if (!are_gone) return images.error();
+  if (!are_images_gone(folder_, frame)) return images.error();
   if (missing_++ == 0) {
     log_warn("{}: frame {} is passed over: {}", path_.string(), frame.sequence,
              images.error().text);

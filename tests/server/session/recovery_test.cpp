@@ -125,6 +125,18 @@ TEST_F(RecoveryTest, AnImageWithOtherBytesIsNotWhole) {
   expect_whole_up_to(1);
 }
 
+/// Too many open files, for one: the robot tries again.
+TEST_F(RecoveryTest, AnImageThatCannotBeReadForNowCostsNoFrame) {
+  record({0, 1});
+  const fs::path image = folder_ / "images/000001.jpg";
+  fs::rename(image, folder_ / "aside");
+  fs::create_directory(image);
+  EXPECT_FALSE(SessionStore::open(folder_, {"robot", "session", ""}, Durability::kAck));
+  fs::remove(image);
+  fs::rename(folder_ / "aside", image);
+  EXPECT_EQ(next(), 2U);
+}
+
 TEST_F(RecoveryTest, BothImagesOfAPairMustBeWhole) {
   {
     const auto store = open();
