@@ -73,7 +73,7 @@ std::string read_calibration(ConfigReader& config) {
 /// Adds the imu.yaml of a sensor of that name, in the form that Kalibr reads or the one that it
 /// writes, which has a name of its own.
 void add_imu(std::string& calibration, const std::string& name, std::string_view imu_yaml) {
-  calibration += name + ":\n";
+  calibration += (calibration.ends_with('\n') ? "" : "\n") + name + ":\n";
   const bool is_named = imu_yaml.starts_with("imu") || imu_yaml.find("\nimu") != imu_yaml.npos;
   while (!imu_yaml.empty()) {
     const auto line = take_line(imu_yaml);

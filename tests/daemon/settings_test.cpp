@@ -294,6 +294,9 @@ TEST(Settings, ACalibrationOfKalibrHasItsSensorsBehindIt) {
             "cam0:\n  camera_model: pinhole\n"
             "imu0:\n  # MPU 6050\n  update_rate: 200.0\n"
             "imu_b:\n  update_rate: 100.0\n");
+  test::write_file(folder / "chain.yaml", "cam0:\n  camera_model: pinhole");  // no end of line
+  EXPECT_TRUE(load_settings(folder / "c.toml", {})
+                  .calibration.starts_with("cam0:\n  camera_model: pinhole\nimu0:\n"));
   names(why({"stream.imu0.path=a", "stream.imu0.calibration=" + (folder / "imu.yaml").string()}),
         "needs Kalibr's camchain.yaml");
 }
