@@ -85,6 +85,7 @@ class Reader {
   Result<std::optional<Record>> record_at(std::uint64_t offset);
   Result<std::optional<std::uint64_t>> find_record(std::uint64_t from);
   Result<std::optional<Record>> find_in_segment();
+  Result<std::optional<std::uint32_t>> next_segment() const;
   void leave_segment();
 
   const std::filesystem::path folder_;

@@ -138,14 +138,25 @@ Result<std::optional<Record>> Reader::next() {
       return record;
     }
     block_.clear();  // what is there may still be written
-    const auto segments = segments_in(folder_);
-    if (!segments) return segments.error();
-    const auto next = std::ranges::upper_bound(segments.value(), place_.segment);
-    if (next == segments.value().end()) return std::nullopt;
+    const auto segment = next_segment();
+    if (!segment) return segment.error();
+    if (!segment.value()) return std::nullopt;
     if (!is_last_look) continue;  // for what was written before the next segment was made
     leave_segment();
-    place_ = {*next, 0};
+    place_ = {*segment.value(), 0};
   }
+}
+
+/// Mostly without a list of all, of which there may be thousands.
+Result<std::optional<std::uint32_t>> Reader::next_segment() const {
+  const std::uint32_t following = place_.segment + 1;
+  std::error_code unknown;
+  if (following > 0 && fs::exists(segment_path(folder_, following), unknown)) return following;
+  const auto segments = segments_in(folder_);
+  if (!segments) return segments.error();
+  const auto next = std::ranges::upper_bound(segments.value(), place_.segment);
+  if (next == segments.value().end()) return std::nullopt;
+  return *next;
 }
 
 void Reader::leave_segment() {
