@@ -191,7 +191,8 @@ std::string load_public(ConfigReader& reader, const std::string& key, const Addr
   const auto is_any = [](const Address& address) {
     return address.host == "0.0.0.0" || address.host == "::";
   };
-  std::string text = reader.text(key, is_any(listen) ? "" : to_string(listen));
+  std::string text = reader.text(key, "");
+  if (text.empty() && !is_any(listen)) text = to_string(listen);
   if (text.empty()) reader.fail(key, "needed: where others reach this server, HOST:PORT");
   const Address address = to_address(reader, key, text);
   if (is_any(address)) reader.fail(key, "no address that others can reach: " + address.host);

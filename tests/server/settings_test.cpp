@@ -191,6 +191,10 @@ TEST(Settings, AFleetIsReadWithWhatFollowsFromTheRest) {
   expected.http = "127.0.0.1:7723";
   expected.lease = std::chrono::seconds(9);
   EXPECT_EQ(got.fleet, expected);
+  const auto empty = load({"listen.address=127.0.0.1:7722", "http.address=127.0.0.1:7723",
+                           "fleet.etcd=[\"10.0.0.1:2379\"]", "fleet.address=", "fleet.http="});
+  EXPECT_EQ(empty.fleet.address, expected.address);  // as the sample has them
+  EXPECT_EQ(empty.fleet.http, expected.http);
 }
 
 TEST(Settings, AFleetWithWhatItCannotBeIsRefused) {
