@@ -100,7 +100,12 @@ void EarlierSegments::open(std::size_t part) {
 
 void EarlierSegments::read_local() {
   run_in_pool(
-      main_, files_, [follower = source_->local, first = first_] { return follower->next(first); },
+      main_, files_,
+      [follower = source_->local, first = first_] {
+        auto frame = follower->next(first);
+        follower->take_items();  // frames only are handed on
+        return frame;
+      },
       [self = shared_from_this()](Result<FramePtr> frame) { self->on_local(std::move(frame)); });
 }
 
