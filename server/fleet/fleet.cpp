@@ -2,6 +2,7 @@
 #include "server/fleet/fleet.hpp"
 
 #include <fmt/core.h>
+#include <sys/stat.h>
 
 #include <algorithm>
 #include <boost/asio/ip/host_name.hpp>
@@ -34,13 +35,17 @@ std::string make_instance() {
 Error unanswered(const Error& error) { return {"the fleet's etcd does not answer: " + error.text}; }
 
 /// Another process cannot have it: lock_folder() sees to that on this machine, and no other one has
-/// its kernel's number. After a restart of the machine the old key's lease is over soon.
+/// its kernel's number. Containers may have one path and one name for folders that are not the
+/// same. After a restart of the machine the old key's lease is over soon.
 std::string place_of(const std::filesystem::path& folder) {
   std::error_code no_path;
   boost::system::error_code no_name;
   const auto boot = read_text("/proc/sys/kernel/random/boot_id");
-  const std::string text = std::filesystem::weakly_canonical(folder, no_path).string() + '\n' +
-                           boost::asio::ip::host_name(no_name) + '\n' + (boot ? boot.value() : "");
+  struct stat status {};
+  ::stat(folder.c_str(), &status);
+  const std::string text = fmt::format(
+      "{}\n{}\n{}\n{} {}", std::filesystem::weakly_canonical(folder, no_path).string(),
+      boost::asio::ip::host_name(no_name), boot ? boot.value() : "", status.st_dev, status.st_ino);
   return fmt::format("{:016x}", std::hash<std::string>{}(text));
 }
 
