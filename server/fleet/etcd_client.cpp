@@ -77,6 +77,9 @@ json request_of(const KeyTxn& txn) {
     success.push_back(read);
     failure.push_back(read);
   }
+  for (const std::string& key : txn.reads_if_refused) {
+    failure.push_back({{"request_range", {{"key", to_base64(key)}}}});
+  }
   return {{"compare", compare}, {"success", success}, {"failure", failure}};
 }
 

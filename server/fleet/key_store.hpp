@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -39,7 +40,8 @@ struct KeyTxn {
   };
   std::vector<Compare> compare;
   std::vector<Put> puts;
-  std::vector<std::string> reads;  ///< in either case, after the puts
+  std::vector<std::string> reads;               ///< in either case, after the puts
+  std::vector<std::string> reads_if_refused{};  ///< if none is done, too
 };
 
 /// The keys that begin with `prefix`, in order; of these, if `most` is not 0, so many from
@@ -56,7 +58,13 @@ struct KeyRange {
 struct KeyTxnOutcome {
   bool is_done = false;
   std::int64_t revision = 0;    ///< of the store: that of the puts, if they are done
-  std::vector<KeyValue> found;  ///< of `reads`, those that are there
+  std::vector<KeyValue> found;  ///< of those to read, those that are there
+
+  /// Null: it is not among `found`.
+  const KeyValue* find(const std::string& key) const {
+    const auto at = std::ranges::find(found, key, &KeyValue::key);
+    return at == found.end() ? nullptr : &*at;
+  }
 };
 
 /// The few keys that the servers of a fleet share: etcd, or what a test puts in its place. Every

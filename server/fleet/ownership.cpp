@@ -15,11 +15,6 @@ constexpr int kAttempts = 5;
 /// What has ended is forgotten after that.
 constexpr std::chrono::hours kRemembered{30 * 24};
 
-const KeyValue* find(const std::vector<KeyValue>& found, const std::string& key) {
-  const auto at = std::ranges::find(found, key, &KeyValue::key);
-  return at == found.end() ? nullptr : &*at;
-}
-
 KeyTxn reading(const SessionName& session) {
   return {{}, {}, {session.owner_key(), session.position_key()}};
 }
@@ -32,7 +27,7 @@ bool is_at_least(const wire::Position& position, const wire::Position& other) {
 }
 
 wire::Position recorded_in(const KeyTxnOutcome& outcome, const SessionName& session) {
-  const KeyValue* const value = find(outcome.found, session.position_key());
+  const KeyValue* const value = outcome.find(session.position_key());
   const auto position = value != nullptr ? position_from(value->value) : std::nullopt;
   return position.value_or(wire::Position{});
 }
@@ -55,7 +50,7 @@ void Ownership::read(Attempt attempt) {
 
 /// From the state in `read`: it is ours, it should be another's, or it becomes ours.
 void Ownership::decide(Attempt attempt, const KeyTxnOutcome& read) {
-  const KeyValue* const key = find(read.found, attempt.session.owner_key());
+  const KeyValue* const key = read.find(attempt.session.owner_key());
   const auto latest = attempt.latest;
   if (key == nullptr && !latest) {
     if (auto server = attempt.better()) return attempt.answer(Foreign{std::move(*server)});
@@ -92,7 +87,7 @@ void Ownership::decide(Attempt attempt, const KeyTxnOutcome& read) {
 void Ownership::write(Attempt attempt, const KeyTxnOutcome& read, const SessionOwner& owner) {
   KeyTxn txn = reading(attempt.session);
   for (const std::string& key : txn.reads) {
-    const KeyValue* const value = find(read.found, key);
+    const KeyValue* const value = read.find(key);
     txn.compare.push_back({key, value != nullptr ? value->mod_revision : 0});
   }
   // Both, since those of a session that has ended go with a lease.
@@ -107,10 +102,11 @@ void Ownership::write(Attempt attempt, const KeyTxnOutcome& read, const SessionO
           return attempt.answer(Error{"fleet: other servers want this session, too"});
         }
         if (owner.epoch > 1) ++take_overs_;
-        attempt.answer(Owned{{attempt.session, to_text(owner)},
-                             owner.epoch,
-                             owner.segments.back(),
-                             recorded_in(outcome, attempt.session)});
+        attempt.answer(Owned{
+            {attempt.session, to_text(owner), std::make_shared<std::int64_t>(outcome.revision)},
+            owner.epoch,
+            owner.segments.back(),
+            recorded_in(outcome, attempt.session)});
       });
 }
 
@@ -125,13 +121,13 @@ void Ownership::end(const Owned& owned) {
 }
 
 void Ownership::note_end(const Owned& owned, std::int64_t lease, const KeyTxnOutcome& read) {
-  const auto& [session, text] = owned.claim;
-  const KeyValue* const value = find(read.found, session.owner_key());
+  const SessionName& session = owned.claim.session;
+  const KeyValue* const value = read.find(session.owner_key());
   auto owner = value != nullptr ? owner_from(value->value) : std::nullopt;
-  if (!owner || value->value != text) return;
+  if (!owner || value->value != owned.claim.owner) return;
   owner->has_ended = true;
   KeyTxn txn;
-  txn.compare = {{session.owner_key(), 0, text}};
+  txn.compare = {{session.owner_key(), 0, owned.claim.owner}};
   txn.puts = {{session.owner_key(), to_text(*owner), lease},
               {session.position_key(), to_text(recorded_in(read, session)), lease}};
   store_.async_txns({std::move(txn)}, [](const auto& /*outcomes*/) {});

@@ -51,9 +51,12 @@ void PositionRecorder::begin() {
   if (!waiting_.empty()) is_hurried_ = true;  // more than a request takes
   std::vector<KeyTxn> txns;
   for (const auto& [claim, position, recorded] : sent_) {
-    txns.push_back({{{claim.session.owner_key(), 0, claim.owner}},
-                    {{claim.session.position_key(), to_text(position)}},
-                    {}});
+    const std::string owner = claim.session.owner_key();
+    const std::string key = claim.session.position_key();
+    txns.push_back({{{owner, 0, claim.owner}, {key, *claim.revision}},
+                    {{key, to_text(position)}},
+                    {},
+                    {owner, key}});
   }
   store_.async_txns(std::move(txns), [this](const auto& answer) { on_answer(answer); });
 }
@@ -74,11 +77,30 @@ void PositionRecorder::on_answer(const Result<std::vector<KeyTxnOutcome>>& answe
   ++requests_;
   time_spent_ += Clock::now() - begun_;
   for (std::size_t i = 0; i < sent.size(); ++i) {
-    const bool is_ours = answer.value()[i].is_done;
-    ++(is_ours ? records_ : conflicts_);
-    sent[i].recorded(is_ours);
+    if (const auto is_ours = decide(sent[i], answer.value()[i])) {
+      ++(*is_ours ? records_ : conflicts_);
+      sent[i].recorded(*is_ours);
+    } else {
+      waiting_.push_front(std::move(sent[i]));
+      is_hurried_ = true;
+    }
   }
   schedule();
+}
+
+/// Whether the position is recorded, or never will be; nothing: it is not known yet.
+std::optional<bool> PositionRecorder::decide(const Job& job, const KeyTxnOutcome& outcome) {
+  std::int64_t& revision = *job.claim.revision;
+  if (outcome.is_done) {
+    revision = outcome.revision;
+    return true;
+  }
+  const KeyValue* const owner = outcome.find(job.claim.session.owner_key());
+  if (owner == nullptr || owner->value != job.claim.owner) return false;
+  const KeyValue* const position = outcome.find(job.claim.session.position_key());
+  revision = position != nullptr ? position->mod_revision : 0;
+  const bool is_there = position != nullptr && position->value == to_text(job.position);
+  return is_there ? std::optional(true) : std::nullopt;
 }
 
 }  // namespace orbbuf::fleet

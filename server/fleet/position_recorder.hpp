@@ -7,7 +7,10 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <memory>
+#include <optional>
 #include <string>
+#include <vector>
 
 #include "common/wire.hpp"
 #include "server/fleet/fleet_keys.hpp"
@@ -21,12 +24,15 @@ namespace orbbuf::fleet {
 struct Claim {
   SessionName session;
   std::string owner;
+  /// Of the last change of the position, for the recorder.
+  std::shared_ptr<std::int64_t> revision = std::make_shared<std::int64_t>(0);
 };
 
 /// Records how far sessions are kept, which is what allows an acknowledgement: for all sessions
 /// together one request at a time, begun every kInterval at most, or at once after hurry(). The
-/// request compares each claim, so a server whose session another has taken over records nothing.
-/// While the store does not answer it tries on.
+/// request compares each claim, so a server whose session another has taken over records nothing,
+/// and the position's revision, so one that is carried out late, after it was sent again, does not
+/// move the position back. While the store does not answer it tries on.
 ///
 /// Thread-bound to `main`; must outlive every run of the io_context.
 class PositionRecorder {
@@ -62,6 +68,7 @@ class PositionRecorder {
   void schedule();
   void begin();
   void on_answer(const Result<std::vector<KeyTxnOutcome>>& answer);
+  static std::optional<bool> decide(const Job& job, const KeyTxnOutcome& outcome);
 
   KeyStore& store_;
   const std::chrono::milliseconds interval_;

@@ -39,7 +39,11 @@ struct FakeKeys {
       }
     }
     outcome.revision = revision;
-    for (const std::string& key : txn.reads) {
+    auto reads = txn.reads;
+    if (!outcome.is_done) {
+      reads.insert(reads.end(), txn.reads_if_refused.begin(), txn.reads_if_refused.end());
+    }
+    for (const std::string& key : reads) {
       if (const auto found = keys.find(key); found != keys.end()) {
         outcome.found.push_back(found->second);
       }
@@ -105,6 +109,12 @@ class FakeKeyStore final : public KeyStore {
   void fail() {
     requests_.front().run = nullptr;
     answer(Error{"no answer"});
+  }
+  /// No answer comes either; what it returns carries the request out, late.
+  std::function<void()> hold() {
+    auto run = std::exchange(requests_.front().run, nullptr);
+    fail();
+    return run;
   }
   void deliver_all() {
     while (sent() > 0) deliver();

@@ -15,12 +15,16 @@ class PositionRecorderTest : public test::EventLoop {
   void make(std::chrono::milliseconds interval) {
     recorder_ = std::make_unique<PositionRecorder>(main_, store_, interval);
   }
-  void record(const std::string& session) {
+  void record(const std::string& session, std::uint64_t next = 1) {
     const SessionName name{"robot", session};
     keys_.keys.try_emplace(name.owner_key(), KeyValue{name.owner_key(), "we", 1});
-    recorder_->async_record({name, "we"}, {1, 0}, [this, session](bool is_ours) {
+    const auto claim = claims_.try_emplace(session, Claim{name, "we"}).first;
+    recorder_->async_record(claim->second, {next, 0}, [this, session](bool is_ours) {
       answers_.push_back(session + (is_ours ? " ours" : " lost"));
     });
+  }
+  std::string recorded(const std::string& session) {
+    return keys_.keys[SessionName{"robot", session}.position_key()].value;
   }
   bool is_sent() {
     return run_until([&] { return store_.sent() == 1; });
@@ -30,6 +34,7 @@ class PositionRecorderTest : public test::EventLoop {
   test::FakeKeys keys_;
   test::FakeKeyStore store_{keys_};
   std::unique_ptr<PositionRecorder> recorder_;
+  std::map<std::string, Claim> claims_;
   Answers answers_;
 };
 
@@ -98,6 +103,51 @@ TEST_F(PositionRecorderTest, WithoutAnAnswerItTriesOnAndSaysSoOnce) {
   EXPECT_EQ(answers_, (Answers{"a ours"}));
   EXPECT_EQ(log.lines("nothing is acknowledged").size(), 1U);
   EXPECT_EQ(log.lines("answers again").size(), 1U);
+}
+
+/// It was sent again meanwhile, to another server of etcd.
+TEST_F(PositionRecorderTest, ARequestThatIsCarriedOutLateDoesNotMoveThePositionBack) {
+  make(std::chrono::milliseconds(0));
+  record("a", 1);
+  ASSERT_TRUE(is_sent());
+  const auto late = store_.hold();
+  ASSERT_TRUE(is_sent());
+  store_.deliver();
+  record("a", 2);
+  ASSERT_TRUE(is_sent());
+  store_.deliver();
+  EXPECT_EQ(answers_, (Answers{"a ours", "a ours"}));
+  late();
+  EXPECT_EQ(recorded("a"), to_text(wire::Position{2, 0}));
+}
+
+TEST_F(PositionRecorderTest, OneThatWasRecordedWithoutAnAnswerIsFoundToBeSo) {
+  make(std::chrono::hours(1));
+  record("a");
+  ASSERT_TRUE(is_sent());
+  store_.arrive();
+  store_.fail();
+  recorder_->hurry();
+  ASSERT_TRUE(is_sent());
+  store_.deliver();
+  EXPECT_EQ(answers_, (Answers{"a ours"}));
+}
+
+/// etcd went back to an older state.
+TEST_F(PositionRecorderTest, APositionThatMovedIsGoneOnFrom) {
+  make(std::chrono::milliseconds(0));
+  record("a", 5);
+  ASSERT_TRUE(is_sent());
+  store_.deliver();
+  const std::string key = SessionName{"robot", "a"}.position_key();
+  keys_.keys[key] = {key, to_text(wire::Position{3, 0}), 1};
+  record("a", 6);
+  for (int i = 0; i < 2; ++i) {
+    ASSERT_TRUE(is_sent());
+    store_.deliver();
+  }
+  EXPECT_EQ(answers_, (Answers{"a ours", "a ours"}));
+  EXPECT_EQ(recorded("a"), to_text(wire::Position{6, 0}));
 }
 
 TEST_F(PositionRecorderTest, MoreThanARequestTakesAreSeveral) {
