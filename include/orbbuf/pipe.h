@@ -19,6 +19,7 @@
 #ifndef ORBBUF_PIPE_H
 #define ORBBUF_PIPE_H
 
+#include <locale.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -150,6 +151,18 @@ static inline int orbbuf_parse_time_(const char* text, struct orbbuf_image* imag
   return 0;
 }
 
+/* The number up to a comma or the end, with a decimal point in every locale. Its size, or 0. */
+static inline size_t orbbuf_parse_number_(const char* text, double* value) {
+  const size_t size = strcspn(text, ","), point = strcspn(text, ".,");
+  const size_t after = point < size ? point + 1 : point;
+  char number[64], *end;
+  const int bytes =
+      snprintf(number, sizeof number, "%.*s%s%.*s", (int)point, text,
+               point < size ? localeconv()->decimal_point : "", (int)(size - after), text + after);
+  *value = strtod(number, &end);
+  return end != number && *end == '\0' && (size_t)bytes < sizeof number ? size : 0;
+}
+
 /* "SENSOR=TIME,WX,WY,WZ,AX,AY,AZ". */
 static inline int orbbuf_parse_sample_(struct orbbuf_reader* reader, const char* line) {
   const size_t name = strcspn(line, "=");
@@ -172,10 +185,11 @@ static inline int orbbuf_parse_sample_(struct orbbuf_reader* reader, const char*
   memcpy(sample->sensor, line, name);
   sample->t_ns = strtoll(line + name + 1, &end, 10);
   for (i = 0; i < 6; ++i) {
-    const char* const begin = end + 1;
-    if (*end != ',') return orbbuf_fail_(reader, "a sample has too few numbers");
-    (i < 3 ? sample->angular_velocity : sample->linear_acceleration)[i % 3] = strtod(begin, &end);
-    if (end == begin) return orbbuf_fail_(reader, "a sample has too few numbers");
+    double* const number =
+        i < 3 ? &sample->angular_velocity[i] : &sample->linear_acceleration[i - 3];
+    const size_t size = *end == ',' ? orbbuf_parse_number_(end + 1, number) : 0;
+    if (!size) return orbbuf_fail_(reader, "a sample has too few numbers");
+    end += 1 + size;
   }
   ++reader->sample_count;
   return 0;
@@ -196,7 +210,7 @@ static inline int orbbuf_parse_line_(struct orbbuf_reader* reader, struct orbbuf
   } else if (strncmp(line, "missed=", 7) == 0) {
     image->missed = strtoull(line + 7, NULL, 10);
   } else if (strncmp(line, "age=", 4) == 0) {
-    image->age = strtod(line + 4, NULL);
+    (void)orbbuf_parse_number_(line + 4, &image->age);
   } else if (strncmp(line, "quality=", 8) == 0) {
     image->quality = (uint8_t)strtoul(line + 8, NULL, 10);
   } else if (strncmp(line, "whole=", 6) == 0) {

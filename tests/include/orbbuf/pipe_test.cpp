@@ -6,6 +6,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <clocale>
 #include <memory>
 #include <thread>
 
@@ -135,6 +136,20 @@ TEST_F(OrbbufPipeTest, TellsTheSamplesBeforeAnImage) {
       EXPECT_EQ(image_.sample_count, 0U);
     }
   }
+}
+
+TEST_F(OrbbufPipeTest, NumbersHaveAPointInEveryLocale) {
+  PipeNote with = note("s");
+  with.age = std::chrono::milliseconds(1500);
+  with.samples.emplace_back("imu0=1,0.25,2,3,4,5,-6.5e-3\n");
+  if (std::setlocale(LC_NUMERIC, "de_DE.UTF-8") == nullptr) GTEST_SKIP() << "no such locale";
+  open(as_text(to_mjpeg(*jpeg_frame_ptr(8, 40, 30), with).value()));
+  const int got = next();
+  std::setlocale(LC_NUMERIC, "C");
+  ASSERT_EQ(got, 1) << reader_.error;
+  EXPECT_EQ(image_.age, 1.5);
+  EXPECT_EQ(image_.samples[0].angular_velocity[0], 0.25);
+  EXPECT_EQ(image_.samples[0].linear_acceleration[2], -6.5e-3);
 }
 
 TEST_F(OrbbufPipeTest, ASampleThatIsNoneIsAnError) {
