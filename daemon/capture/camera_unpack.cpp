@@ -186,7 +186,8 @@ RawFrame unpack(const CameraMode& mode, std::span<const std::uint8_t> data,
   }
   const auto width = static_cast<std::size_t>(mode.width_px);
   const auto height = static_cast<std::size_t>(mode.height_px);
-  const std::size_t needed = (height - 1) * mode.stride_bytes + width * layout.bytes_per_pixel;
+  const std::uint64_t needed =
+      std::uint64_t{height - 1} * mode.stride_bytes + width * layout.bytes_per_pixel;
   if (data.size() < needed) {
     frame.defect = fmt::format("the camera's driver returned a truncated image: {} of {} bytes",
                                data.size(), needed);
