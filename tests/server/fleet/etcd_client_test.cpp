@@ -81,7 +81,10 @@ TEST_F(EtcdClientTest, ATxnIsDoneIfItsKeysHaveTheRevisions) {
 TEST_F(EtcdClientTest, ATxnIsDoneIfItsKeyHasTheValue) {
   EXPECT_FALSE(txn({{{"/a/1", 0, ""}}, {{"/a/1", "x"}}, {}}).is_done) << "it is not there";
   EXPECT_TRUE(txn({{{"/a/1", 0}}, {{"/a/1", "x"}}, {}}).is_done);
-  EXPECT_FALSE(txn({{{"/a/1", 0, "y"}}, {{"/a/1", "z"}}, {}}).is_done);
+  const auto refused = txn({{{"/a/1", 0, "y"}}, {{"/a/1", "z"}}, {}, {"/a/1"}});
+  EXPECT_FALSE(refused.is_done);
+  ASSERT_NE(refused.find("/a/1"), nullptr);
+  EXPECT_EQ(refused.find("/a/1")->value, "x");
   EXPECT_TRUE(txn({{{"/a/1", 0, "x"}}, {{"/a/1", "y"}}, {}}).is_done);
 }
 
