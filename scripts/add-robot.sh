@@ -46,15 +46,28 @@ sign() {
   openssl x509 -req -in "$work/$1.csr" -copy_extensions copy -days 825 -CA "$folder/ca.crt" -CAkey "$folder/ca.key" \
     -CAcreateserial -CAserial "$work/serial" -out "$work/$1.crt" 2>"$work/log" || fail "$(cat "$work/log")"
 }
+# value TABLE KEY: as $work/toml has it; nothing if it is not there, or an empty string.
+value() {
+  awk -v table="[$1]" -v key="$2" '
+    /^ *\[/ { here = $1 }
+    here == table && $0 ~ "^ *" key " *=" { sub(/^[^=]*= */, ""); sub(/^"/, ""); sub(/".*/, ""); print; exit }' "$work/toml"
+}
 
 note=
 if [ ! -e "$folder/ca.crt" ] && [ ! -e "$folder/server.crt" ]; then
-  openssl req -x509 -new -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 3650 -subj '/CN=ORBBuf CA' \
-    -keyout "$folder/ca.key" -out "$folder/ca.crt" 2>/dev/null
-  sed -i -e '/^\[tls\]/,/^\[/{s/^certificate = ""/certificate = "credential:certificate"/
+  sed -e '/^\[tls\]/,/^\[/{s/^certificate = ""/certificate = "credential:certificate"/
     s/^key = ""/key = "credential:key"/;s/^ca = ""/ca = "credential:ca"/}' \
     -e '/^\[listen\]/,/^\[/s/^address = "127\.0\.0\.1:/address = "0.0.0.0:/' \
-    -e '/^\[http\]/,/^\[/s/^address = ""/address = "127.0.0.1:7723"/' "$config"
+    -e '/^\[http\]/,/^\[/s/^address = ""/address = "127.0.0.1:7723"/' "$config" >"$work/toml"
+  for key in certificate key ca; do
+    [ -n "$(value tls $key)" ] || fail "$config is not as it was installed: in [tls], set $key = \"credential:$key\""
+  done
+  case $(value listen address) in
+    '' | 127.* | localhost:* | '[::1]'*) fail "$config is not as it was installed: in [listen], set address = \"0.0.0.0:7722\"" ;;
+  esac
+  openssl req -x509 -new -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 3650 -subj '/CN=ORBBuf CA' \
+    -keyout "$folder/ca.key" -out "$folder/ca.crt" 2>/dev/null
+  cat "$work/toml" >"$config"
   sign viewer viewer -addext extendedKeyUsage=clientAuth
   openssl pkcs12 -export -in "$work/viewer.crt" -inkey "$work/viewer.key" -passout pass: -out "$folder/viewer.p12"
   echo "$config: set [tls], listen.address and http.address
@@ -75,7 +88,9 @@ if [ ! -e "$folder/server.crt" ] || [ "$(openssl x509 -in "$folder/server.crt" -
   [ ! -e "$folder/server.key" ] || cp "$folder/server.key" "$work/server.key"
   [[ ,$names, == *,$kind,* ]] || names+=,$kind
   sign server orbbuf-server -addext "subjectAltName=$names" -addext extendedKeyUsage=serverAuth
-  [ ! -e "$folder/server.crt" ] || note='; then run systemctl restart orbbuf-server, for its new certificate'
+  if [ -e "$folder/server.crt" ] || systemctl is-active --quiet orbbuf-server 2>/dev/null; then
+    note='; then run systemctl restart orbbuf-server, for its new certificate'
+  fi
   install -m 600 "$work/server.key" "$work/server.crt" "$folder/"
 fi
 
@@ -105,5 +120,5 @@ ln -sf "$folder/server.crt" "$work/certificate"
 ln -sf "$folder/server.key" "$work/key"
 ln -sf "$folder/ca.crt" "$work/ca"
 CREDENTIALS_DIRECTORY=$work "$program" --check-config --config "$config" >/dev/null
-grep -qE '^robots = \[ *\]' "$config" || note+="; add \"$robot\" to listen.robots in $config"
+! grep -E '^ *robots *= *\[' "$config" | grep -qvE '\[ *\]' || note+="; add \"$robot\" to listen.robots in $config"
 echo "$made: copy it to the robot and run there: sudo orbbufd setup $robot.tar$note"

@@ -31,21 +31,24 @@ value() { values "$1" "$2" | head -n 1; }
 # The configuration, with the credentials that the service gets.
 folder=$(dirname "$config") own=$(basename "$config" .toml)
 [ "$name" = orbbufd ] || own=server
-for link in "certificate $own.crt" "key $own.key" "ca ca.crt"; do
-  ln -s "$(realpath -m "$folder/${link#* }")" "$work/${link% *}"
-done
+if [ -z "${CREDENTIALS_DIRECTORY-}" ]; then # orbbufd setup has it
+  export CREDENTIALS_DIRECTORY=$work
+  for link in "certificate $own.crt" "key $own.key" "ca ca.crt"; do
+    ln -s "$(realpath -m "$folder/${link#* }")" "$work/${link% *}"
+  done
+fi
 file_of() { # KEY: the file that tls.KEY names; nothing if it names none
   local text
   text=$(value "tls.$1" '')
   case $text in
     '') ;;
-    credential:*) readlink "$work/${text#*:}" ;;
+    credential:*) readlink "$CREDENTIALS_DIRECTORY/${text#*:}" ;;
     *) (cd "$folder" && realpath -m "$text") ;;
   esac
 }
 if [ ! -r "$config" ]; then
   wrong "configuration: cannot read $config; run this with sudo, or give --config FILE"
-elif ! said=$(CREDENTIALS_DIRECTORY=$work "$program" --check-config --config "$config" 2>&1); then
+elif ! said=$("$program" --check-config --config "$config" 2>&1); then
   wrong "configuration: ${said##*$'\n'}"
 fi
 

@@ -19,9 +19,10 @@ while [ $# -gt 0 ]; do
   shift
 done
 [ -w "$folder" ] || fail "cannot write to $folder; run it with sudo, or set --folder"
+folder=$(cd "$folder" && pwd)
 work=$(mktemp -d "$folder/setup.XXXXXX")
-trap 'rm -rf "$work"' EXIT
-config=$work/orbbufd.toml
+config=$work.toml # in the same folder, where its relative paths start
+trap 'rm -rf "$work" "$config"' EXIT
 
 if [ -e "$folder/libcamera.env" ]; then # as the unit reads it
   set -a
@@ -46,11 +47,12 @@ announced() {
     echo "$address:$port"
   done
 }
-# put TABLE KEY VALUE: in the configuration, where the key is, or at the head of its table.
-put() {
+# put TABLE KEY TEXT, put_value TABLE KEY VALUE: in the configuration, where the key is, or at the head of its table.
+put() { put_value "$1" "$2" "\"$3\""; }
+put_value() {
   grep -qF "[$1]" "$config" || printf '\n[%s]\n' "$1" >>"$config"
   TABLE="[$1]" KEY=$2 VALUE=$3 awk '
-    function line(rest) { done = 1; print ENVIRON["KEY"] " = \"" ENVIRON["VALUE"] "\"" rest }
+    function line(rest) { done = 1; print ENVIRON["KEY"] " = " ENVIRON["VALUE"] rest }
     FNR == NR { if (/^\[/) here = $1; if (here == ENVIRON["TABLE"] && $1 == ENVIRON["KEY"]) is_there = 1; next }
     FNR == 1 { here = "" }
     /^\[/ { here = $1 }
@@ -72,6 +74,8 @@ for file in orbbufd.crt orbbufd.key ca.crt; do [ ! -e "$folder/$file" ] || cp "$
 if [ -n "$made" ]; then
   mkdir "$work/made"
   tar -C "$work/made" --no-same-owner -xf "$made" orbbufd.toml orbbufd.crt orbbufd.key ca.crt || fail "$made: not made by orbbuf-server add-robot"
+  [ ! -e "$folder/ca.key" ] || cmp -s "$work/made/ca.crt" "$folder/ca.crt" ||
+    fail "$made is not of this machine's own CA, $folder/ca.key, whose ca.crt it would replace; set --folder, and LoadCredential= of the service"
   mv "$work"/made/*.{crt,key} "$work/"
   : "${server:=$(get server "$work/made/orbbufd.toml")}"
   put robot id "$(get id "$work/made/orbbufd.toml")"
@@ -79,15 +83,17 @@ if [ -n "$made" ]; then
   put tls key credential:key
   put tls ca credential:ca
 fi
-if [ -z "$server" ]; then
+if [ -z "$server" ] && ! grep -qE '^ *server *= *\[' "$config"; then # a list of servers stays
   server=$(get server "$config")
   mapfile -t found < <(announced)
   [ ${#found[@]} -eq 0 ] || printf 'found by mDNS: %s\n' "${found[@]}"
   case $server in '' | 127.0.0.1:7722) server=${found[0]-$server} ;; esac # the sample's
   server=$(ask 'Server, HOST or HOST:PORT' "$server")
 fi
-[[ $server =~ :[0-9]+$ ]] || server=$server:7722
-put link server "$server"
+if [ -n "$server" ]; then
+  [[ $server =~ :[0-9]+$ ]] || server=$server:7722
+  put link server "$server"
+fi
 
 if [ -z "$camera" ]; then
   "$program" --list-cameras | grep -v '^ ' || true
@@ -96,7 +102,7 @@ fi
 case $camera in
   /*) put source kind v4l2 && put source device "$camera" ;;
   libcamera:?*) put source kind libcamera && put source camera "${camera#*:}" ;;
-  generated) put source kind generated ;;
+  generated) put source kind generated && put_value source loop true ;;
   *) fail "expected /dev/..., libcamera:ID or generated, not $camera" ;;
 esac
 
@@ -104,10 +110,15 @@ mkdir "$work/credentials"
 ln -s "$work/orbbufd.crt" "$work/credentials/certificate"
 ln -s "$work/orbbufd.key" "$work/credentials/key"
 ln -s "$work/ca.crt" "$work/credentials/ca"
-if ! CREDENTIALS_DIRECTORY=$work/credentials "$program" --probe --config "$config" && [ -z "$force" ]; then
+export CREDENTIALS_DIRECTORY=$work/credentials
+"$program" --check-config --config "$config" >/dev/null || fail "$folder/orbbufd.toml stays as it was"
+if ! "$program" --probe --config "$config" && [ -z "$force" ]; then
   [[ $(ask 'Write the configuration all the same? y or n' n) == y* ]] || fail "$folder/orbbufd.toml stays as it was"
 fi
 [ ! -e "$folder/orbbufd.toml" ] || cp -p "$folder/orbbufd.toml" "$folder/orbbufd.toml.old"
 chmod 644 "$config"
-for file in "$work"/*.{crt,key,toml}; do [ ! -e "$file" ] || mv "$file" "$folder/"; done
-echo "wrote $folder/orbbufd.toml; now run systemctl enable --now orbbufd"
+for file in "$work"/*.{crt,key}; do [ ! -e "$file" ] || mv "$file" "$folder/"; done
+mv "$config" "$folder/orbbufd.toml"
+start='enable --now'
+! systemctl is-active --quiet orbbufd 2>/dev/null || start=restart
+echo "wrote $folder/orbbufd.toml; now run systemctl $start orbbufd"

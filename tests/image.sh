@@ -130,7 +130,7 @@ ln -s "$work/robot/orbbufd.crt" "$work/credentials/certificate"
 ln -s "$work/robot/orbbufd.key" "$work/credentials/key"
 ln -s "$work/robot/ca.crt" "$work/credentials/ca"
 CREDENTIALS_DIRECTORY=$work/credentials "$packages/orbbufd/usr/bin/orbbufd" --config "$work/robot/orbbufd.toml" \
-  --set source.frames=300 --set source.fps=10 --set source.width=320 --set source.height=240 --set link.live_again=10min \
+  --set source.frames=300 --set source.loop=false --set source.fps=10 --set source.width=320 --set source.height=240 --set link.live_again=10min \
   --set link.drain_timeout=2min >"$work/robot.log" 2>&1 &
 robot=$!
 frames=$(podman volume inspect --format '{{.Mountpoint}}' frames)

@@ -41,6 +41,10 @@ printf '%s\n' '+;eth0;IPv4;ORBBuf on slam;_orbbuf._tcp;local' \
   '=;eth0;IPv6;ORBBuf on slam;_orbbuf._tcp;local;no-such-name.invalid;fe80::1;7722;' \
   "=;lo;IPv4;ORBBuf on here;_orbbuf._tcp;local;localhost;127.0.0.1;\$(cat $work/port);"
 FAKE
+cat >"$work/bin/systemctl" <<FAKE
+#!/bin/sh
+[ -e $work/machine/runs ]
+FAKE
 chmod +x "$work"/bin/*
 PATH=$work/bin:$PATH
 
@@ -48,7 +52,16 @@ PATH=$work/bin:$PATH
 sed "s|^path = .*|path = \"$work/frames\"|; s|^socket = .*|socket = \"$work/socket\"|" "$build/systemd/orbbuf-server.toml" >"$work/etc/orbbuf-server.toml"
 refused "expected the robot's id" "$server" add-robot --folder "$work/etc" ../escape
 refused "expected the robot's id" "$server" add-robot --folder "$work/etc"
-expect "$work/etc/robots/r1.tar: copy it to the robot" "$server" add-robot --folder "$work/etc" --server localhost r1
+cp "$work/etc/orbbuf-server.toml" "$work/installed.toml"
+sed -i 's/^key = ""/key=""/' "$work/etc/orbbuf-server.toml" # a user's way to write
+refused 'in [tls], set key = "credential:key"' "$server" add-robot --folder "$work/etc" --server localhost r1
+sed 's/^address = "127/address="127/' "$work/installed.toml" >"$work/etc/orbbuf-server.toml"
+refused 'in [listen], set address = "0.0.0.0:7722"' "$server" add-robot --folder "$work/etc" --server localhost r1
+[ "$(ls "$work/etc")" = orbbuf-server.toml ] || { echo 'scripts: refused, and yet it left keys' >&2 && bad=1; }
+sed '/^robots = /d' "$work/installed.toml" >"$work/etc/orbbuf-server.toml" # the same as []: all may connect
+touch "$work/machine/runs"
+expect "orbbufd setup r1.tar; then run systemctl restart" "$server" add-robot --folder "$work/etc" --server localhost r1
+rm "$work/machine/runs"
 refused 'r1.tar is there already' "$server" add-robot --folder "$work/etc" --server localhost r1
 expect '0.0.0.0:7722' grep '^address' "$work/etc/orbbuf-server.toml"
 expect 'localhost:7722' tar -xOf "$work/etc/robots/r1.tar" orbbufd.toml
@@ -62,6 +75,13 @@ for name in localhost slam.example; do
   expect 'does match' openssl x509 -in "$work/etc/server.crt" -noout -checkhost $name
 done
 cmp "$work/server.key" "$work/etc/server.key" || bad=1
+for robots in '[]' '["r1"]'; do
+  sed -i "/^robots = /d; s/^\\[listen\\]/&\nrobots = $robots/" "$work/etc/orbbuf-server.toml"
+  "$server" add-robot --folder "$work/etc" --server localhost r4 >"$work/said"
+  [ "$(grep -c 'listen.robots' "$work/said")" -eq "$(grep -c r1 <<<"$robots")" ] || { cat "$work/said" >&2 && bad=1; }
+  rm "$work/etc/robots/r4.tar"
+done
+sed -i '/^robots = /d' "$work/etc/orbbuf-server.toml"
 mv "$work/etc/ca.key" "$work/ca.key"
 refused 'where the key of your CA is' "$server" add-robot --folder "$work/etc" --server localhost r3
 mv "$work/ca.key" "$work/etc/ca.key"
@@ -103,15 +123,32 @@ expect "wrote $work/robot/orbbufd.toml" "$robot" setup --folder "$work/robot" --
 mkdir "$work/empty" # no configuration before
 expect "wrote $work/empty/orbbufd.toml" "$robot" setup --folder "$work/empty" --server "localhost:$port" --camera generated "$work/etc/robots/r2.tar"
 expect 'id = "r2"' cat "$work/empty/orbbufd.toml"
+expect 'loop = true' cat "$work/empty/orbbufd.toml"
+
+# What the user wrote stays: a list of servers, a path beside the file. What orbbufd cannot read is not written.
+mkdir "$work/user"
+printf '[camera]\ncalibration = "camera.txt"\n[link]\nserver = ["localhost:%s", "127.0.0.1:%s"]\n' "$port" "$port" >"$work/user/orbbufd.toml"
+printf '500 500 320 240 0\n640 480\nnone\n640 480\n' >"$work/user/camera.txt"
+touch "$work/machine/runs"
+expect "now run systemctl restart orbbufd" "$robot" setup --folder "$work/user" --camera generated
+rm "$work/machine/runs"
+expect "server = [\"localhost:$port\", " cat "$work/user/orbbufd.toml"
+echo 'no_such_key = 1' >>"$work/user/orbbufd.toml"
+before=$(cat "$work/user/orbbufd.toml")
+refused "orbbufd.toml stays as it was" "$robot" setup --folder "$work/user" --camera generated --force
+[ "$before" = "$(cat "$work/user/orbbufd.toml")" ] || { echo 'scripts: an invalid configuration is written' >&2 && bad=1; }
+sed -i '/no_such_key/d' "$work/user/orbbufd.toml"
+touch "$work/user/ca.key" "$work/user/ca.crt"
+refused "not of this machine's own CA" "$robot" setup --folder "$work/user" --camera generated --force "$work/etc/robots/r1.tar"
 expect 'id = "r1"' cat "$work/robot/orbbufd.toml"
-[ -z "$(find "$work/robot" -name 'setup.*')" ] || { echo 'scripts: setup leaves a folder' >&2 && bad=1; }
+[ -z "$(find "$work"/{robot,user} -name 'setup.*')" ] || { echo 'scripts: setup leaves a file' >&2 && bad=1; }
 
 # Frames arrive with TLS.
 mkdir "$work/own"
 ln -s "$work/robot/orbbufd.crt" "$work/own/certificate"
 ln -s "$work/robot/orbbufd.key" "$work/own/key"
 ln -s "$work/robot/ca.crt" "$work/own/ca"
-CREDENTIALS_DIRECTORY=$work/own "$robot" --config "$work/robot/orbbufd.toml" --set source.frames=9 --set source.realtime=false 2>"$work/robot.log" ||
+CREDENTIALS_DIRECTORY=$work/own "$robot" --config "$work/robot/orbbufd.toml" --set source.frames=9 --set source.loop=false --set source.realtime=false 2>"$work/robot.log" ||
   { cat "$work/robot.log" "$work/server.log" >&2 && bad=1; }
 session=$(echo "$work"/frames/r1/*)
 expect ' 9 ' "$server" check "$session"
