@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Follows a robot's stream, one line an image, through outages and restarts of orbbuf-server:
  *
- *   [robot.NAME.slam]              cc follow.c -o follow
- *   fifo = "/tmp/{robot}.fifo"     mkfifo /tmp/NAME.fifo && ./follow /tmp/NAME.fifo
+ *   [robot.NAME.slam]                                cc follow.c -o follow
+ *   fifo = "/var/lib/orbbuf-server/{robot}.fifo"     sudo ./follow /var/lib/orbbuf-server/NAME.fifo
  *
+ * The server makes the FIFO in the robot's first session; docs/systemd.md has one for another user.
  * As command = "follow" it reads its standard input, for one session. */
 #include <inttypes.h>
 #include <orbbuf/pipe.h>
