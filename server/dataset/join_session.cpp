@@ -141,13 +141,11 @@ class Join {
         append(RecordedItems{wire::kDrops, first, first + some.size(), wire::encode_drops(some)});
       }
     }
-    for (wire::StreamId stream = wire::kFirstOther; stream < wire::kMostStreams; ++stream) {
-      for (const Part& part : parts_) {
-        const SessionSummary& summary = part.outline.summary;
-        if (summary.position[stream] == 0 && summary.totals.late_items == 0) continue;
-        const auto take = [&](const RecordedItems& items) { append_new(items); };
-        if (auto error = read_items(part.folder, stream, take)) return error;
-      }
+    for (const Part& part : parts_) {
+      const auto take = [&](const RecordedItems& items) {
+        if (items.stream >= wire::kFirstOther) append_new(items);
+      };
+      if (auto error = read_items(part.folder, take)) return error;
     }
     const SessionClosing& closing = parts_.back().outline.summary.closing;
     if (closing.stats) append(RecordedReport{*closing.stats, closing.clock_offset_ns.value_or(0)});

@@ -288,11 +288,9 @@ Result<RecordedSession> read_session(const fs::path& folder) {
   return session;
 }
 
-std::optional<Error> read_items(const fs::path& folder, wire::StreamId stream,
+std::optional<Error> read_items(const fs::path& folder,
                                 const std::function<void(const RecordedItems&)>& take) {
-  return for_each<RecordedItems>(folder, [&](const RecordedItems& items) {
-    if (items.stream == stream) take(items);
-  });
+  return for_each<RecordedItems>(folder, take);
 }
 
 Result<std::optional<Tail>> read_tail(const fs::path& folder, const SessionSummary& first,

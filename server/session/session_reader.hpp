@@ -55,8 +55,8 @@ Result<std::vector<DropRecord>> for_each_frame(
     const std::filesystem::path& folder, const SessionOutline& outline,
     const std::function<void(const RecordedFrame&)>& take);
 
-/// The items of one stream, in their order.
-std::optional<Error> read_items(const std::filesystem::path& folder, wire::StreamId stream,
+/// The items of all streams, in the order in which they came.
+std::optional<Error> read_items(const std::filesystem::path& folder,
                                 const std::function<void(const RecordedItems&)>& take);
 
 /// What came of one stream of samples. The server has `samples` of the numbers from `first` to

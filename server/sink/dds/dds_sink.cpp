@@ -31,6 +31,8 @@ constexpr std::chrono::seconds kLastSecond{1};
 constexpr std::chrono::seconds kBacklog{10};
 /// Topics that begin within this time.
 constexpr std::chrono::seconds kTogether{1};
+constexpr std::size_t kMostLatched = 256;  // messages of a publisher, whatever the robot says
+constexpr std::size_t kMostLatchedBytes = std::size_t{16} << 20;
 /// A node that works for 30 ms at each frame needs no more between two.
 constexpr std::chrono::milliseconds kBetweenFrames{34};
 /// A frame that came so late delays no other.
@@ -115,27 +117,36 @@ class DdsSession final : public PacedSession {
     return *imu;
   }
 
-  /// As many of each publisher as it keeps.
+  /// As many of each publisher as it keeps, within bounds.
   void publish_latched(const DdsBefore& before) {
-    for (std::size_t index = 0; index < streams_.size(); ++index) {
-      const wire::StreamDeclaration& stream = streams_[index];
-      const std::uint64_t end = before.position[stream.id];
-      if (stream.codec != wire::kTopicCodec || end == 0 || before.folder.empty()) continue;
-      std::map<std::uint64_t, std::deque<Sample>> kept;
-      const auto error = read_items(before.folder, stream.id, [&](const RecordedItems& items) {
-        const auto samples = wire::parse_samples(stream.codec, items.payload);
-        if (items.is_late || items.next > end || !samples) return;
-        for (const Sample& sample : samples.value()) {
-          if (!sample.message || !sample.message->publisher->is_latched) continue;
-          auto& messages = kept[sample.message->publisher->key];
-          messages.push_back(sample);
-          if (messages.size() > sample.message->publisher->depth) messages.pop_front();
+    const auto is_read = [&](const wire::StreamDeclaration& stream) {
+      return stream.codec == wire::kTopicCodec && before.position[stream.id] > 0;
+    };
+    if (before.folder.empty() || std::ranges::none_of(streams_, is_read)) return;
+    std::map<std::pair<std::size_t, std::uint64_t>, std::deque<Sample>> kept;
+    std::size_t bytes = 0;
+    const auto error = read_items(before.folder, [&](const RecordedItems& items) {
+      const auto stream = std::ranges::find(streams_, items.stream, &wire::StreamDeclaration::id);
+      if (stream == streams_.end() || !is_read(*stream)) return;
+      if (items.is_late || items.next > before.position[stream->id]) return;
+      const auto samples = wire::parse_samples(stream->codec, items.payload);
+      if (!samples) return;
+      const auto index = static_cast<std::size_t>(stream - streams_.begin());
+      for (const Sample& sample : samples.value()) {
+        if (!sample.message || !sample.message->publisher->is_latched) continue;
+        auto& messages = kept[{index, sample.message->publisher->key}];
+        bytes += sample.message->cdr.size();
+        messages.push_back(sample);
+        const auto depth = std::min<std::size_t>(sample.message->publisher->depth, kMostLatched);
+        while (messages.size() > depth || (bytes > kMostLatchedBytes && !messages.empty())) {
+          bytes -= messages.front().message->cdr.size();
+          messages.pop_front();
         }
-      });
-      if (error) log_warn("{}: {} is not published again: {}", session_, stream.name, error->text);
-      for (const auto& [key, messages] : kept) {
-        for (const Sample& message : messages) add(index, 0, message);
       }
+    });
+    if (error) log_warn("{}: topics are not published again: {}", session_, error->text);
+    for (const auto& [key, messages] : kept) {
+      for (const Sample& message : messages) add(key.first, 0, message);
     }
     publish_due();
   }
