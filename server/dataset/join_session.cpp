@@ -175,7 +175,7 @@ class Join {
   void append_new(const RecordedItems& items) {
     const std::uint64_t from = summary_.position[items.stream];
     if (items.is_late || items.first >= from) return append(items);
-    const auto samples = wire::parse_samples(items.payload);
+    const auto samples = wire::parse_samples(summary_.info.streams, items.stream, items.payload);
     if (!samples || samples.value().size() <= from - items.first) return;
     const auto rest =
         std::span(samples.value()).subspan(static_cast<std::size_t>(from - items.first));

@@ -158,8 +158,9 @@ TEST_F(JoinSession, SamplesThatTwoOwnersHaveAreThereOnce) {
   write("b", second, 7, 12);
   join();
   std::vector<std::int64_t> times;
-  const auto totals = for_each_sample(
-      folder_ / "out", kStream, [&](const Sample& sample) { times.push_back(sample.time_ns); });
+  const auto totals = for_each_sample(folder_ / "out", streams.front(), [&](const Sample& sample) {
+    times.push_back(sample.time_ns);
+  });
   ASSERT_TRUE(totals);
   EXPECT_THAT(times, testing::ElementsAre(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11));
   EXPECT_EQ(totals.value().lost(), 0U);
