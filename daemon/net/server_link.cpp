@@ -22,6 +22,7 @@ using std::chrono::seconds;
 namespace {
 
 constexpr milliseconds kWatchInterval{50};
+constexpr milliseconds kIdleInterval{1000};
 constexpr std::chrono::nanoseconds kSilence = 4 * wire::kHeartbeat;
 constexpr std::chrono::nanoseconds kPause = kSilence / 2;  // of this program
 constexpr seconds kShortestLookupInterval{2};
@@ -119,6 +120,7 @@ bool ServerLink::is_attempt_due() const {
 }
 
 void ServerLink::begin_outage() {
+  watch_closely();
   pace_.on_outage(Clock::now());
   look_up();
 }
@@ -375,7 +377,7 @@ void ServerLink::on_ack(const wire::Ack& ack) {
 }
 
 void ServerLink::watch() {
-  watch_timer_.expires_after(kWatchInterval);
+  watch_timer_.expires_after(is_idle_ ? kIdleInterval : kWatchInterval);
   watch_timer_.async_wait([this](const error_code& error) {
     if (error || state_ == State::kClosed) return;
     if (candidate_) check_candidate();
@@ -384,8 +386,22 @@ void ServerLink::watch() {
       probe();
     }
     check_attempts();
+    is_idle_ = !is_anything_open(progress());
     watch();
   });
+}
+
+/// Whether something may stall, fail or be late.
+bool ServerLink::is_anything_open(const std::optional<TcpProgress>& progress) const {
+  return state_ != State::kConnected || candidate_ || !attempts_.empty() || ack_watch_.is_owed() ||
+         !progress || progress->is_waiting() || progress->unsent_bytes > 0;
+}
+
+/// What is written, or tried, from now on has not stood still since the last look.
+void ServerLink::watch_closely() {
+  if (!std::exchange(is_idle_, false)) return;
+  connection_watch_.look(progress(), Clock::now());
+  watch();
 }
 
 std::chrono::nanoseconds ServerLink::patience() const {

@@ -151,8 +151,12 @@ class ServerLink final : private ServerConnection::Owner {
     return connection_ && connection_->welcome().takes[stream];
   }
   /// Requires is_writable().
-  void write(std::vector<std::uint8_t> message) { connection_->write(std::move(message)); }
+  void write(std::vector<std::uint8_t> message) {
+    watch_closely();
+    connection_->write(std::move(message));
+  }
   void write(FramePtr frame) {
+    watch_closely();
     ack_watch_.on_frame(frame->sequence);
     connection_->write(std::move(frame));
   }
@@ -202,6 +206,8 @@ class ServerLink final : private ServerConnection::Owner {
   std::chrono::nanoseconds patience() const;
   bool is_silent() const;
   void watch();
+  bool is_anything_open(const std::optional<TcpProgress>& progress) const;
+  void watch_closely();
   void check_attempts();
   void check_candidate();
   void check_connection();
@@ -239,6 +245,7 @@ class ServerLink final : private ServerConnection::Owner {
   NetworkNews news_;
   boost::asio::steady_timer attempt_timer_;
   boost::asio::steady_timer watch_timer_;
+  bool is_idle_ = false;  // nothing can go wrong: it is hardly watched
 };
 
 }  // namespace orbbuf

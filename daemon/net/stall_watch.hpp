@@ -40,7 +40,7 @@ class AckWatch {
   /// What the kernel says of it `now`; nothing if it cannot tell, which counts as taken.
   void look(const std::optional<TcpProgress>& progress, Time now) {
     const bool is_outstanding = progress && (progress->is_waiting() || progress->unsent_bytes > 0);
-    if (owed_ <= acknowledged_) {
+    if (!is_owed()) {
       taken_.reset();
     } else if (!taken_ && !is_outstanding) {
       taken_ = now;
@@ -54,6 +54,7 @@ class AckWatch {
     silent_for_ = {};
   }
 
+  bool is_owed() const { return owed_ > acknowledged_; }
   /// How long, at the last look, the server had owed an answer.
   std::chrono::nanoseconds silent_for() const { return silent_for_; }
   bool is_silent() const { return silent_for_ >= timeout_; }

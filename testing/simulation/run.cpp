@@ -15,9 +15,15 @@ namespace fs = std::filesystem;
 
 constexpr std::uint64_t kLargeDisk = 1ULL << 40;
 constexpr std::uint64_t kSmallDisk = 6 << 20;
-constexpr Time kSettling = 30 * kSecond;
 constexpr std::uint64_t kFewFrames = 10;  // of a stream that is reduced some always wait
 constexpr Time kLongestEnd = 60 * kSecond;
+
+/// Until frames come again, of the slowest robot too.
+Time settling_of(const Scenario& scenario) {
+  double least = 1;
+  for (const RobotSetup& robot : scenario.robots) least = std::min(least, robot.fps);
+  return std::max(30 * kSecond, static_cast<Time>(2.5e9 / least));
+}
 
 }  // namespace
 
@@ -25,7 +31,8 @@ Run::Run(const Scenario& scenario, Programs& programs, const std::vector<Source>
     : scenario_(scenario),
       programs_(programs),
       sources_(sources),
-      random_{scenario.seed ^ 0x5EEDU} {
+      random_{scenario.seed ^ 0x5EEDU},
+      settling_(settling_of(scenario)) {
   world->server = kServer;
   for (int i = 0; i < machines(); ++i) {
     devices_.push_back(std::make_unique<Device>(i));
@@ -75,7 +82,7 @@ std::vector<std::string> Run::arguments_of(int number) const {
       "--set",
       "source.path=" + world_folder + "/source/" + source_of(number).name,
       "--set",
-      fmt::format("source.fps={:.1f}", robot.fps),
+      fmt::format("source.fps={:.3f}", robot.fps),
       "--set",
       "source.loop=true",
       "--set",
@@ -115,6 +122,7 @@ void Run::begin_later(int number, Time after_that) {
 void Run::die(int number, bool loses_power) {
   Machine& one = machine(number);
   if (one.pid == 0) return;
+  ++world->deaths;
   if (number == kServer) {
     has_server_crashed_ = true;
     if (loses_power) server_power_cut_ = world->now;
@@ -318,7 +326,7 @@ void Run::await_late_frames() {
   for (int i = 1; i < machines(); ++i) {
     while (facts_of(i).spooled > 0) {
       const std::uint64_t before = facts_of(i).spooled;
-      advance(world->now + kSettling);
+      advance(world->now + settling_);
       if (facts_of(i).spooled < before) continue;
       if (before < kFewFrames) break;
       return problem(
@@ -337,11 +345,11 @@ void Run::run() {
   // A server whose disk failed acknowledges nothing until it is started again.
   if (has_bad_disk(kServer)) die(kServer, false);
   heal();
-  advance(world->now + kSettling);
+  advance(world->now + settling_);
   std::array<std::uint64_t, kMostMachines> before{};
   for (int i = 1; i < machines(); ++i)
     before[static_cast<std::size_t>(i)] = facts_of(i).acknowledged;
-  advance(world->now + kSettling);
+  advance(world->now + settling_);
   for (int i = 1; i < machines(); ++i) {
     if (facts_of(i).acknowledged <= before[static_cast<std::size_t>(i)]) {
       problem(fmt::format("robot{}: no frame is acknowledged although all is well", i));

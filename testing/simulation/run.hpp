@@ -82,6 +82,7 @@ class Run {
   Programs& programs_;
   const std::vector<Source>& sources_;
   Random random_;
+  const Time settling_;  ///< after the last fault
   std::multimap<Time, std::function<void()>> actions_;
   std::vector<std::unique_ptr<Device>> devices_;
   std::array<std::array<int, 2>, kMostMachines> downs_{};

@@ -15,6 +15,8 @@ constexpr std::array<std::string_view, kFaultKinds> kNames = {
     "stop",         "freeze",        "slow-disk",    "hanging-sync",
     "failing-disk", "full-disk",     "clock-step"};
 
+constexpr double kSlowest = 2500;  // bytes a second
+
 /// Many short ones, few long ones.
 Time draw_length(Random& random, Time least, Time most) {
   const double share = static_cast<double>(random.below(1001)) / 1000;
@@ -22,11 +24,18 @@ Time draw_length(Random& random, Time least, Time most) {
                            std::pow(static_cast<double>(most) / static_cast<double>(least), share));
 }
 
-RobotSetup draw_robot(Random& random) {
-  constexpr std::array kRates = {0.5, 1.0, 2.0, 2.0, 5.0, 10.0, 25.0};
+/// So that no robot has many more frames than this: a day costs what its frames cost.
+double draw_rate(Random& random, Time length) {
+  constexpr double kLeast = 0.02, kMost = 30, kMostFrames = 3000;
+  const double most = std::min(kMost, kMostFrames * kSecond / static_cast<double>(length));
+  const double share = static_cast<double>(random.below(1001)) / 1000;
+  return std::round(1000 * kLeast * std::pow(most / kLeast, share)) / 1000;
+}
+
+RobotSetup draw_robot(Random& random, Time length) {
   constexpr std::array kPolicies = {"catch-up", "catch-up", "catch-up", "uniform", "drop-oldest"};
   RobotSetup robot;
-  robot.fps = kRates[random.below(kRates.size())];
+  robot.fps = draw_rate(random, length);
   robot.policy = kPolicies[random.below(kPolicies.size())];
   robot.has_spool = random.one_in(2);
   robot.has_drop_log = random.below(4) != 0;
@@ -40,13 +49,18 @@ RobotSetup draw_robot(Random& random) {
   const double needed = robot.fps * (robot.has_large_images ? 12000 : 2500);
   // A stream that nearly fills the window of its connection has no room for kept frames.
   if (needed * 2 * static_cast<double>(robot.path.delay) / 1e9 > 48e3) robot.has_spool = false;
-  robot.path.bytes_per_second = needed * static_cast<double>(2 + random.below(30));
+  robot.path.bytes_per_second =
+      std::max(kSlowest, needed * static_cast<double>(2 + random.below(30)));
   return robot;
 }
 
 /// A death of the server is everyone's, so it is not every second one.
 int draw_machine(Random& random, std::size_t robots) {
   return random.one_in(3) ? kServer : static_cast<int>(1 + random.below(robots));
+}
+
+Time longest_fault(const Scenario& scenario) {
+  return std::max(600 * kSecond, scenario.length / 10);
 }
 
 void draw_value(Fault& fault, Random& random, const Scenario& scenario) {
@@ -86,8 +100,10 @@ void draw_value(Fault& fault, Random& random, const Scenario& scenario) {
     case FaultKind::kPowerCut:
     case FaultKind::kPowerCutAtCall:
     case FaultKind::kStop:
-      fault.length =
-          draw_length(random, 100 * kMillisecond, is_robots ? 20 * kSecond : 60 * kSecond);
+      fault.length = draw_length(random, 100 * kMillisecond,
+                                 random.one_in(8) ? longest_fault(scenario)
+                                 : is_robots      ? 20 * kSecond
+                                                  : 60 * kSecond);
       return;
     default:
       return;
@@ -110,8 +126,8 @@ Fault draw_fault(Random& random, const Scenario& scenario) {
   if (is_of_robots(fault.kind) && fault.machine == kServer) {
     fault.machine = static_cast<int>(1 + random.below(scenario.robots.size()));
   }
-  fault.length =
-      draw_length(random, 200 * kMillisecond, random.one_in(8) ? 600 * kSecond : 60 * kSecond);
+  fault.length = draw_length(random, 200 * kMillisecond,
+                             random.one_in(8) ? longest_fault(scenario) : 60 * kSecond);
   draw_value(fault, random, scenario);
   return fault;
 }
@@ -133,7 +149,8 @@ void add_death_in_outage(Scenario& scenario, Random& random) {
   Fault outage;
   outage.at = random.between(kSecond, scenario.length);
   outage.machine = static_cast<int>(1 + random.below(scenario.robots.size()));
-  outage.length = draw_length(random, kSecond, random.one_in(4) ? 600 * kSecond : 60 * kSecond);
+  outage.length =
+      draw_length(random, kSecond, random.one_in(4) ? longest_fault(scenario) : 60 * kSecond);
   if (random.one_in(4)) outage.kind = FaultKind::kCutToServer;
   Fault death;
   death.machine = outage.machine;
@@ -178,13 +195,15 @@ Scenario draw_scenario(std::uint64_t seed) {
   Random random{seed * 0x9E3779B97F4A7C15U + 1};
   Scenario scenario;
   scenario.seed = seed;
-  scenario.length = draw_length(random, 60 * kSecond, 1200 * kSecond);
+  scenario.length = draw_length(random, 60 * kSecond, 12 * 3600 * kSecond);
   if (random.one_in(6)) scenario.sync = "1 s";
   scenario.sync_time = draw_length(random, 100 * kMicrosecond, 30 * kMillisecond);
   const std::uint64_t robots = 1 + random.below(3);
-  for (std::uint64_t i = 0; i < robots; ++i) scenario.robots.push_back(draw_robot(random));
+  for (std::uint64_t i = 0; i < robots; ++i)
+    scenario.robots.push_back(draw_robot(random, scenario.length));
   const std::uint64_t faults =
-      2 + random.below(3 + static_cast<std::uint64_t>(scenario.length / (60 * kSecond)));
+      2 + random.below(
+              3 + static_cast<std::uint64_t>(std::min(scenario.length / (60 * kSecond), Time{20})));
   for (std::uint64_t i = 0; i < faults; ++i) {
     Fault fault = draw_fault(random, scenario);
     if (!scenario.faults.empty() && random.one_in(2)) keep_company(fault, random, scenario);

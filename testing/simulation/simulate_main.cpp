@@ -52,7 +52,8 @@ struct Progress {
   std::uint64_t failed = 0;
   double seconds = 0;  ///< virtual ones
   double robot_seconds = 0;
-  std::uint64_t sessions = 0, captured = 0, delivered = 0, named = 0, too_young = 0, turns = 0;
+  std::uint64_t sessions = 0, captured = 0, delivered = 0, named = 0, too_young = 0;
+  std::uint64_t faults = 0, deaths = 0, turns = 0, switches = 0;
 };
 
 struct Outcome {
@@ -127,6 +128,9 @@ class Worker {
     run.run();
     Outcome outcome{judge(scenario, run), static_cast<double>(world->now) / 1e9};
     progress_.turns += world->turns;
+    progress_.switches += world->switches;
+    progress_.deaths += world->deaths;
+    progress_.faults += scenario.faults.size();
     return outcome;
   }
 
@@ -265,15 +269,27 @@ int simulate(const Options& options) {
   }
   const double minutes =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count() / 60;
+  const auto tell = [](std::string_view name, double value) {
+    std::cout << fmt::format("RESULT simulation.{} {:.4g}\n", name, value);
+  };
+  const auto tell_with_rate = [&](std::string_view name, double value) {
+    tell(name, value);
+    tell(fmt::format("{}_per_minute", name), value / minutes);
+  };
+  std::cout << fmt::format("RESULT simulation.seeds {}\nRESULT simulation.failed {}\n",
+                           progress.seeds, progress.failed);
+  tell_with_rate("hours", progress.seconds / 3600);
+  tell_with_rate("robot_hours", progress.robot_seconds / 3600);
+  tell_with_rate("frames", static_cast<double>(progress.captured));
+  tell_with_rate("faults", static_cast<double>(progress.faults));
+  tell_with_rate("deaths", static_cast<double>(progress.deaths));
+  tell("minutes", minutes);
   std::cout << fmt::format(
-      "RESULT simulation.seeds {}\nRESULT simulation.failed {}\nRESULT simulation.hours {:.2f}\n"
-      "RESULT simulation.robot_hours {:.2f}\nRESULT simulation.hours_per_minute {:.1f}\n"
-      "RESULT simulation.robot_hours_per_minute {:.1f}\nRESULT simulation.minutes {:.2f}\n"
-      "sessions {}, frames captured {}, delivered {}, named {}, too young {}; {} turns\n",
-      progress.seeds, progress.failed, progress.seconds / 3600, progress.robot_seconds / 3600,
-      progress.seconds / 3600 / minutes, progress.robot_seconds / 3600 / minutes, minutes,
+      "sessions {}, frames captured {}, delivered {}, named {}, too young {}; turns {}, of which "
+      "{} "
+      "went to another thread\n",
       progress.sessions, progress.captured, progress.delivered, progress.named, progress.too_young,
-      progress.turns);
+      progress.turns, progress.switches);
   return progress.failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 

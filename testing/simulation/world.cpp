@@ -101,6 +101,7 @@ int choose() {
 
 void give_turn(int thread) {
   world->current = thread;
+  ++world->switches;
   auto& turn = world->threads[static_cast<std::size_t>(thread)].turn;
   turn.store(1, std::memory_order_release);
   raw_call(SYS_futex, reinterpret_cast<long>(&turn), FUTEX_WAKE, 1);

@@ -188,6 +188,8 @@ struct Event {
 struct World {
   Time now = 0;
   std::uint64_t turns = 0;
+  std::uint64_t switches = 0;  ///< turns that went to another thread
+  std::uint64_t deaths = 0;
   std::uint64_t orders = 0;
   Random random;
   bool is_stuck = false;
