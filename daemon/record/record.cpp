@@ -101,7 +101,7 @@ std::uint64_t Record::send_late(wire::StreamId stream, std::uint64_t begin, std:
 
 void Record::note(const SessionProgress& progress) {
   const std::lock_guard lock(mutex_);
-  state_.note(progress);
+  if (!state_.note(progress)) return;
   is_note_due_ = true;
   wake();
 }

@@ -138,6 +138,7 @@ void RecordState::begin() {
   while (sessions_.size() >= kMostSessions) forget(sessions_.begin());
   limit_drops();
   add(present_name_);
+  is_noted_ = true;
 }
 
 /// There are too many of them.
@@ -174,8 +175,16 @@ void RecordState::give_up(std::span<const DropRecord> records) {
   is_noted_ = true;
 }
 
-void RecordState::note(const SessionProgress& progress) {
+bool RecordState::note(const SessionProgress& progress) {
   Session& session = present();
+  const bool has_notes =
+      is_noted_ || !released_.empty() || !new_items_.empty() || !settled_.empty();
+  if (!has_notes && progress.captured == session.captured &&
+      progress.last_capture_time_ns == session.last_capture_time_ns &&
+      progress.confirmed == session.confirmed && progress.settled_below == session.settled_below &&
+      progress.streams.empty() && session.streams.empty()) {
+    return false;
+  }
   session.captured = progress.captured;
   session.last_capture_time_ns = progress.last_capture_time_ns;
   session.confirmed = progress.confirmed;
@@ -189,6 +198,7 @@ void RecordState::note(const SessionProgress& progress) {
   }
   session.is_changed = true;
   is_noted_ = true;
+  return true;
 }
 
 void RecordState::end() {

@@ -79,7 +79,8 @@ class RecordState {
   // The present session.
 
   void give_up(std::span<const DropRecord> records);
-  void note(const SessionProgress& progress);
+  /// False: nothing is new.
+  bool note(const SessionProgress& progress);
   /// Nothing more comes.
   void end();
   /// False: it is held already.

@@ -29,6 +29,7 @@ namespace {
 struct OpenFile {
   std::uint64_t inode = 0;
   std::string name;  ///< below the machine's folder
+  bool is_appending = false;
 };
 
 std::map<int, OpenFile>& open_files() {
@@ -52,7 +53,9 @@ std::optional<std::string> name_of(int folder, const char* path) {
     if (folder != AT_FDCWD && base == nullptr) return std::nullopt;
     whole = (base == nullptr ? world_folder : root + "/" + base->name) + "/" + whole;
   }
-  whole = std::filesystem::path(whole).lexically_normal().string();
+  if (whole.find("/.") != std::string::npos || whole.find("//") != std::string::npos) {
+    whole = std::filesystem::path(whole).lexically_normal().string();
+  }
   while (whole.ends_with('/')) whole.pop_back();
   if (!whole.starts_with(root)) return std::nullopt;
   if (whole.size() == root.size()) return std::string();
@@ -98,7 +101,7 @@ int open_file(int folder, const char* path, int flags, unsigned mode) {
   if (fd < 0) return fd;
   struct stat status {};
   ::fstat(fd, &status);
-  open_files()[fd] = {status.st_ino, *name};
+  open_files()[fd] = {status.st_ino, *name, (flags & O_APPEND) != 0};
   if (!was_there) log_operation(DiskOperation::kCreate, status.st_ino, 0, *name);
   if (was_there && (flags & O_TRUNC) != 0 && before.st_size > 0) {
     disk().used -= static_cast<std::uint64_t>(before.st_size);
@@ -117,9 +120,9 @@ ssize_t write_file(int fd, const void* bytes, std::size_t count, off_t offset) {
   }
   if (is_failing()) return failed(EIO);
   const std::uint64_t size = size_of(fd);
-  const bool is_appending = (::fcntl(fd, F_GETFL) & O_APPEND) != 0;
   std::uint64_t at = static_cast<std::uint64_t>(offset);
-  if (offset < 0) at = is_appending ? size : static_cast<std::uint64_t>(::lseek(fd, 0, SEEK_CUR));
+  if (offset < 0)
+    at = file.is_appending ? size : static_cast<std::uint64_t>(::lseek(fd, 0, SEEK_CUR));
   const std::uint64_t growth = at + count > size ? at + count - size : 0;
   const std::uint64_t room = disk().capacity > disk().used ? disk().capacity - disk().used : 0;
   if (growth > room) {

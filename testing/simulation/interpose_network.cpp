@@ -23,7 +23,6 @@
 #include <algorithm>
 #include <cstring>
 #include <deque>
-#include <map>
 #include <memory>
 #include <utility>
 #include <vector>
@@ -70,24 +69,29 @@ struct Descriptor {
   std::vector<Watched> watched;
 };
 
-std::map<int, Descriptor>& descriptors() {
-  static auto* const all = new std::map<int, Descriptor>();  // used until the very end
+/// By their numbers. Used until the very end.
+std::vector<std::unique_ptr<Descriptor>>& descriptors() {
+  static auto* const all = new std::vector<std::unique_ptr<Descriptor>>();
   return *all;
 }
 
 Descriptor* find(int fd) {
   if (!is_in_machine()) return nullptr;
-  const auto found = descriptors().find(fd);
-  return found == descriptors().end() ? nullptr : &found->second;
+  const auto& all = descriptors();
+  const auto place = static_cast<std::size_t>(fd);  // a negative one is beyond all
+  return place < all.size() ? all[place].get() : nullptr;
 }
 
 int add(Kind kind, bool is_non_blocking) {
   const auto fd = static_cast<int>(
       raw_call(SYS_openat, AT_FDCWD, reinterpret_cast<long>("/dev/null"), O_RDWR | O_CLOEXEC));
   if (fd < 0) fail("no descriptors left");
-  Descriptor& made = descriptors()[fd];
-  made.kind = kind;
-  made.is_non_blocking = is_non_blocking;
+  auto& all = descriptors();
+  const auto place = static_cast<std::size_t>(fd);
+  if (all.size() <= place) all.resize(place + 1);
+  all[place] = std::make_unique<Descriptor>();
+  all[place]->kind = kind;
+  all[place]->is_non_blocking = is_non_blocking;
   return fd;
 }
 
@@ -314,8 +318,11 @@ int ready_events(Descriptor& epoll, epoll_event* events, int most) {
   return count;
 }
 
+/// A program that waits for a moment rounds the time down to whole milliseconds: it is woken after
+/// that moment, so that it need not wait again.
 Time deadline_after(int timeout_ms) {
-  return timeout_ms < 0 ? kNever : world->now + timeout_ms * kMillisecond;
+  if (timeout_ms < 0) return kNever;
+  return world->now + (timeout_ms == 0 ? 0 : (timeout_ms + 1) * kMillisecond);
 }
 
 short poll_readiness(const pollfd& one) {
@@ -372,15 +379,15 @@ ssize_t simulated_output(int fd, const iovec* parts, std::size_t count, int flag
 }
 
 void forget_descriptor(int fd) {
-  const auto found = descriptors().find(fd);
-  if (found == descriptors().end()) return;
-  const Descriptor& one = found->second;
+  if (find(fd) == nullptr) return;
+  const auto forgotten = std::move(descriptors()[static_cast<std::size_t>(fd)]);
+  const Descriptor& one = *forgotten;
   if (one.kind == Kind::kSocket && is_connected(one)) close_end(one.connection, one.end);
   if (one.kind == Kind::kListener && my_machine_number() == world->server)
     world->is_listening = false;
-  descriptors().erase(found);
-  for (auto& [other, descriptor] : descriptors()) {
-    std::erase_if(descriptor.watched, [fd](const Watched& watched) { return watched.fd == fd; });
+  for (const auto& other : descriptors()) {
+    if (!other) continue;
+    std::erase_if(other->watched, [fd](const Watched& watched) { return watched.fd == fd; });
   }
 }
 

@@ -31,6 +31,7 @@ Program::Program(const std::filesystem::path& file, const std::filesystem::path&
     ::dup2(memory, kWorldDescriptor);
     ::dup2(sockets[1], kZygoteDescriptor);
     ::setenv("LD_PRELOAD", library.c_str(), 1);
+    ::setenv("LD_BIND_NOW", "1", 1);  // once, not in each copy
     ::setenv(kZygoteVariable, "1", 1);
     ::unsetenv("XDG_RUNTIME_DIR");
     ::execl(file.c_str(), file.c_str(), nullptr);

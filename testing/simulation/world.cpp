@@ -21,7 +21,7 @@ namespace orbbuf::simulation {
 
 World* world = nullptr;
 std::array<char*, kMostMachines> disk_logs{};
-thread_local int this_thread = -1;
+constinit thread_local int this_thread = -1;
 
 namespace {
 
@@ -55,6 +55,9 @@ void run_due_events() {
 }
 
 void make_runnable(Thread& thread, bool was_woken) {
+  if (thread.state == State::kBlocked && thread.wait == Wait::kMutex) {
+    --machine(thread.machine).mutex_waiters;
+  }
   thread.state = State::kRunnable;
   thread.was_woken = was_woken;
   thread.deadline = kNever;
@@ -147,7 +150,7 @@ void make_world(int memory, std::uint64_t seed) {
   }
   if (world != nullptr) ::munmap(world, bytes);
   map_world(memory);
-  new (world) World();
+  new (world) World;  // the bytes of connections are zero, and are not touched
   world->random.state = seed;
   this_thread = kController;
   world->threads[kController].state = State::kRunnable;
@@ -198,12 +201,14 @@ bool block(Wait wait, const void* key, Time deadline) {
   self.wait = wait;
   self.key = key;
   self.deadline = deadline;
+  if (wait == Wait::kMutex) ++my_machine().mutex_waiters;
   pass_turn();
   return self.was_woken;
 }
 
 void wake(Wait wait, const void* key, int most) {
   const int number = my_machine_number();
+  if (wait == Wait::kMutex && machine(number).mutex_waiters == 0) return;
   for (int i = 0; i < world->threads_used && most > 0; ++i) {
     Thread& thread = world->threads[static_cast<std::size_t>(i)];
     if (thread.state == State::kBlocked && thread.machine == number && thread.wait == wait &&
@@ -231,6 +236,7 @@ void interruption_point() {
 }
 
 void forget_threads(int machine) {
+  world->machines[static_cast<std::size_t>(machine)].mutex_waiters = 0;
   for (int i = 1; i < world->threads_used; ++i) {
     Thread& thread = world->threads[static_cast<std::size_t>(i)];
     if (thread.state != State::kFree && thread.machine == machine) thread.state = State::kFree;

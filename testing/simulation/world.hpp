@@ -150,7 +150,8 @@ struct Machine {
   Time clock_offset = 0;
   Time started = 0;
   std::int64_t calls_until_death = -1;
-  int signal = 0;  ///< to be handled
+  int signal = 0;         ///< to be handled
+  int mutex_waiters = 0;  ///< of its threads
   std::uint32_t network_news = 0;
   Disk disk;
 };
@@ -219,7 +220,8 @@ struct World {
 
 extern World* world;
 extern std::array<char*, kMostMachines> disk_logs;
-extern thread_local int this_thread;  ///< -1: not of the world
+/// -1: not of the world. The library is preloaded, so a thread's place of it is known at its start.
+[[gnu::tls_model("initial-exec")]] extern constinit thread_local int this_thread;
 
 inline bool is_in_machine() { return this_thread > kController; }
 inline Thread& myself() { return world->threads[static_cast<std::size_t>(this_thread)]; }
