@@ -183,10 +183,9 @@ class SessionJudge {
     std::uint64_t wrong = 0, first = 0;
     for (const RecordedFrame& frame : session.frames) {
       const std::string& captured = source.images[frame.sequence % source.images.size()];
-      const std::uint32_t crc = crc_of(captured);
       const bool is_right =
           frame.is_reduced()
-              ? frame.whole_crc == crc && frame.whole_bytes == captured.size()
+              ? frame.whole_crc == crc_of(captured) && frame.whole_bytes == captured.size()
               : read(folder_ / "images" / fmt::format("{:06}.jpg", frame.sequence)) == captured;
       if (!is_right && wrong++ == 0) first = frame.sequence;
     }

@@ -24,12 +24,13 @@ Time draw_length(Random& random, Time least, Time most) {
                            std::pow(static_cast<double>(most) / static_cast<double>(least), share));
 }
 
-/// So that no robot has many more frames than this: a day costs what its frames cost.
+/// So that a robot has some 60 to 3000 frames: a day costs what its frames cost.
 double draw_rate(Random& random, Time length) {
-  constexpr double kLeast = 0.02, kMost = 30, kMostFrames = 3000;
+  constexpr double kLeast = 0.02, kMost = 30, kMostFrames = 3000, kSpan = 50;
   const double most = std::min(kMost, kMostFrames * kSecond / static_cast<double>(length));
+  const double least = std::max(kLeast, most / kSpan);
   const double share = static_cast<double>(random.below(1001)) / 1000;
-  return std::round(1000 * kLeast * std::pow(most / kLeast, share)) / 1000;
+  return std::round(1000 * least * std::pow(most / least, share)) / 1000;
 }
 
 RobotSetup draw_robot(Random& random, Time length) {
@@ -46,7 +47,7 @@ RobotSetup draw_robot(Random& random, Time length) {
     robot.path.delay = draw_length(random, 300 * kMillisecond, 900 * kMillisecond);
   robot.path.jitter = random.one_in(2) ? std::min(robot.path.delay / 20, kMillisecond) : 0;
   robot.path.queue = draw_length(random, 50 * kMillisecond, kSecond);
-  const double needed = robot.fps * (robot.has_large_images ? 12000 : 2500);
+  const double needed = robot.fps * (robot.has_large_images ? 20000 : 2500);
   // A stream that nearly fills the window of its connection has no room for kept frames.
   if (needed * 2 * static_cast<double>(robot.path.delay) / 1e9 > 48e3) robot.has_spool = false;
   robot.path.bytes_per_second =
@@ -164,7 +165,9 @@ void add_death_in_outage(Scenario& scenario, Random& random) {
     outage.length = static_cast<Time>(death.value + 1) * (death.length + 5 * kSecond);
   }
   if (scenario.robots[static_cast<std::size_t>(outage.machine - 1)].has_small_disk) {
-    outage.length += 200 * kSecond;  // until it is full
+    const double fps = scenario.robots[static_cast<std::size_t>(outage.machine - 1)].fps;
+    outage.length +=
+        std::min(scenario.length / 2, static_cast<Time>(350e9 / fps));  // until it is full
     death.at = outage.at + outage.length - random.between(kSecond, 20 * kSecond);
   }
   scenario.faults.push_back(outage);
@@ -195,7 +198,7 @@ Scenario draw_scenario(std::uint64_t seed) {
   Random random{seed * 0x9E3779B97F4A7C15U + 1};
   Scenario scenario;
   scenario.seed = seed;
-  scenario.length = draw_length(random, 60 * kSecond, 12 * 3600 * kSecond);
+  scenario.length = draw_length(random, 60 * kSecond, 24 * 3600 * kSecond);
   if (random.one_in(6)) scenario.sync = "1 s";
   scenario.sync_time = draw_length(random, 100 * kMicrosecond, 30 * kMillisecond);
   const std::uint64_t robots = 1 + random.below(3);
@@ -223,8 +226,8 @@ std::string to_string(const Scenario& scenario) {
   for (std::size_t i = 0; i < scenario.robots.size(); ++i) {
     const RobotSetup& robot = scenario.robots[i];
     text += fmt::format(
-        "  robot{}: {} fps, {}, spool {}, drop log {}, {} images, {} disk, {:.0f} B/s, {:.1f} ms, "
-        "queue {:.0f} ms\n",
+        "  robot{}: {} fps, {}, spool {}, drop log {}, {} images, {} disk, {:.0f} B/s, "
+        "{:.1f} ms, queue {:.0f} ms\n",
         i + 1, robot.fps, robot.policy, robot.has_spool, robot.has_drop_log,
         robot.has_large_images ? "large" : "small", robot.has_small_disk ? "small" : "large",
         robot.path.bytes_per_second, static_cast<double>(robot.path.delay) / 1e6,

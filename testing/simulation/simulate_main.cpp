@@ -4,6 +4,7 @@
 #include <sched.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/time.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -83,7 +84,7 @@ std::vector<Source> make_sources(const fs::path& folder) {
     for (std::size_t i = 0; i < kImages; ++i) {
       const bool is_giant = i == source.giant;
       source.images.push_back(is_giant   ? make_image(random, 400, 320)
-                              : is_large ? make_image(random, 128, 96)
+                              : is_large ? make_image(random, 160, 128)
                                          : make_image(random, 48, 48));
       std::ofstream(folder / source.name / fmt::format("{:06}.jpg", i), std::ios::binary)
           << source.images.back();
@@ -270,7 +271,7 @@ int simulate(const Options& options) {
   const double minutes =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count() / 60;
   const auto tell = [](std::string_view name, double value) {
-    std::cout << fmt::format("RESULT simulation.{} {:.4g}\n", name, value);
+    std::cout << fmt::format("RESULT simulation.{} {:.2f}\n", name, value);
   };
   const auto tell_with_rate = [&](std::string_view name, double value) {
     tell(name, value);
@@ -284,6 +285,13 @@ int simulate(const Options& options) {
   tell_with_rate("faults", static_cast<double>(progress.faults));
   tell_with_rate("deaths", static_cast<double>(progress.deaths));
   tell("minutes", minutes);
+  rusage used{};
+  ::getrusage(RUSAGE_CHILDREN, &used);
+  const double processor_minutes =
+      static_cast<double>(used.ru_utime.tv_sec + used.ru_stime.tv_sec) / 60 +
+      static_cast<double>(used.ru_utime.tv_usec + used.ru_stime.tv_usec) / 60e6;
+  tell("processor_minutes", processor_minutes);
+  tell("hours_per_processor_minute", progress.seconds / 3600 / processor_minutes);
   std::cout << fmt::format(
       "sessions {}, frames captured {}, delivered {}, named {}, too young {}; turns {}, of which "
       "{} "
