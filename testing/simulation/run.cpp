@@ -248,7 +248,9 @@ void Run::apply_to_link(const Fault& fault) {
 
 void Run::apply_to_disk(const Fault& fault) {
   Disk& disk = machine(fault.machine).disk;
-  if (fault.kind == FaultKind::kHangingSync) disk.syncs_hang_until = world->now + fault.length;
+  if (fault.kind == FaultKind::kHangingSync) {  // until all is well again
+    disk.syncs_hang_until = std::min(world->now + fault.length, scenario_.length);
+  }
   if (fault.kind == FaultKind::kHangingSync && fault.machine == kServer) return;
   const auto place = static_cast<std::size_t>(fault.machine);
   bad_disk_until_[place] =
