@@ -61,7 +61,7 @@ int draw_machine(Random& random, std::size_t robots) {
 }
 
 Time longest_fault(const Scenario& scenario) {
-  return std::max(600 * kSecond, scenario.length / 10);
+  return std::max(600 * kSecond, scenario.length / 24);
 }
 
 void draw_value(Fault& fault, Random& random, const Scenario& scenario) {
