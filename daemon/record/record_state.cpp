@@ -138,7 +138,6 @@ void RecordState::begin() {
   while (sessions_.size() >= kMostSessions) forget(sessions_.begin());
   limit_drops();
   add(present_name_);
-  is_noted_ = true;
 }
 
 /// There are too many of them.
@@ -177,8 +176,8 @@ void RecordState::give_up(std::span<const DropRecord> records) {
 
 bool RecordState::note(const SessionProgress& progress) {
   Session& session = present();
-  const bool has_notes =
-      is_noted_ || !released_.empty() || !new_items_.empty() || !settled_.empty();
+  const bool has_notes = std::exchange(is_first_note_, false) || is_noted_ || !released_.empty() ||
+                         !new_items_.empty() || !settled_.empty();
   if (!has_notes && progress.captured == session.captured &&
       progress.last_capture_time_ns == session.last_capture_time_ns &&
       progress.confirmed == session.confirmed && progress.settled_below == session.settled_below &&

@@ -180,6 +180,7 @@ class RecordState {
   std::map<std::uint32_t, Segment> segments_;
   DropRanges new_drops_;  // of the present session, not noted yet
   bool is_noted_ = false;
+  bool is_first_note_ = true;
   std::map<std::string, std::vector<Sequence>> released_;  // not noted yet
   std::deque<Note> new_items_;                             // not noted yet
   /// Numbers of the present session that may wait elsewhere: from, to.

@@ -2,8 +2,10 @@
 #include "daemon/net/server_link.hpp"
 
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
 #include <chrono>
+#include <thread>
 
 #include "testing/captured_log.hpp"
 #include "testing/own_network.hpp"
@@ -45,6 +47,24 @@ TEST_F(ServerLinkTest, IsWritableAgainWhenAMessageHasGone) {
   EXPECT_EQ(server_.read(Type::kBye).type(), Type::kBye);
   EXPECT_EQ(owner_.next(), "writable 0 0");
   EXPECT_TRUE(ask([](const ServerLink& link) { return link.is_writable(); }));
+}
+
+/// A robot that runs for days on a battery, and captures little.
+TEST_F(ServerLinkTest, AConnectionAtRestHardlyWakesTheRobot) {
+  start();
+  server_.welcome({});
+  expect_connected();
+  const auto times_asleep = [this] {
+    return ask([](const ServerLink&) {
+      rusage used{};
+      ::getrusage(RUSAGE_THREAD, &used);
+      return used.ru_nvcsw;
+    });
+  };
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));  // until what was said has arrived
+  const long before = times_asleep();
+  std::this_thread::sleep_for(std::chrono::milliseconds(800));
+  EXPECT_LT(times_asleep() - before, 8);
 }
 
 TEST_F(ServerLinkTest, ABrokenConnectionIsMadeAnew) {

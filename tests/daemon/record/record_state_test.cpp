@@ -131,6 +131,23 @@ TEST(RecordState, DropRecordsAreNotedWithoutProgress) {
   EXPECT_THAT(one->take_notes(), SizeIs(1));
 }
 
+TEST(RecordState, WhileNothingHappensThereIsNoNote) {
+  StateOf one("one");
+  one->begin();
+  EXPECT_TRUE(one->note(progress(0))) << "that it has begun";
+  EXPECT_THAT(one->take_notes(), SizeIs(1));
+  EXPECT_FALSE(one->note(progress(0)));
+  EXPECT_TRUE(one->note(progress(1)));
+  EXPECT_THAT(one->take_notes(), SizeIs(1));
+  EXPECT_THAT(one->take_accounts(), SizeIs(1));
+  EXPECT_FALSE(one->note(progress(1)));
+  EXPECT_THAT(one->take_notes(), IsEmpty());
+  EXPECT_THAT(one->take_accounts(), IsEmpty());
+  one->give_up(std::vector{drop(0)});
+  EXPECT_TRUE(one->note(progress(1)));
+  EXPECT_THAT(one->take_notes(), SizeIs(1));
+}
+
 TEST(RecordState, ASessionOfWhichFramesAreHeldIsNotForgotten) {
   StateOf one("one");
   one->begin();
