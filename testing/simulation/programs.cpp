@@ -19,7 +19,12 @@
 namespace orbbuf::simulation {
 
 Program::Program(const std::filesystem::path& file, const std::filesystem::path& library,
-                 int memory) {
+                 int memory, std::vector<std::string> emulator) {
+  emulator.push_back(file);
+  std::vector<char*> words;
+  words.reserve(emulator.size() + 1);
+  for (std::string& word : emulator) words.push_back(word.data());
+  words.push_back(nullptr);
   std::array<int, 2> sockets{};
   if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, sockets.data()) != 0) {
     throw std::runtime_error("cannot make a socket pair");
@@ -34,7 +39,7 @@ Program::Program(const std::filesystem::path& file, const std::filesystem::path&
     ::setenv("LD_BIND_NOW", "1", 1);  // once, not in each copy
     ::setenv(kZygoteVariable, "1", 1);
     ::unsetenv("XDG_RUNTIME_DIR");
-    ::execl(file.c_str(), file.c_str(), nullptr);
+    ::execvp(words[0], words.data());
     ::_exit(127);
   }
   ::close(sockets[1]);

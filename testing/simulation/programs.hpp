@@ -10,8 +10,10 @@ namespace orbbuf::simulation {
 /// A program of which machines are started, each as a copy of one process that has not begun yet.
 class Program {
  public:
-  /// With `library` preloaded. Throws std::runtime_error.
-  Program(const std::filesystem::path& file, const std::filesystem::path& library, int memory);
+  /// With `library` preloaded; run by `emulator`, the words of a command, if there are any. Throws
+  /// std::runtime_error.
+  Program(const std::filesystem::path& file, const std::filesystem::path& library, int memory,
+          std::vector<std::string> emulator);
   ~Program();
   Program(const Program&) = delete;
   Program& operator=(const Program&) = delete;

@@ -23,9 +23,9 @@ struct Source {
 
 struct Programs {
   /// Of a build folder.
-  Programs(const std::filesystem::path& build, int memory)
-      : robot(build / "daemon/orbbufd", library(build), memory),
-        server(build / "server/orbbuf-server", library(build), memory) {}
+  Programs(const std::filesystem::path& build, int memory, const std::vector<std::string>& emulator)
+      : robot(build / "daemon/orbbufd", library(build), memory, emulator),
+        server(build / "server/orbbuf-server", library(build), memory, emulator) {}
   static std::filesystem::path library(const std::filesystem::path& build) {
     return build / "testing/simulation/liborbbuf-simulated.so";
   }

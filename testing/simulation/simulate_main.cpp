@@ -44,6 +44,7 @@ struct Options {
   std::string trace;
   std::string corpus;
   std::string build;
+  std::vector<std::string> emulator;
 };
 
 /// What the worker has told, and keeps when it is killed.
@@ -110,7 +111,7 @@ class Worker {
     fs::create_directories(folder_);
     world_folder = folder_.string();
     sources_ = make_sources(folder_ / "source");
-    programs_.emplace(options.build, memory_);
+    programs_.emplace(options.build, memory_, options.emulator);
   }
   ~Worker() {
     programs_.reset();
@@ -319,6 +320,9 @@ int main(int argc, char** argv) try {
   app.add_option("--minutes", options.minutes, "Seeds for that much time of this machine")
       .value_name("N");
   app.add_option("--corpus", options.corpus, "The seeds that this file lists").value_name("FILE");
+  app.add_option("--build", options.build, "Where the programs were built").value_name("FOLDER");
+  app.add_option("--emulator", options.emulator, "What runs them, for another processor")
+      .value_name("WORD");
   app.add_option("--trace", options.trace, "What happened, line by line").value_name("FILE");
   app.add_flag("--shrink", options.shrinks, "Of a seed that fails: find the faults that it takes");
   app.add_flag("--go-on", options.goes_on, "Do not stop at the first seed that fails");
