@@ -353,9 +353,10 @@ Settings load_settings(const std::filesystem::path& file, std::span<const std::s
 
 std::string new_session_id() {
   const std::time_t now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
-  std::random_device
-      random;  // 64 bits: a clock that is wrong may show the same second at each start
-  return fmt::format("{:%Y%m%dT%H%M%SZ}-{:08x}{:08x}", fmt::gmtime(now), random(), random());
+  std::random_device random;
+  // 64 bits: a clock that is wrong may show the same second at each start.
+  const auto high = random(), low = random();
+  return fmt::format("{:%Y%m%dT%H%M%SZ}-{:08x}{:08x}", fmt::gmtime(now), high, low);
 }
 
 }  // namespace orbbuf

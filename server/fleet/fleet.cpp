@@ -29,7 +29,8 @@ constexpr std::chrono::milliseconds kLeavingInterval{200};
 
 std::string make_instance() {
   std::random_device random;
-  return fmt::format("{:08x}{:08x}", random(), random());
+  const auto high = random(), low = random();
+  return fmt::format("{:08x}{:08x}", high, low);
 }
 
 Error unanswered(const Error& error) { return {"the fleet's etcd does not answer: " + error.text}; }

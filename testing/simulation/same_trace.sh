@@ -1,12 +1,17 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# The same seed gives the same trace, byte for byte.
-# Usage: testing/simulation/same_trace.sh ORBBUF_SIMULATE [SEED]
+# The same seed gives the same trace, byte for byte; also with the programs of another build, such as that for another
+# processor, which words of a command then run.
+# Usage: testing/simulation/same_trace.sh ORBBUF_SIMULATE [SEED [BUILD_FOLDER [EMULATOR_WORD...]]]
 set -euo pipefail
+simulate=$1 seed=${2-3} build=${3-}
+shift $(($# < 3 ? $# : 3))
+other=()
+for word; do other+=(--emulator "$word"); done
+[ -z "$build" ] || other+=(--build "$build")
 work=$(mktemp -d "${TMPDIR:-/tmp}/orbbuf-trace.XXXXXX")
 trap 'rm -rf "$work"' EXIT
-for run in 1 2; do
-  "$1" --seed "${2-3}" --trace "$work/$run" > /dev/null
-done
+"$simulate" --seed "$seed" --trace "$work/1" > /dev/null
+"$simulate" --seed "$seed" --trace "$work/2" "${other[@]}" > /dev/null
 [ -s "$work/1" ]
 cmp "$work/1" "$work/2"
