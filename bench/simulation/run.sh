@@ -30,22 +30,32 @@ fi
 git -C "$tree" checkout --quiet --detach "$(git rev-parse HEAD)"
 git -C "$tree" checkout --quiet .
 cmake -S "$tree" --preset dev -DORBBUF_BUILD_EVALUATION=OFF > /dev/null
-found=0 times=()
-for name; do
+head=$(git rev-parse HEAD:{common,daemon,server,testing/simulation} | tr '\n' ' ') programs=(daemon/orbbufd server/orbbuf-server
+  testing/simulation/{orbbuf-simulate,orbbuf-stranger,liborbbuf-simulated.so})
+for name; do # one tree for all, so that only what a patch touches is compiled
+  stamp="$head $(sha256sum < "$patches/$name.patch")" copy=$tree/build/$name
+  [ "$(cat "$copy/stamp" 2> /dev/null)" != "$stamp" ] || continue
+  rm -rf "$copy"
   git -C "$tree" apply "$patches/$name.patch"
   if cmake --build "$tree/build/dev" --target orbbuf-simulate > "$tree/build/$name.log" 2>&1; then
-    simulate "$tree/build/dev" > "$tree/build/$name.found" || true
-    took=$(sed -n 's/^RESULT simulation.minutes //p' "$tree/build/$name.found")
-    if grep -q '^  FOUND' "$tree/build/$name.found"; then
-      found=$((found + 1)) times+=("$took")
-      echo "$name: found after $took minutes: $(grep -m1 '^  FOUND' "$tree/build/$name.found")"
-    else
-      echo "$name: not found in $took minutes"
-    fi
+    for program in "${programs[@]}"; do install -D "$tree/build/dev/$program" "$copy/$program"; done
+    echo "$stamp" > "$copy/stamp"
   else
     echo "$name: does not build; see $tree/build/$name.log" >&2
   fi
   git -C "$tree" apply -R "$patches/$name.patch"
+done
+found=0 times=()
+for name; do
+  [ -e "$tree/build/$name/stamp" ] || continue
+  simulate "$tree/build/$name" > "$tree/build/$name.found" || true
+  took=$(sed -n 's/^RESULT simulation.minutes //p' "$tree/build/$name.found")
+  if grep -q '^  FOUND' "$tree/build/$name.found"; then
+    found=$((found + 1)) times+=("$took")
+    echo "$name: found after $took minutes: $(grep -m1 '^  FOUND' "$tree/build/$name.found")"
+  else
+    echo "$name: not found in $took minutes"
+  fi
 done
 echo "RESULT simulation.defects $#"
 echo "RESULT simulation.found_of_20 $found"

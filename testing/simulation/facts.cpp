@@ -43,6 +43,7 @@ void note_line(int number, std::string_view line) {
       facts->spooled = number_after(text, "spooled ");
       facts->most_held = std::max(
           facts->most_held, number_after(text, "waiting ") + number_after(text, "in flight "));
+      facts->most_in_flight = std::max(facts->most_in_flight, number_after(text, "in flight "));
     }
     if (text.find("session ended: captured ") != std::string::npos) {
       facts->has_closed = true;

@@ -9,6 +9,7 @@
 #include <linux/rtnetlink.h>
 #include <linux/sockios.h>
 #include <linux/tcp.h>
+#include <netdb.h>
 #include <netinet/in.h>
 #include <poll.h>
 #include <stdarg.h>
@@ -251,6 +252,8 @@ ssize_t read_event(int fd, void* into) {
   }
 }
 
+constexpr int kServerAddress = 0;  // of the machine that robots know, whoever listens there
+
 sockaddr_in address_of(int machine_number, std::uint16_t port) {
   sockaddr_in address{};
   address.sin_family = AF_INET;
@@ -452,6 +455,9 @@ ORBBUF_INTERPOSE(int, connect, int fd, const sockaddr* address, socklen_t length
   if (one == nullptr) return real_function(fd, address, length);
   interruption_point();
   one->connection = open_connection();
+  const auto& to = *reinterpret_cast<const sockaddr_in*>(address);
+  const bool is_server = to.sin_addr.s_addr == address_of(kServerAddress, 0).sin_addr.s_addr;
+  connection(one->connection).is_dead = !is_server;  // nothing answers
   one->generation = connection(one->connection).generation;
   apply_options(*one);
   if (one->is_non_blocking) return static_cast<int>(failed(EINPROGRESS));
@@ -681,6 +687,16 @@ ORBBUF_INTERPOSE(int, pipe2, int* fds, int flags) {
   return 0;
 }
 ORBBUF_INTERPOSE(int, pipe, int* fds) { return simulated_pipe2(fds, 0); }
+/// Names have no address.
+ORBBUF_INTERPOSE(int, getaddrinfo, const char* name, const char* service, const addrinfo* hints,
+                 addrinfo** found) {
+  ORBBUF_REAL(int (*)(const char*, const char*, const addrinfo*, addrinfo**), "getaddrinfo");
+  in_addr number{};
+  const bool is_number = name == nullptr || ::inet_pton(AF_INET, name, &number) == 1;
+  if (!is_in_machine() || is_number) return real_function(name, service, hints, found);
+  interruption_point();
+  return EAI_NONAME;
+}
 ORBBUF_INTERPOSE(int, getifaddrs, ifaddrs** found) {
   ORBBUF_REAL(int (*)(ifaddrs**), "getifaddrs");
   if (!is_in_machine()) return real_function(found);

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <fstream>
 #include <iterator>
+#include <limits>
 #include <map>
 #include <set>
 
@@ -22,7 +23,20 @@ namespace fs = std::filesystem;
 /// frozen or slow.
 constexpr double kYoungAtKill = 2.5;
 constexpr double kYoungAtPowerCut = 3.5;
-constexpr std::uint64_t kMostAttempts = 16;  // a second: every 100 ms, and each way's first
+constexpr std::uint64_t kMostAttempts =
+    16;  // a second: every 100 ms, and each way's first; of a server
+constexpr std::uint64_t kMostReduced = 8;  // a frame has at least that part of its bytes
+constexpr std::uint64_t kUsuallyReduced = 3;
+constexpr std::uint64_t kMostInFlight = 32;        // if buffer.capacity counts frames
+constexpr std::uint64_t kMostDropRecords = 16384;  // of one outage, beyond that neighbours join
+
+constexpr Time kAlone = 8 * kSecond;  // an outage, if nothing else happens so long before or after
+constexpr Time kLongWay = 250 * kMillisecond;  // beyond that a planner sees little of the link
+constexpr double kLiveAgain = 1;               // link.live_again
+constexpr double kLateness = 1;   // what a judge may not blame: a pause of a machine, a rounding
+constexpr double kTransit = 0.3;  // of a frame, beyond what it took before
+
+double to_seconds(Time time) { return static_cast<double>(time) / 1e9; }
 
 std::string read(const fs::path& file) {
   std::ifstream in(file, std::ios::binary);
@@ -56,11 +70,17 @@ class SessionJudge {
       return;
     }
     const auto session = read_session(folder_);
-    if (!session) return problem(session.error().text);
+    if (!session) {
+      const bool may_be_empty = run_.server_power_cut() > facts_.began;
+      if (old_ > 0 || facts_.acknowledged > 0 || !may_be_empty) problem(session.error().text);
+      return;
+    }
     take(session.value());
     account();
-    compare_images(session.value());
-    check_views();
+    check_accounts(session.value());
+    check_live_again(session.value());
+    if (!was_left()) compare_images(session.value());
+    if (!was_left()) check_views();
     check_report();
   }
 
@@ -74,6 +94,12 @@ class SessionJudge {
 
   bool has_died() const { return facts_.was_killed || facts_.lost_power; }
 
+  /// After a power cut of the server no robot told it what it lacks: it has not looked yet.
+  bool was_left() const {
+    return !robot_.has_record() && (!facts_.has_closed || facts_.left > 0) &&
+           run_.server_power_cut() > facts_.began;
+  }
+
   bool may_lose() const { return run_.server_power_cut() > 0 && scenario_.sync != "ack"; }
 
   bool has_trouble_with_disk() const {
@@ -86,8 +112,13 @@ class SessionJudge {
     // Without a record what it had not delivered when it ended is named nowhere.
     if (!robot_.has_record() && (facts_.left > 0 || !facts_.has_closed)) old_ = 0;
     if (facts_.began < run_.bad_disk_until(facts_.machine)) old_ = 0;
-    if (!has_died()) return;
-    const double young = facts_.lost_power ? kYoungAtPowerCut : kYoungAtKill;
+    if (!has_died() && facts_.stops < 2) return;  // the second one is obeyed at once
+    double young = facts_.lost_power ? kYoungAtPowerCut : kYoungAtKill;
+    for (const Fault& fault : scenario_.faults) {  // behind it much is captured at once
+      const bool is_freeze = fault.kind == FaultKind::kFreeze && fault.machine == facts_.machine;
+      if (!is_freeze || facts_.ended < fault.at) continue;
+      if (facts_.ended < fault.at + fault.length + kAlone) young += to_seconds(fault.length);
+    }
     const auto at_risk = static_cast<std::uint64_t>(std::ceil(young * facts_.fps)) + 1;
     old_ = old_ > at_risk ? old_ - at_risk : 0;
     if (!robot_.has_record()) old_ = 0;
@@ -141,6 +172,86 @@ class SessionJudge {
     check_memory();
   }
 
+  /// A robot that has a record tells what became of its earlier sessions, as far as it knows.
+  void check_accounts(const RecordedSession& session) {
+    std::uint64_t alike = 0, most_alike = 0;
+    for (std::size_t i = 1; i < session.drops.size(); ++i) {
+      const DropRecord& before = session.drops[i - 1];
+      const bool is_alike =
+          before.end() == session.drops[i].sequence && before.reason == session.drops[i].reason;
+      alike = is_alike ? alike + 1 : 0;
+      most_alike = std::max(most_alike, alike);
+    }
+    if (most_alike > kMostDropRecords + kMostDropRecords / 8) {
+      problem(fmt::format("{} drop records in a row could be one", most_alike));
+    }
+    if (!robot_.has_record() || facts_.began < run_.bad_disk_until(facts_.machine)) return;
+    const SessionSummary& summary = session.summary;
+    const bool is_told = summary.account && summary.account->is_final;
+    if (old_ > 0 && !is_told && !summary.has_ended()) problem("its end was never told");
+    if (!is_told) return;
+    const std::uint64_t known = std::max(there_.empty() ? 0 : *there_.rbegin() + 1,
+                                         named_.empty() ? 0 : named_.rbegin()->first + 1);
+    for (std::uint64_t number = 0; number < known; ++number) {
+      if (there_.contains(number) || named_.contains(number)) continue;
+      return problem(
+          fmt::format("frame {} is neither there nor named, and frame {} is", number, known - 1));
+    }
+  }
+
+  /// After an outage that nothing else comes close to, a frame is soon as new as it was before.
+  void check_live_again(const RecordedSession& session) {
+    if (robot_.policy != "catch-up" || robot_.path.delay > kLongWay) return;
+    for (const Fault& outage : scenario_.faults) {
+      if (outage.kind != FaultKind::kCut || outage.machine != facts_.machine) continue;
+      if (outage.length < kSecond || !is_alone(outage)) continue;
+      const Time back = outage.at + outage.length;
+      if (facts_.began > outage.at - kAlone || facts_.ended < back + kAlone) continue;
+      const double attempts = std::clamp(to_seconds(outage.length) / 600, 0.13, 1.0);
+      const double delay = to_seconds(robot_.path.delay);
+      const double limit = kLiveAgain + attempts + 1 / facts_.fps + 7 * delay + kLateness;
+      const Time usual = least_lateness(session, outage.at - kAlone, outage.at);
+      if (usual == kNever) continue;
+      const Time most = usual + static_cast<Time>((kTransit + 1 / facts_.fps) * 1e9);
+      Time soonest = kNever;
+      for (const RecordedFrame& frame : session.frames) {
+        const Time came = frame.arrived_ns - kWallBegin;
+        const bool is_live = !frame.is_late && came >= back && lateness(frame) <= most;
+        if (is_live) soonest = std::min(soonest, came - back);
+      }
+      if (to_seconds(soonest) <= limit) continue;
+      problem(fmt::format("the link was back at {:.3f} s, and live {} s later: more than {:.2f} s",
+                          to_seconds(back), soonest == kNever ? 1e9 : to_seconds(soonest), limit));
+    }
+  }
+
+  /// But for what is the same for all frames of a session: they have the source's times.
+  static Time lateness(const RecordedFrame& frame) {
+    return frame.arrived_ns - kWallBegin - frame.capture_time_ns;
+  }
+  static Time least_lateness(const RecordedSession& session, Time from, Time to) {
+    Time least = kNever;
+    for (const RecordedFrame& frame : session.frames) {
+      const Time came = frame.arrived_ns - kWallBegin;
+      if (frame.is_late || came < from || came > to) continue;
+      least = std::min(least, lateness(frame));
+    }
+    return least;
+  }
+
+  /// No other fault within some seconds, of this robot or of the server.
+  bool is_alone(const Fault& outage) const {
+    const Time end = outage.at + outage.length + kAlone;
+    if (end > scenario_.length) return false;
+    return std::ranges::all_of(scenario_.faults, [&](const Fault& other) {
+      if (&other == &outage) return true;
+      if (other.machine != facts_.machine && other.machine != kServer) return true;
+      const auto times = other.kind == FaultKind::kDieInARow ? other.value : 1;
+      const Time lasts = static_cast<Time>(times) * (other.length + 5 * kSecond) + kAlone;
+      return other.at > end || other.at + lasts < outage.at;
+    });
+  }
+
   /// `buffer.memory`, of frames that are reduced to a quarter at most.
   void check_memory() {
     std::size_t bytes = 0;
@@ -150,6 +261,19 @@ class SessionJudge {
     if (facts_.most_held > most) {
       problem(
           fmt::format("{} frames were in memory, of which {} take it all", facts_.most_held, most));
+    }
+    const bool has_bad_link = std::ranges::any_of(scenario_.faults, [this](const Fault& fault) {
+      return fault.machine == facts_.machine &&
+             (fault.kind == FaultKind::kSlowLink || fault.kind == FaultKind::kLongWay ||
+              fault.kind == FaultKind::kLoss);
+    });
+    const std::uint64_t whole = kBufferBytes / 2 / (bytes / source.images.size());
+    const std::uint64_t half = robot_.policy != "catch-up" ? kMostInFlight
+                               : has_bad_link              ? kMostReduced * whole
+                                                           : kUsuallyReduced * whole;
+    if (facts_.most_in_flight > half + 2) {
+      problem(fmt::format("{} frames were in flight, of which {} take half of the memory",
+                          facts_.most_in_flight, half));
     }
   }
 
@@ -168,7 +292,7 @@ class SessionJudge {
       if (reason == DropReason::kFailed) why = "failed";
       if (reason == DropReason::kUnknown && !has_died() && facts_.has_closed && facts_.left == 0)
         why = "unknown";
-      if (reason == DropReason::kPolicy && is_kept && number < old_)
+      if (reason == DropReason::kPolicy && is_kept && number < old_ && !may_lose())
         why = "dropped, and never came";
       if (!why.empty() && wrong[why]++ == 0) first_wrong_[why] = number;
     }
@@ -206,7 +330,8 @@ class SessionJudge {
       if (!seen.insert(times->sequence).second) problem("again in times.txt: " + line);
       if (!there_.contains(times->sequence)) problem("in times.txt only: " + line);
     }
-    if (!run_.has_server_crashed() && fs::exists(folder_ / "orphans")) problem("has orphans");
+    if (run_.has_server_crashed() || facts_.was_visited) return;
+    if (fs::exists(folder_ / "orphans")) problem("has orphans");
   }
 
   void check_report() {
@@ -216,6 +341,7 @@ class SessionJudge {
       const bool is_end = found.starts_with("not ended");
       if (is_end && (has_died() || facts_.stops > 1)) continue;
       if (is_end && (old_ == 0 || may_lose())) continue;
+      if (was_left() && !is_end) continue;
       problem("check: " + found);
     }
     if (facts_.was_killed && facts_.stops == 0 && report.value().problems.empty()) {
@@ -244,11 +370,19 @@ class SessionJudge {
 Verdict judge(const Scenario& scenario, const Run& run) {
   Verdict verdict;
   verdict.problems = run.problems();
+  std::set<std::pair<int, std::string>> ids;
   for (int i = 0; i < world->sessions_used; ++i) {
-    SessionJudge(scenario, run, world->sessions[static_cast<std::size_t>(i)], verdict).run();
+    const SessionFacts& facts = world->sessions[static_cast<std::size_t>(i)];
+    SessionJudge(scenario, run, facts, verdict).run();
+    if (facts.id[0] == 0 || ids.emplace(facts.machine, facts.id.data()).second) continue;
+    verdict.problems.push_back(fmt::format("robot{}, start {} has the session of another, {}",
+                                           facts.machine, facts.start, facts.id.data()));
   }
+  const bool is_sent_elsewhere = std::ranges::any_of(
+      scenario.faults, [](const Fault& fault) { return fault.kind == FaultKind::kImpostor; });
+  const std::uint64_t most = is_sent_elsewhere ? 2 * kMostAttempts : kMostAttempts;
   for (std::size_t i = 1; i <= scenario.robots.size(); ++i) {
-    if (world->most_attempts[i] > kMostAttempts) {
+    if (world->most_attempts[i] > most) {
       verdict.problems.push_back(
           fmt::format("robot{} tried to connect {} times in a second", i, world->most_attempts[i]));
     }

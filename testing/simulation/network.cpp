@@ -13,7 +13,6 @@ enum Kind : int {
   kFirstArrives,
   kAnswerArrives,
   kRefusalArrives,
-  kTransmit,  ///< the queue has room again
   kArrive,
   kAcknowledge,
   kRetransmit,
@@ -21,7 +20,10 @@ enum Kind : int {
   kKeepAlive,
 };
 
-constexpr std::uint64_t kSegmentBytes = 8192;
+constexpr std::uint64_t kMostSegmentBytes = 8192;
+constexpr std::uint64_t kLeastSegmentBytes = 536;
+constexpr std::uint64_t kFirstWindow = 14'600;
+constexpr std::uint32_t kRepeats = 3;  // of an acknowledgement: a segment is lost
 constexpr std::uint64_t kWindowBytes = 96 << 10;
 constexpr Time kLeastRetransmission = 200 * kMillisecond;
 constexpr Time kMostRetransmission = 120 * kSecond;
@@ -90,13 +92,39 @@ Time retransmission_time(const Connection& one, const Half& half) {
   return std::min(kMostRetransmission, base << std::min(half.backoff, 10U));
 }
 
+/// How long the link may be busy with what waits for it: a slow one, too, holds some packets.
+Time queue_time(const Path& path) {
+  constexpr double kLeastBytes = 32e3;
+  return std::max(path.queue, static_cast<Time>(kLeastBytes / path.bytes_per_second * 1e9));
+}
+
 void arm(int number, int side) {
   Connection& one = connection(number);
   Half& half = half_of(one, side);
   if (half.is_timed || half.acked == half.sent) return;
   half.is_timed = true;
   half.acked_when_timed = half.acked;
-  post(number, kRetransmit, side, retransmission_time(one, half) + path_of(one).queue);
+  post(number, kRetransmit, side, retransmission_time(one, half) + queue_time(path_of(one)));
+}
+
+/// So small that some of them fit into the queue.
+std::uint64_t segment_bytes(const Path& path) {
+  const double queue = path.bytes_per_second * static_cast<double>(queue_time(path)) / 1e9;
+  return std::clamp(static_cast<std::uint64_t>(queue / 4), kLeastSegmentBytes, kMostSegmentBytes);
+}
+
+/// Sends again from there on, and less at once.
+void shrink_window(const Path& path, Half& half) {
+  half.threshold = std::max(2 * segment_bytes(path), (half.sent - half.acked) / 2);
+  half.window = half.threshold;
+  half.recovered = half.sent;
+  half.repeats = 0;
+  half.sent = half.acked;
+}
+
+void grow_window(const Path& path, Half& half, std::uint64_t acked) {
+  if (half.window >= half.threshold) acked = segment_bytes(path) * acked / half.window;
+  half.window = std::min(kWindowBytes, half.window + acked);
 }
 
 /// Sends what may be sent.
@@ -108,19 +136,12 @@ void pump(int number, int side) {
   auto& busy_until = path.busy_until[static_cast<std::size_t>(side)];
   while (half.sent < half.end()) {
     if (half.sent - std::min(half.sent, half.read) >= kWindowBytes) break;
-    if (half.sent - half.acked >= kWindowBytes) break;
-    if (busy_until > world->now + path.queue) {
-      if (!half.is_waiting_for_link) {
-        half.is_waiting_for_link = true;
-        post(number, kTransmit, side, busy_until - world->now - path.queue / 2);
-      }
-      break;
-    }
-    const std::uint64_t to = std::min(half.end(), half.sent + kSegmentBytes);
+    if (half.sent - half.acked >= half.window) break;
+    const std::uint64_t to = std::min(half.end(), half.sent + segment_bytes(path));
     const auto seconds = static_cast<double>(to - half.sent + 40) / path.bytes_per_second;
     if (half.sent == half.acked) half.waiting_since = world->now;
-    const bool is_lost =
-        !is_through(one, side) || (path.loss_one_in > 0 && world->random.one_in(path.loss_one_in));
+    const bool is_lost = !is_through(one, side) || busy_until > world->now + queue_time(path) ||
+                         (path.loss_one_in > 0 && world->random.one_in(path.loss_one_in));
     if (!is_lost) {
       busy_until = std::max(busy_until, world->now) + static_cast<Time>(seconds * 1e9);
       half.last_arrival = std::max(half.last_arrival, busy_until + delay_of(one));  // in order
@@ -186,8 +207,8 @@ void arrive(int number, const Event& event) {
   if (!is_answered(number, event.half)) return;
   Endpoint& reader = end_of(one, 1 - event.half);
   if (!reader.is_open) return send_reset(number, event.half);
-  if (event.from > half.arrived) return;  // what is before it was lost
-  if (event.to > half.arrived) {
+  // What is behind a lost segment is sent again as well.
+  if (event.from <= half.arrived && event.to > half.arrived) {
     half.arrived = event.to;
     changed(reader);
   }
@@ -199,7 +220,18 @@ void arrive(int number, const Event& event) {
 void acknowledge(int number, const Event& event) {
   Connection& one = connection(number);
   Half& half = half_of(one, event.half);
-  if (!is_through(one, 1 - event.half) || event.to <= half.acked) return;
+  if (!is_through(one, 1 - event.half) || event.to < half.acked) return;
+  if (event.to == half.acked) {
+    if (half.sent == half.acked || half.acked < half.recovered) return;
+    if (++half.repeats < kRepeats) return;
+    const Time since = half.waiting_since;
+    shrink_window(path_of(one), half);
+    pump(number, event.half);
+    half.waiting_since = since;
+    return;
+  }
+  grow_window(path_of(one), half, event.to - half.acked);
+  half.repeats = 0;
   half.acked = event.to;
   half.sent = std::max(half.sent, half.acked);
   half.backoff = 0;
@@ -223,8 +255,9 @@ void retransmit(int number, const Event& event) {
         (writer.user_timeout > 0 && waited > writer.user_timeout)) {
       return break_end(writer, ETIMEDOUT);
     }
-    half.sent = half.acked;
     const Time since = half.waiting_since;
+    shrink_window(path_of(one), half);
+    half.window = segment_bytes(path_of(one));
     pump(number, event.half);
     half.waiting_since = since;
   }
@@ -262,7 +295,10 @@ int open_connection() {
   one.ends = {};
   for (Half& half : one.halves) {
     half.written = half.sent = half.acked = half.arrived = half.read = half.acked_when_timed = 0;
-    half.has_end = half.is_timed = half.is_waiting_for_link = false;
+    half.has_end = half.is_timed = false;
+    half.window = kFirstWindow;
+    half.threshold = kWindowBytes;
+    half.recovered = half.repeats = 0;
     half.backoff = 0;
     half.last_arrival = 0;
   }
@@ -429,9 +465,6 @@ void handle(const Event& event) {
     case kRefusalArrives:
       if (is_through(one, 1)) break_end(end_of(one, 0), ECONNREFUSED);
       return;
-    case kTransmit:
-      half_of(one, event.half).is_waiting_for_link = false;
-      return pump(number, event.half);
     case kArrive:
       return arrive(number, event);
     case kAcknowledge:

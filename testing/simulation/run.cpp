@@ -17,6 +17,21 @@ constexpr std::uint64_t kLargeDisk = 1ULL << 40;
 constexpr std::uint64_t kSmallDisk = 6 << 20;
 constexpr std::uint64_t kFewFrames = 10;  // of a stream that is reduced some always wait
 constexpr Time kLongestEnd = 60 * kSecond;
+constexpr std::size_t kMostForged = 8;  // frames of a visit
+
+/// Those of a session whose images are on the server's disk, from the oldest on, at most so many.
+std::vector<std::string> recorded(const SessionFacts& facts, const fs::path& folder,
+                                  std::uint64_t most) {
+  std::vector<std::string> numbers;
+  std::error_code none;
+  for (const auto& image : fs::directory_iterator(folder / facts.id.data() / "images", none)) {
+    const std::string number = image.path().stem().string();
+    if (number.find_first_not_of("0123456789") == std::string::npos) numbers.push_back(number);
+  }
+  std::sort(numbers.begin(), numbers.end());
+  numbers.resize(std::min<std::uint64_t>(numbers.size(), most));
+  return numbers;
+}
 
 /// Until frames come again, of the slowest robot too.
 Time settling_of(const Scenario& scenario) {
@@ -102,8 +117,12 @@ std::vector<std::string> Run::arguments_of(int number) const {
 
 void Run::begin(int number) {
   if (machine(number).is_running || machine(number).pid != 0) return;
+  if (number == kServer && has_impostor_) return;
   if (number != kServer) {
     if (world->sessions_used == kMostSessions) return;
+    if (setup_of(number).has_no_clock && !machine(number).is_on) {
+      machine(number).clock_offset = -world->now;
+    }
     machine(number).session = world->sessions_used;
     SessionFacts& facts = world->sessions[static_cast<std::size_t>(world->sessions_used++)];
     facts.machine = number;
@@ -144,7 +163,7 @@ void Run::die(int number, bool loses_power) {
 }
 
 void Run::die_in_a_row(int number, std::uint64_t times, Time pause) {
-  die(number, random_.one_in(4));
+  die(number, setup_of(number).has_no_clock || random_.one_in(4));
   begin_later(number, random_.between(kMillisecond, pause));
   if (times <= 1) return;
   after(pause + random_.between(10 * kMillisecond, 5 * kSecond),
@@ -186,6 +205,7 @@ void Run::look_after_machines() {
     }
     if (one.disk.log_used > kDiskLogBytes / 8) devices_[static_cast<std::size_t>(i)]->follow();
   }
+  if (machine(stranger()).has_ended) end_stranger();
 }
 
 void Run::advance(Time until) {
@@ -263,6 +283,73 @@ void Run::apply_to_disk(const Fault& fault) {
   after(fault.length, [&disk] { disk.capacity = std::max(disk.capacity, kLargeDisk); });
 }
 
+void Run::start_stranger(std::vector<std::string> words) {
+  words.insert(words.begin(), "orbbuf-stranger");
+  programs_.stranger.start(stranger(), words);
+}
+
+void Run::end_stranger() {
+  Machine& one = machine(stranger());
+  if (one.pid == 0) return;
+  if (one.has_ended && one.status != 0) problem(fmt::format("a stranger ended: {}", one.status));
+  programs_.stranger.kill(stranger());
+  one.has_ended = false;
+}
+
+void Run::take_servers_place(const Fault& fault) {
+  constexpr std::array kAnswers = {"moved:nowhere.example:7722",
+                                   "moved:nowhere.example:7722",
+                                   "moved:nowhere.example:7722",
+                                   "moved:nowhere.example:7722",
+                                   "moved:10.0.9.9:7722",
+                                   "refused",
+                                   "bye",
+                                   "beyond",
+                                   "garbage",
+                                   "silence"};
+  end_stranger();
+  die(kServer, false);
+  has_impostor_ = true;
+  start_stranger({"answer", kAnswers[fault.value % kAnswers.size()]});
+  after(fault.length, [this] {
+    end_stranger();
+    has_impostor_ = false;
+    begin(kServer);
+  });
+}
+
+/// In the name of the robot and of its session, with other bytes for what is recorded of this one,
+/// or of an earlier one. (Another session would end the robot's.)
+void Run::visit(const Fault& fault) {
+  constexpr std::array kDoings = {"late", "late", "live", "half", "garbage"};
+  const std::string doing = kDoings[fault.value % kDoings.size()];
+  if (machine(stranger()).pid != 0) return;
+  const std::string robot = fmt::format("robot{}", fault.machine);
+  const fs::path folder = fs::path(world_folder) / folder_name(kServer) / "data" / robot;
+  std::vector<SessionFacts*> sessions;
+  for (int i = 0; i < world->sessions_used; ++i) {
+    SessionFacts& facts = world->sessions[static_cast<std::size_t>(i)];
+    if (facts.machine == fault.machine && facts.id[0] != 0) sessions.push_back(&facts);
+  }
+  if (sessions.empty() || !machine(fault.machine).is_running) return;
+  SessionFacts& facts =
+      doing == "live" ? *sessions.back() : *sessions[random_.below(sessions.size())];
+  const Source& other = sources_[setup_of(fault.machine).has_large_images ? 0 : 1];
+  std::vector<std::string> words = {
+      "visit",         doing,
+      robot,           sessions.back()->id.data(),
+      facts.id.data(), world_folder + "/source/" + other.name + "/000000.jpg"};
+  // Those that a server may have lost its power with are not recorded for sure.
+  const bool is_sure = scenario_.sync == "ack" || server_power_cut_ == 0;
+  auto numbers = recorded(facts, folder, is_sure ? facts.acknowledged : 0);
+  while (numbers.size() > kMostForged) {
+    numbers.erase(numbers.begin() + static_cast<std::ptrdiff_t>(random_.below(numbers.size())));
+  }
+  words.insert(words.end(), numbers.begin(), numbers.end());
+  facts.was_visited = true;
+  start_stranger(std::move(words));
+}
+
 void Run::apply(const Fault& fault) {
   trace(-1, "FAULT {}", to_string(fault));
   const auto place = static_cast<std::size_t>(fault.machine);
@@ -288,6 +375,10 @@ void Run::apply(const Fault& fault) {
     case FaultKind::kClockStep:
       one.clock_offset = static_cast<std::int64_t>(fault.value) * kSecond;
       return;
+    case FaultKind::kImpostor:
+      return take_servers_place(fault);
+    case FaultKind::kVisit:
+      return visit(fault);
     case FaultKind::kSlowDisk:
     case FaultKind::kHangingSync:
     case FaultKind::kFailingDisk:
@@ -302,6 +393,8 @@ void Run::heal() {
   trace(-1, "ALL IS WELL AGAIN");
   actions_.clear();
   downs_ = {};
+  end_stranger();
+  has_impostor_ = false;
   for (int i = 0; i < machines(); ++i) {
     Machine& one = machine(i);
     one.frozen_until = 0;

@@ -25,13 +25,15 @@ struct Programs {
   /// Of a build folder.
   Programs(const std::filesystem::path& build, int memory, const std::vector<std::string>& emulator)
       : robot(build / "daemon/orbbufd", library(build), memory, emulator),
-        server(build / "server/orbbuf-server", library(build), memory, emulator) {}
+        server(build / "server/orbbuf-server", library(build), memory, emulator),
+        stranger(build / "testing/simulation/orbbuf-stranger", library(build), memory, emulator) {}
   static std::filesystem::path library(const std::filesystem::path& build) {
     return build / "testing/simulation/liborbbuf-simulated.so";
   }
 
   Program robot;
   Program server;
+  Program stranger;
 };
 
 /// A scenario from its first second until all machines have stopped in good order.
@@ -66,6 +68,10 @@ class Run {
   void apply(const Fault& fault);
   void apply_to_link(const Fault& fault);
   void apply_to_disk(const Fault& fault);
+  void take_servers_place(const Fault& fault);
+  void visit(const Fault& fault);
+  void start_stranger(std::vector<std::string> words);
+  void end_stranger();
   void heal();
   void await_late_frames();
   const SessionFacts& facts_of(int robot) const;
@@ -75,6 +81,7 @@ class Run {
   const RobotSetup& setup_of(int robot) const {
     return scenario_.robots[static_cast<std::size_t>(robot - 1)];
   }
+  int stranger() const { return machines(); }  ///< its machine
   int machines() const { return static_cast<int>(scenario_.robots.size()) + 1; }
   void problem(std::string text) { problems_.push_back(std::move(text)); }
 
@@ -92,6 +99,7 @@ class Run {
   bool has_server_crashed_ = false;
   Time server_power_cut_ = 0;
   bool is_ending_ = false;
+  bool has_impostor_ = false;
   std::vector<std::string> problems_;
 };
 

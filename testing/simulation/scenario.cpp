@@ -13,7 +13,8 @@ constexpr std::array<std::string_view, kFaultKinds> kNames = {
     "slow-link",    "long-way",      "loss",         "kill",
     "kill-at-call", "die-in-a-row",  "power-cut",    "power-cut-at-call",
     "stop",         "freeze",        "slow-disk",    "hanging-sync",
-    "failing-disk", "full-disk",     "clock-step"};
+    "failing-disk", "full-disk",     "clock-step",   "impostor",
+    "visit"};
 
 constexpr double kSlowest = 2500;  // bytes a second
 
@@ -45,11 +46,14 @@ RobotSetup draw_robot(Random& random, Time length) {
   robot.path.delay = draw_length(random, kMillisecond, 200 * kMillisecond);
   if (random.one_in(6))
     robot.path.delay = draw_length(random, 300 * kMillisecond, 900 * kMillisecond);
+  // Where it is as long as a frame takes, the rate is taken for that of the stream, and frames stay
+  // reduced (docs/simulation.md).
   robot.path.jitter = random.one_in(2) ? std::min(robot.path.delay / 20, kMillisecond) : 0;
   robot.path.queue = draw_length(random, 50 * kMillisecond, kSecond);
   const double needed = robot.fps * (robot.has_large_images ? 20000 : 2500);
   // A stream that nearly fills the window of its connection has no room for kept frames.
-  if (needed * 2 * static_cast<double>(robot.path.delay) / 1e9 > 48e3) robot.has_spool = false;
+  const auto way = static_cast<double>(robot.path.delay + robot.path.jitter);
+  if (needed * 2 * way / 1e9 > 48e3) robot.has_spool = false;
   robot.path.bytes_per_second =
       std::max(kSlowest, needed * static_cast<double>(2 + random.below(30)));
   return robot;
@@ -85,6 +89,10 @@ void draw_value(Fault& fault, Random& random, const Scenario& scenario) {
     case FaultKind::kDieInARow:
       fault.value = 2 + random.below(random.one_in(3) ? 30 : 6);
       break;
+    case FaultKind::kImpostor:
+    case FaultKind::kVisit:
+      fault.value = random.next() >> 1U;
+      return;
     case FaultKind::kClockStep: {
       constexpr std::array<std::int64_t, 7> kSteps = {-500'000'000, -86'400,    -3600, -2, 5,
                                                       7200,         100'000'000};
@@ -112,7 +120,8 @@ void draw_value(Fault& fault, Random& random, const Scenario& scenario) {
 }
 
 bool is_of_robots(FaultKind kind) {
-  return kind <= FaultKind::kLoss || kind == FaultKind::kDieInARow || kind == FaultKind::kClockStep;
+  return kind <= FaultKind::kLoss || kind == FaultKind::kDieInARow ||
+         kind == FaultKind::kClockStep || kind == FaultKind::kVisit;
 }
 
 Fault draw_fault(Random& random, const Scenario& scenario) {
@@ -127,6 +136,7 @@ Fault draw_fault(Random& random, const Scenario& scenario) {
   if (is_of_robots(fault.kind) && fault.machine == kServer) {
     fault.machine = static_cast<int>(1 + random.below(scenario.robots.size()));
   }
+  if (fault.kind == FaultKind::kImpostor) fault.machine = kServer;
   fault.length = draw_length(random, 200 * kMillisecond,
                              random.one_in(8) ? longest_fault(scenario) : 60 * kSecond);
   draw_value(fault, random, scenario);
@@ -139,6 +149,7 @@ void keep_company(Fault& fault, Random& random, const Scenario& scenario) {
   const Time until = random.one_in(3) ? kSecond : other.length + 2 * kSecond;
   fault.at = std::clamp(other.at + random.between(-kSecond, until), kSecond, scenario.length);
   const bool may_move = other.machine != kServer || !is_of_robots(fault.kind);
+  if (fault.kind == FaultKind::kImpostor) return;
   if (may_move && random.one_in(2)) fault.machine = other.machine;
 }
 
@@ -183,6 +194,79 @@ void add_death_of_server(Scenario& scenario, Random& random) {
   scenario.faults.push_back(death);
 }
 
+/// It takes what comes, and cannot acknowledge it.
+void add_stall_of_server(Scenario& scenario, Random& random) {
+  Fault stall;
+  stall.kind = FaultKind::kHangingSync;
+  stall.at = random.between(kSecond, scenario.length);
+  stall.length = draw_length(random, 10 * kSecond, 100 * kSecond);
+  scenario.faults.push_back(stall);
+}
+
+/// Programs that are none of ours.
+void add_stranger(Scenario& scenario, Random& random) {
+  Fault stranger;
+  stranger.kind = random.one_in(2) ? FaultKind::kImpostor : FaultKind::kVisit;
+  if (stranger.kind == FaultKind::kVisit) {
+    stranger.machine = static_cast<int>(1 + random.below(scenario.robots.size()));
+  }
+  stranger.at = random.between(kSecond, scenario.length);
+  stranger.length = draw_length(random, kSecond, 60 * kSecond);
+  draw_value(stranger, random, scenario);
+  scenario.faults.push_back(stranger);
+}
+
+/// What acknowledged frames it has then is not for sure.
+void add_power_cut_of_server(Scenario& scenario, Random& random) {
+  Fault cut;
+  cut.kind = FaultKind::kPowerCut;
+  cut.at = random.between(kSecond, scenario.length);
+  cut.length = draw_length(random, 100 * kMillisecond, 60 * kSecond);
+  scenario.faults.push_back(cut);
+}
+
+/// As many frames as an outage of days has at usual rates: until the robot's account must be
+/// shortened, and its record is long. Then it dies.
+void make_long_outage(Scenario& scenario, Random& random) {
+  scenario.robots.resize(1);
+  RobotSetup& robot = scenario.robots.front();
+  robot.fps = 100;
+  robot.policy = random.one_in(2) ? "drop-oldest" : "uniform";
+  robot.has_spool = robot.has_large_images = robot.has_small_disk = false;
+  robot.has_drop_log = random.below(8) != 0;
+  robot.path.bytes_per_second = 3e6;
+  Fault outage;
+  outage.at = 10 * kSecond;
+  outage.machine = 1;
+  outage.length = random.one_in(2) ? random.between(3600 * kSecond, 4800 * kSecond)
+                                   : draw_length(random, 240 * kSecond, 1200 * kSecond);
+  scenario.length = outage.at + outage.length + 60 * kSecond;
+  scenario.faults = {outage};
+  if (random.one_in(4)) return;
+  Fault death;
+  death.machine = 1;
+  death.kind = random.one_in(2) ? FaultKind::kKill : FaultKind::kPowerCut;
+  death.at = outage.at + outage.length - random.between(0, 20 * kSecond);
+  draw_value(death, random, scenario);
+  scenario.faults.push_back(death);
+}
+
+/// Robots without a clock of their own that lose their power again and again.
+void make_many_starts(Scenario& scenario, Random& random) {
+  for (RobotSetup& robot : scenario.robots) robot.has_no_clock = true;
+  for (std::size_t i = 0; i < scenario.robots.size(); ++i) {
+    Fault row;
+    row.machine = static_cast<int>(i + 1);
+    row.at = random.between(kSecond, 10 * kSecond);
+    row.kind = FaultKind::kDieInARow;
+    row.value = 100 + random.below(200);
+    row.length = random.between(100 * kMillisecond, kSecond);
+    scenario.length =
+        std::max(scenario.length, row.at + static_cast<Time>(row.value) * 4 * kSecond);
+    scenario.faults.push_back(row);
+  }
+}
+
 }  // namespace
 
 std::string_view to_string(FaultKind kind) { return kNames[static_cast<std::size_t>(kind)]; }
@@ -195,11 +279,11 @@ std::string to_string(const Fault& fault) {
 }
 
 Scenario draw_scenario(std::uint64_t seed) {
-  Random random{seed * 0x9E3779B97F4A7C15U + 1};
+  Random random{Random{seed}.next()};  // far from those of the seeds beside it
   Scenario scenario;
   scenario.seed = seed;
   scenario.length = draw_length(random, 60 * kSecond, 24 * 3600 * kSecond);
-  if (random.one_in(6)) scenario.sync = "1 s";
+  if (random.one_in(4)) scenario.sync = "1 s";
   scenario.sync_time = draw_length(random, 100 * kMicrosecond, 30 * kMillisecond);
   const std::uint64_t robots = 1 + random.below(3);
   for (std::uint64_t i = 0; i < robots; ++i)
@@ -213,6 +297,14 @@ Scenario draw_scenario(std::uint64_t seed) {
     scenario.faults.push_back(fault);
     if (random.one_in(3)) add_death_in_outage(scenario, random);
     if (random.one_in(6)) add_death_of_server(scenario, random);
+  }
+  if (random.one_in(4)) add_stall_of_server(scenario, random);
+  if (random.one_in(2)) add_stranger(scenario, random);
+  if (scenario.sync != "ack") add_power_cut_of_server(scenario, random);
+  if (random.one_in(12)) {
+    make_long_outage(scenario, random);
+  } else if (random.one_in(16)) {
+    make_many_starts(scenario, random);
   }
   std::sort(scenario.faults.begin(), scenario.faults.end(),
             [](const Fault& a, const Fault& b) { return a.at < b.at; });
@@ -229,7 +321,10 @@ std::string to_string(const Scenario& scenario) {
         "  robot{}: {} fps, {}, spool {}, drop log {}, {} images, {} disk, {:.0f} B/s, "
         "{:.1f} ms, queue {:.0f} ms\n",
         i + 1, robot.fps, robot.policy, robot.has_spool, robot.has_drop_log,
-        robot.has_large_images ? "large" : "small", robot.has_small_disk ? "small" : "large",
+        robot.has_large_images ? "large" : "small",
+        robot.has_no_clock     ? "no clock, large"
+        : robot.has_small_disk ? "small"
+                               : "large",
         robot.path.bytes_per_second, static_cast<double>(robot.path.delay) / 1e6,
         static_cast<double>(robot.path.queue) / 1e6);
   }

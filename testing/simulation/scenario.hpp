@@ -34,8 +34,10 @@ enum class FaultKind : std::uint8_t {
   kFailingDisk,
   kFullDisk,
   kClockStep,  ///< value: seconds, as a signed number
+  kImpostor,   ///< in the server's place for `length`; value: what it answers
+  kVisit,      ///< by a stranger that says it is that robot; value: what it does
 };
-inline constexpr int kFaultKinds = 19;
+inline constexpr int kFaultKinds = 21;
 std::string_view to_string(FaultKind kind);
 
 struct Fault {
@@ -54,6 +56,7 @@ struct RobotSetup {
   bool has_drop_log = false;
   bool has_large_images = false;
   bool has_small_disk = false;
+  bool has_no_clock = false;  ///< each start after a power cut begins at the same time
   Path path;
 
   bool has_record() const { return has_spool || has_drop_log; }

@@ -73,7 +73,10 @@ struct Half {
   std::uint64_t written = 0, sent = 0, acked = 0, arrived = 0, read = 0;
   bool has_end = false;
   bool is_timed = false;  ///< an event for the retransmission is on its way
-  bool is_waiting_for_link = false;
+  std::uint64_t window = 0;     ///< that many bytes may be on their way
+  std::uint64_t threshold = 0;  ///< below it the window grows fast
+  std::uint64_t recovered = 0;  ///< until that is acknowledged, what was lost is known
+  std::uint32_t repeats = 0;    ///< acknowledgements that say nothing new
   std::uint32_t backoff = 0;
   std::uint64_t acked_when_timed = 0;
   Time last_arrival = 0;
@@ -120,7 +123,7 @@ struct Path {
   std::array<Time, 2> busy_until{};
   Time delay = 5 * kMillisecond;
   Time jitter = 0;
-  Time queue = 300 * kMillisecond;  ///< that much waits at the bottleneck
+  Time queue = 300 * kMillisecond;  ///< that much waits at the bottleneck, the rest is lost
   double bytes_per_second = 1e6;
   std::uint32_t loss_one_in = 0;  ///< 0: none
 };
@@ -166,13 +169,15 @@ struct SessionFacts {
   std::uint64_t acknowledged = 0;  ///< this and those below as its log last said
   std::uint64_t spooled = 0;
   std::uint64_t most_held = 0;  ///< frames that waited, or were in flight
+  std::uint64_t most_in_flight = 0;
   Time began = 0;
   Time ended = kNever;
   bool was_killed = false;
   bool lost_power = false;
-  bool has_closed = false;  ///< by itself
-  std::uint64_t left = 0;   ///< frames that it had not delivered then
-  int stops = 0;            ///< signals; the second one ends it at once
+  bool has_closed = false;   ///< by itself
+  std::uint64_t left = 0;    ///< frames that it had not delivered then
+  int stops = 0;             ///< signals; the second one ends it at once
+  bool was_visited = false;  ///< by a stranger, in its name
 };
 
 struct Event {
@@ -228,10 +233,8 @@ inline Thread& myself() { return world->threads[static_cast<std::size_t>(this_th
 inline Machine& machine(int number) { return world->machines[static_cast<std::size_t>(number)]; }
 inline int my_machine_number() { return myself().machine; }
 inline Machine& my_machine() { return machine(my_machine_number()); }
-inline Time my_wall_time() {
-  constexpr Time kBegin = 1'790'000'000LL * kSecond;  // September 2026
-  return kBegin + world->now + my_machine().clock_offset;
-}
+inline constexpr Time kWallBegin = 1'790'000'000LL * kSecond;  // September 2026
+inline Time my_wall_time() { return kWallBegin + world->now + my_machine().clock_offset; }
 
 /// Makes the World anew in a memory file; the calling thread becomes the controller's.
 void make_world(int memory, std::uint64_t seed);
