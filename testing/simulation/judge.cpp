@@ -65,7 +65,8 @@ class SessionJudge {
     if (scenario_.sync != "ack" && facts_.ended < run_.server_power_cut()) return;
     find_old();
     verdict_.captured += surely_captured();
-    if (facts_.id[0] == '\0' || !fs::exists(folder_)) {
+    // A server that dies between making the folder and the journal leaves the folder only.
+    if (facts_.id[0] == '\0' || !fs::exists(folder_ / "journal.000000")) {
       if (old_ > 0) problem(fmt::format("{} frames, and the server knows nothing of it", old_));
       return;
     }

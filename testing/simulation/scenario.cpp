@@ -46,9 +46,7 @@ RobotSetup draw_robot(Random& random, Time length) {
   robot.path.delay = draw_length(random, kMillisecond, 200 * kMillisecond);
   if (random.one_in(6))
     robot.path.delay = draw_length(random, 300 * kMillisecond, 900 * kMillisecond);
-  // Where it is as long as a frame takes, the rate is taken for that of the stream, and frames stay
-  // reduced (docs/simulation.md).
-  robot.path.jitter = random.one_in(2) ? std::min(robot.path.delay / 20, kMillisecond) : 0;
+  robot.path.jitter = random.one_in(2) ? robot.path.delay / 2 : 0;
   robot.path.queue = draw_length(random, 50 * kMillisecond, kSecond);
   const double needed = robot.fps * (robot.has_large_images ? 20000 : 2500);
   // A stream that nearly fills the window of its connection has no room for kept frames.
