@@ -92,13 +92,24 @@ Result<Unkept> read_unkept(const fs::path& folder, const Place& from, Durability
   return unkept;
 }
 
+bool can_open_images(const fs::path& folder, const RecordedFrame& frame) {
+  const auto can_open = [&](const std::string& image) {
+    return static_cast<bool>(UniqueFd(::open((folder / image).c_str(), O_RDONLY | O_CLOEXEC)));
+  };
+  return can_open(session_names::left_image(frame.sequence)) &&
+         (!frame.is_stereo() || can_open(session_names::right_image(frame.sequence)));
+}
+
 /// Before the first record that is damaged, or whose images are not whole; kNowhere: all are. An
-/// error if an image is there and cannot be read: a power cut is not why.
+/// error if the system does not open an image that is there, for want of descriptors perhaps: a
+/// power cut is not why.
 Result<Place> find_cut(const fs::path& folder, const Unkept& unkept) {
   for (const auto& [place, frame] : unkept.frames) {
     if (place >= unkept.invalid) break;
     const auto images = read_images(folder, frame);
-    if (!images && !are_images_gone(folder, frame)) return images.error();
+    if (!images && !are_images_gone(folder, frame) && !can_open_images(folder, frame)) {
+      return images.error();
+    }
     if (!images || !is_whole(frame, images.value())) return place;
   }
   return unkept.invalid;

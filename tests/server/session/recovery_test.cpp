@@ -130,11 +130,20 @@ TEST_F(RecoveryTest, AnImageThatCannotBeReadForNowCostsNoFrame) {
   record({0, 1});
   const fs::path image = folder_ / "images/000001.jpg";
   fs::rename(image, folder_ / "aside");
-  fs::create_directory(image);
+  fs::create_symlink(image.filename(), image);  // to itself: the system opens no such file
   EXPECT_FALSE(SessionStore::open(folder_, {"robot", "session", ""}, Durability::kAck));
   fs::remove(image);
   fs::rename(folder_ / "aside", image);
   EXPECT_EQ(next(), 2U);
+}
+
+/// On a damaged sector, for one: the robot is asked for it.
+TEST_F(RecoveryTest, AnImageThatOpensAndCannotBeReadIsNotWhole) {
+  record({0, 1});
+  const fs::path image = folder_ / "images/000001.jpg";
+  fs::remove(image);
+  fs::create_directory(image);
+  EXPECT_EQ(next(), 1U);
 }
 
 TEST_F(RecoveryTest, BothImagesOfAPairMustBeWhole) {
