@@ -323,7 +323,10 @@ void Connection::on_aside_kept(Aside& writes, std::uint64_t number, const Result
   on_kept();
   if (state_ != State::kServing) return;
   if (is_held_) read_aside();
-  if (is_discarding_ && late_writes_.count() + account_writes_.count() == 0) {
+  if (!is_discarding_ || late_writes_.count() + account_writes_.count() > 0) return;
+  if (late_writes_.discarded + account_writes_.discarded == 0) {
+    is_discarding_ = false;  // the disk was merely slow
+  } else {
     fail({ErrorCode::kTimeout, "late frames can be written again: their robot sends them anew"},
          LogLevel::kInfo);
   }
