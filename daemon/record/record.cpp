@@ -301,8 +301,11 @@ void Record::on_items_written(const RecordState::Note& note, const journal::Plac
 
 /// It could not be written. If the disk is full, the oldest frames pay.
 void Record::make_room_for(std::size_t note_bytes) {
-  if (has_free(note_bytes + kLittle)) return;
   Lock lock(mutex_);
+  const auto checkpoint_bytes = state_.checkpoint().size();  // of a new segment
+  if (has_free(note_bytes + checkpoint_bytes + record_format::encode(index_).size() + kLittle)) {
+    return;
+  }
   const auto oldest = state_.oldest_segment();
   if (!oldest || *oldest >= synced_segment_) return;
   lock.unlock();
@@ -348,6 +351,7 @@ bool Record::write_frame(Lock& lock, Clock::time_point now) {
   }
   const auto place = append(record_format::kFrame, head, frame->jpeg);
   if (!place) fail(place.error());
+  sync_at_ = std::min(sync_at_, now + kSyncInterval);
   pace_.spend(bytes, now);
   lock.lock();
   if (!place) return true;
@@ -468,7 +472,7 @@ bool Record::read_ahead(Lock& lock, Clock::time_point now) {
     }
     return true;
   }
-  failed_reads_ = 0;
+  if (late) failed_reads_ = 0;  // else those behind it are not tried as often
   if (!late || !late.value()) {
     ++counts_.damaged;
     state_.remove(taken->id);
