@@ -108,13 +108,13 @@ std::shared_ptr<TlsContext> make_tls_context(const TlsSettings& tls, bool is_rob
   return context;
 }
 
-std::shared_ptr<TlsContext> reload_tls_context(const TlsSettings& tls, bool is_robot) {
+std::shared_ptr<TlsContext> reload_tls_context(const TlsSettings& tls) {
   if (!tls.is_on()) {
     log_info("SIGHUP: no [tls], so there are no certificates to read again");
     return nullptr;
   }
   try {
-    auto context = make_tls_context(tls, is_robot);
+    auto context = make_tls_context(tls);
     log_info("SIGHUP: read the certificates again; new connections use them");
     return context;
   } catch (const std::runtime_error& error) {

@@ -38,6 +38,6 @@ std::shared_ptr<TlsContext> make_tls_context(const TlsSettings& tls, bool is_rob
 
 /// For SIGHUP: a context of the files as they are now, for new connections; null if `tls` is off or
 /// the files cannot be used. Logs which of them.
-std::shared_ptr<TlsContext> reload_tls_context(const TlsSettings& tls, bool is_robot = false);
+std::shared_ptr<TlsContext> reload_tls_context(const TlsSettings& tls);
 
 }  // namespace orbbuf

@@ -96,7 +96,7 @@ void ServerLink::start() {
 }
 
 void ServerLink::reload_tls() {
-  if (auto context = reload_tls_context(settings_.tls, true)) tls_ = std::move(context);
+  if (auto context = reload_tls_context(settings_.tls)) tls_ = std::move(context);
 }
 
 void ServerLink::close() {
