@@ -42,7 +42,7 @@ file_of() { # KEY: the file that tls.KEY names; nothing if it names none
   text=$(value "tls.$1" '')
   case $text in
     '') ;;
-    credential:*) readlink "$CREDENTIALS_DIRECTORY/${text#*:}" ;;
+    credential:*) realpath -m "$CREDENTIALS_DIRECTORY/${text#*:}" ;;
     *) (cd "$folder" && realpath -m "$text") ;;
   esac
 }

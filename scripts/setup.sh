@@ -102,7 +102,12 @@ fi
 case $camera in
   /*) put source kind v4l2 && put source device "$camera" ;;
   libcamera:?*) put source kind libcamera && put source camera "${camera#*:}" ;;
-  generated) put source kind generated && put_value source loop true ;;
+  generated)
+    put source kind generated
+    # A sensor of the drawn scene moves with it, once.
+    awk '/^\[/ { here = $1 } here ~ /^\[stream\./ && /^kind *= *"generated"/ { found = 1 } END { exit !found }' "$config" ||
+      put_value source loop true
+    ;;
   *) fail "expected /dev/..., libcamera:ID or generated, not $camera" ;;
 esac
 

@@ -138,7 +138,9 @@ class DdsSession final : public PacedSession {
         bytes += sample.message->cdr.size();
         messages.push_back(sample);
         const auto depth = std::min<std::size_t>(sample.message->publisher->depth, kMostLatched);
-        while (messages.size() > depth || (bytes > kMostLatchedBytes && !messages.empty())) {
+        // The last one of a publisher stays, unless there are very many of these.
+        while (messages.size() > depth || (bytes > kMostLatchedBytes && messages.size() > 1) ||
+               (bytes > 4 * kMostLatchedBytes && !messages.empty())) {
           bytes -= messages.front().message->cdr.size();
           messages.pop_front();
         }
