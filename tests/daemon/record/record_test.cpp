@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cstdlib>
 #include <fstream>
 #include <thread>
@@ -270,10 +271,11 @@ TEST_F(RecordTest, FramesThatCannotBeReadForAWhileAreNotLost) {
   const CapturedLog log;
   WatchedRecord record(settings(), "b");
   std::vector<Sequence> taken = record.take(1);
+  const std::string why = system_error("", EMFILE).text;
   {
     const ResourceLimit no_more(RLIMIT_NOFILE, 1);  // those that are open stay so
     for (; record->next(); record->take_next()) taken.push_back(record->next()->frame->sequence);
-    log.wait_for("Too many open files; it is tried again");
+    log.wait_for(why + "; it is tried again");
   }
   while (taken.size() < 5) taken.push_back(record.next().frame->sequence);
   EXPECT_EQ(taken, numbers(0, 5));
