@@ -72,7 +72,7 @@ struct Thread {
 struct Half {
   std::uint64_t written = 0, sent = 0, acked = 0, arrived = 0, read = 0;
   bool has_end = false;
-  bool is_timed = false;  ///< an event for the retransmission is on its way
+  bool is_timed = false;        ///< an event for the retransmission is on its way
   std::uint64_t window = 0;     ///< that many bytes may be on their way
   std::uint64_t threshold = 0;  ///< below it the window grows fast
   std::uint64_t recovered = 0;  ///< until that is acknowledged, what was lost is known
