@@ -158,7 +158,7 @@ void read_publish(ConfigReader& config, Settings& settings) {
   config.read(key, settings.publish);
   if (settings.publish.empty()) return;
   if (!is_ros_topic(settings.publish)) {
-    config.fail(key, fmt::format("expected a name of ROS 2 such as \"/camera\", got \"{}\"",
+    config.fail(key, fmt::format(R"(expected a name of ROS 2 such as "/camera", got "{}")",
                                  settings.publish));
   }
   if (settings.source.kind == "ros2") {
