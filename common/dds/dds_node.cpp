@@ -10,6 +10,7 @@
 #include <string_view>
 #include <utility>
 
+#include "common/cdr.hpp"
 #include "common/dds/type_hash.hpp"
 #include "common/system_clock.hpp"
 
@@ -20,28 +21,14 @@ constexpr const char* kType = "rmw_dds_common::msg::dds_::ParticipantEntitiesInf
 constexpr std::size_t kIdBytes = 16;
 constexpr std::size_t kIdBytesOfHumble = 24;
 
-/// CDR of multiples of 4 bytes.
-class Cdr {
- public:
-  void add_number(std::size_t number) {
-    for (unsigned shift = 0; shift < 32; shift += 8) {
-      bytes.push_back(static_cast<std::uint8_t>(number >> shift));
-    }
-  }
-  void add_text(std::string_view text) {
-    add_number(text.size() + 1);
-    bytes.insert(bytes.end(), text.begin(), text.end());
-    bytes.resize(bytes.size() / 4 * 4 + 4);  // the zero behind it, too
-  }
-  void add_id(dds_entity_t entity, std::size_t id_bytes) {
-    dds_guid_t guid{};
-    dds_get_guid(entity, &guid);
-    bytes.insert(bytes.end(), std::begin(guid.v), std::end(guid.v));
-    bytes.resize(bytes.size() + id_bytes - sizeof guid.v);
-  }
-
-  std::vector<std::uint8_t> bytes{0, 1, 0, 0};
-};
+/// The ID of an entity, with zeros behind it.
+void put_id(Cdr& out, dds_entity_t entity, std::size_t id_bytes) {
+  dds_guid_t guid{};
+  dds_get_guid(entity, &guid);
+  std::vector<std::uint8_t> id(std::begin(guid.v), std::end(guid.v));
+  id.resize(id_bytes);
+  out.put_array(id);
+}
 
 }  // namespace
 
@@ -97,14 +84,14 @@ std::vector<std::uint8_t> DdsNode::message(std::size_t id_bytes) const {
   auto writers = writers_of(participant_.entity());
   std::erase(writers, writer_);
   Cdr cdr;
-  cdr.add_id(participant_.entity(), id_bytes);
-  cdr.add_number(1);  // node
-  cdr.add_text("/");
-  cdr.add_text(name_);
-  cdr.add_number(0);  // readers
-  cdr.add_number(writers.size());
-  for (const dds_entity_t writer : writers) cdr.add_id(writer, id_bytes);
-  return std::move(cdr.bytes);
+  put_id(cdr, participant_.entity(), id_bytes);
+  cdr.put(std::uint32_t{1});  // node
+  cdr.put(std::string_view("/"));
+  cdr.put(std::string_view(name_));
+  cdr.put(std::uint32_t{0});  // readers
+  cdr.put(static_cast<std::uint32_t>(writers.size()));
+  for (const dds_entity_t writer : writers) put_id(cdr, writer, id_bytes);
+  return cdr.take();
 }
 
 }  // namespace orbbuf

@@ -5,8 +5,9 @@
 
 #include <algorithm>
 #include <array>
-#include <cstring>
 #include <vector>
+
+#include "common/cdr.hpp"
 
 namespace orbbuf::mcap::ros2 {
 namespace {
@@ -77,61 +78,29 @@ std::string_view fields_of(std::string_view type) {
   return known == std::end(kDefinitions) ? std::string_view() : known->fields;
 }
 
-/// Little-endian, each number aligned to its size.
-class Cdr {
- public:
-  Cdr(std::int64_t time_ns, std::string_view frame_id) {
-    constexpr std::int64_t kNsPerSecond = 1'000'000'000;
-    const std::int64_t time = std::max<std::int64_t>(time_ns, 0);
-    put(static_cast<std::int32_t>(time / kNsPerSecond));
-    put(static_cast<std::uint32_t>(time % kNsPerSecond));
-    put(frame_id);
-  }
-
-  template <class Number>
-  void put(Number value) {
-    bytes_.resize(kHead + (bytes_.size() - kHead + sizeof value - 1) / sizeof value * sizeof value);
-    append(&value, sizeof value);
-  }
-  void put(std::string_view text) {
-    put(static_cast<std::uint32_t>(text.size() + 1));
-    append(text.data(), text.size());
-    bytes_.push_back(0);
-  }
-  void put(std::span<const std::uint8_t> sequence) {
-    put(static_cast<std::uint32_t>(sequence.size()));
-    append(sequence.data(), sequence.size());
-  }
-  void put(std::span<const double> numbers) {
-    for (const double number : numbers) put(number);
-  }
-
-  Bytes take() { return std::move(bytes_); }
-
- private:
-  static constexpr std::size_t kHead = 4;
-
-  void append(const void* data, std::size_t size) {
-    const std::size_t at = bytes_.size();
-    bytes_.resize(at + size);
-    if (size > 0) std::memcpy(bytes_.data() + at, data, size);
-  }
-
-  Bytes bytes_{0, 1, 0, 0};
-};
+/// A message that begins with a std_msgs/Header.
+Cdr with_header(std::int64_t time_ns, std::string_view frame_id) {
+  constexpr std::int64_t kNsPerSecond = 1'000'000'000;
+  const std::int64_t time = std::max<std::int64_t>(time_ns, 0);
+  Cdr out;
+  out.put(static_cast<std::int32_t>(time / kNsPerSecond));
+  out.put(static_cast<std::uint32_t>(time % kNsPerSecond));
+  out.put(frame_id);
+  return out;
+}
 
 }  // namespace
 
 Bytes compressed_image(std::int64_t time_ns, std::string_view frame_id,
                        std::span<const std::uint8_t> jpeg) {
-  Cdr out(time_ns, frame_id);
+  Cdr out = with_header(time_ns, frame_id);
   out.put(std::string_view("jpeg"));
   out.put(jpeg);
   return out.take();
 }
 
 Bytes camera_info(std::int64_t time_ns, std::string_view frame_id, const CameraInfo& camera) {
-  Cdr out(time_ns, frame_id);
+  Cdr out = with_header(time_ns, frame_id);
   out.put(camera.height_px);
   out.put(camera.width_px);
   out.put(std::string_view(camera.distortion_model));
@@ -148,7 +117,7 @@ Bytes camera_info(std::int64_t time_ns, std::string_view frame_id, const CameraI
 Bytes imu(const Sample& sample, std::string_view frame_id) {
   constexpr std::array<double, 9> kUnknown{};
   constexpr std::array<double, 13> kNoOrientation{0, 0, 0, 1, -1};
-  Cdr out(sample.time_ns, frame_id);
+  Cdr out = with_header(sample.time_ns, frame_id);
   out.put(std::span<const double>(kNoOrientation));
   out.put(std::span<const double>(sample.angular_velocity));
   out.put(std::span<const double>(kUnknown));
