@@ -48,14 +48,10 @@ void LinkRate::on_lost() {
   usual_ = {};
   const auto before_slow = std::exchange(before_slow_, std::nullopt);
   if (std::exchange(is_new_, true)) return;
-  if (before_slow) {
-    bytes_ = before_slow->bytes;
-    service_s_ = before_slow->service_s;
-    passed_s_ = before_slow->passed_s;
-  }
-  service_s_ = std::max(service_s_, passed_s_ / kMostOfStream) / kMemoryFrames;
-  bytes_ /= kMemoryFrames;
-  passed_s_ /= kMemoryFrames;
+  if (before_slow) sums_ = *before_slow;
+  sums_.service_s = std::max(sums_.service_s, sums_.passed_s / kMostOfStream) / kMemoryFrames;
+  sums_.bytes /= kMemoryFrames;
+  sums_.passed_s /= kMemoryFrames;
 }
 
 /// Slow start doubles what is sent in each round trip until it fills the link.
@@ -68,7 +64,7 @@ void LinkRate::begin_connection(double round_trip_s) {
 /// The median: what is now and then on its way as well does not change it.
 void LinkRate::learn_path(Time now, const Written& alone, std::chrono::nanoseconds round_trip) {
   alone_time_ = now;
-  if (service_s_ <= 0 || alone.time - *begun_ < kSettling) return;
+  if (sums_.service_s <= 0 || alone.time - *begun_ < kSettling) return;
   const double service_s = static_cast<double>(alone.bytes) / bytes_per_s();
   beyond_s_.push_back(std::max(0.0, to_seconds(now - alone.time - round_trip) - service_s));
   if (beyond_s_.size() > kAlone) beyond_s_.pop_front();
@@ -102,11 +98,12 @@ void LinkRate::on_received(Time now, Sequence next, std::chrono::nanoseconds rou
   observe(seen);
   // A link that is idle between frames may be faster than what they tell of it.
   const bool may_be_faster = seen.idle_s > 0 && !slow_ && usual_ > kUsualDelay;
-  if (may_be_faster && passed_s_ < kMostOfCarried * service_s_) service_s_ /= kFaster;
+  if (may_be_faster && sums_.passed_s < kMostOfCarried * sums_.service_s)
+    sums_.service_s /= kFaster;
 }
 
 void LinkRate::observe(Observation seen) {
-  if (service_s_ <= 0) return add(seen, 1);
+  if (sums_.service_s <= 0) return add(seen, 1);
   const double rate = bytes_per_s();
   slow_for_s_ += seen.service_s + seen.idle_s;
   const bool is_as_before =
@@ -143,12 +140,12 @@ void LinkRate::observe(Observation seen) {
 /// The link has changed, and what was seen before tells nothing.
 void LinkRate::become_slow(const Observation& before, const Observation& seen) {
   if (!before_slow_) {
-    before_slow_ = {bytes_, service_s_, passed_s_};
+    before_slow_ = sums_;
     slow_for_s_ = 0;
   }
-  bytes_ = before.bytes + seen.bytes;
-  service_s_ = before.service_s + seen.service_s;
-  passed_s_ = service_s_;
+  sums_.bytes = before.bytes + seen.bytes;
+  sums_.service_s = before.service_s + seen.service_s;
+  sums_.passed_s = sums_.service_s;
 }
 
 bool LinkRate::is_slow(double service_s, double expected_s) {
@@ -158,9 +155,9 @@ bool LinkRate::is_slow(double service_s, double expected_s) {
 void LinkRate::add(const Observation& seen, double weight) {
   const double service_s = weight * seen.service_s;
   const double kept = std::min(std::exp(-service_s / kMemoryS), 1 - weight / kMemoryFrames);
-  bytes_ = kept * bytes_ + weight * seen.bytes;
-  service_s_ = kept * service_s_ + service_s;
-  passed_s_ = kept * passed_s_ + service_s + weight * seen.idle_s;
+  sums_.bytes = kept * sums_.bytes + weight * seen.bytes;
+  sums_.service_s = kept * sums_.service_s + service_s;
+  sums_.passed_s = kept * sums_.passed_s + service_s + weight * seen.idle_s;
 }
 
 double LinkRate::bytes_per_s(Time now, std::chrono::nanoseconds round_trip) const {
@@ -169,7 +166,7 @@ double LinkRate::bytes_per_s(Time now, std::chrono::nanoseconds round_trip) cons
 
 bool LinkRate::is_doubtful(Time now, std::chrono::nanoseconds round_trip) const {
   if (slow_) return true;
-  if (on_their_way_.empty() || service_s_ <= 0) return false;
+  if (on_their_way_.empty() || sums_.service_s <= 0) return false;
   const Written& first = on_their_way_.front();
   const double served_s = to_seconds(now - std::max(received_time_, first.time + path(round_trip)));
   return is_slow(served_s, static_cast<double>(first.bytes) / bytes_per_s());
@@ -196,12 +193,12 @@ LinkRate::Time LinkRate::served_at(std::chrono::nanoseconds round_trip) const {
 
 bool LinkRate::is_overdue(Time now, std::chrono::nanoseconds round_trip) const {
   if (on_their_way_.empty()) return false;
-  return service_s_ <= 0 || now > served_at(1, round_trip) + path(round_trip);
+  return sums_.service_s <= 0 || now > served_at(1, round_trip) + path(round_trip);
 }
 
 /// The first ones of those on their way.
 LinkRate::Time LinkRate::served_at(std::size_t frames, std::chrono::nanoseconds round_trip) const {
-  const double seconds_per_byte = service_s_ > 0 ? service_s_ / bytes_ : 0;
+  const double seconds_per_byte = sums_.service_s > 0 ? sums_.service_s / sums_.bytes : 0;
   Time time = received_time_ - path(round_trip);
   for (std::size_t i = 0; i < frames; ++i) {
     const Written& written = on_their_way_[i];

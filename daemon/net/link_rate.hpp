@@ -41,7 +41,7 @@ class LinkRate {
   /// 0 until a frame has been received. An outage does not change it: one observation counts
   /// for at most four times as long as expected. The second one in a row that takes at least twice
   /// as long as expected is the new rate.
-  double bytes_per_s() const { return service_s_ > 0 ? bytes_ / service_s_ : 0; }
+  double bytes_per_s() const { return sums_.service_s > 0 ? sums_.bytes / sums_.service_s : 0; }
   /// Half of that while the link may have become slow: the last observation, or a frame on its
   /// way, takes more than twice as long as expected.
   double bytes_per_s(Time now, std::chrono::nanoseconds round_trip) const;
@@ -77,7 +77,7 @@ class LinkRate {
   struct Sums {
     double bytes = 0;
     double service_s = 0;
-    double passed_s = 0;
+    double passed_s = 0;  // service, and what the link was idle before it
   };
 
   void begin_connection(double round_trip_s);
@@ -95,10 +95,8 @@ class LinkRate {
   Time served_at(std::size_t frames, std::chrono::nanoseconds round_trip) const;
 
   std::deque<Written> on_their_way_;
-  Time received_time_;  // of the last frame that was
-  double bytes_ = 0;    // sums, of which the old part fades
-  double service_s_ = 0;
-  double passed_s_ = 0;              // service, and what the link was idle before it
+  Time received_time_;               // of the last frame that was
+  Sums sums_;                        // of which the old part fades
   std::optional<Observation> slow_;  // the last one, if it was
   double tokens_ = 0;                // bytes that the link may pass now without any service
   double slow_start_s_ = 0;          // that the connection may still need
