@@ -37,7 +37,7 @@ std::filesystem::path folder_of(const SinkSettings& sinks) {
 class HttpServer::Connection final : public std::enable_shared_from_this<Connection> {
  public:
   /// `tls`: null for plain TCP. `files` and `owner` must outlive every run of the io_context.
-  Connection(tcp::socket socket, TlsContext* tls, Router::Strand& files, HttpServer& owner)
+  Connection(tcp::socket socket, TlsContext* tls, PoolStrand& files, HttpServer& owner)
       : peer_(peer_of(socket)),
         stream_(std::make_unique<Stream>(std::move(socket), tls)),
         files_(files),
@@ -208,7 +208,7 @@ class HttpServer::Connection final : public std::enable_shared_from_this<Connect
 
   const tcp::endpoint peer_;
   std::unique_ptr<Stream> stream_;  // null: given away
-  Router::Strand& files_;
+  PoolStrand& files_;
   HttpServer& owner_;
   asio::steady_timer timer_;
   std::chrono::steady_clock::time_point since_;

@@ -70,7 +70,7 @@ class HttpServer {
   void accept();
   void accept_later();
 
-  Router::Strand files_;
+  PoolStrand files_;
   std::shared_ptr<TlsContext> tls_;  // null: plain TCP
   Router router_;
   std::shared_ptr<FoxgloveServer> foxglove_;

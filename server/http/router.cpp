@@ -78,7 +78,7 @@ fs::path file_in_session(const std::vector<std::string>& words) {
 
 }  // namespace
 
-Router::Router(asio::io_context& main, Strand files, const Metrics& metrics, fs::path folder,
+Router::Router(asio::io_context& main, PoolStrand files, const Metrics& metrics, fs::path folder,
                bool is_local, FleetPage fleet)
     : main_(main),
       files_(std::move(files)),

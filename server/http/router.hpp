@@ -2,8 +2,6 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/strand.hpp>
-#include <boost/asio/thread_pool.hpp>
 #include <filesystem>
 #include <functional>
 #include <string>
@@ -13,6 +11,7 @@
 #include "server/http/request_reader.hpp"
 #include "server/http/response.hpp"
 #include "server/live/metrics.hpp"
+#include "server/runtime/run_in_pool.hpp"
 
 namespace orbbuf {
 
@@ -30,11 +29,10 @@ struct FleetPage {
 class Router {
  public:
   using Answer = std::function<void(HttpResponse)>;
-  using Strand = boost::asio::strand<boost::asio::thread_pool::executor_type>;
 
   /// `folder`: where sessions are kept; empty: nowhere. `is_local`: only this machine can connect,
   /// so a request for another host was sent by a page from there that misleads a browser here.
-  Router(boost::asio::io_context& main, Strand files, const Metrics& metrics,
+  Router(boost::asio::io_context& main, PoolStrand files, const Metrics& metrics,
          std::filesystem::path folder, bool is_local, FleetPage fleet = {});
 
   /// Runs `answer` once, from within the call or later.
@@ -56,7 +54,7 @@ class Router {
   void run_on_files(std::function<HttpResponse()> work, Answer answer) const;
 
   boost::asio::io_context& main_;
-  mutable Strand files_;
+  mutable PoolStrand files_;
   const Metrics& metrics_;
   const std::filesystem::path folder_;
   const bool is_local_;

@@ -3,9 +3,14 @@
 
 #include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/post.hpp>
+#include <boost/asio/strand.hpp>
+#include <boost/asio/thread_pool.hpp>
 #include <utility>
 
 namespace orbbuf {
+
+/// Runs what it is given one thing at a time.
+using PoolStrand = boost::asio::strand<boost::asio::thread_pool::executor_type>;
 
 /// Runs `work` in the pool (a thread_pool or a strand of one) and then `done` with its result on
 /// `main` (an execution context or an executor), which cannot run out of work in between. `work`

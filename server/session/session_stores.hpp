@@ -86,9 +86,9 @@ class SessionStores {
     std::uint64_t used_at = 0;
   };
   struct Robot {
-    explicit Robot(SharedStore::Strand of_all) : strand(std::move(of_all)) {}
+    explicit Robot(PoolStrand of_all) : strand(std::move(of_all)) {}
 
-    SharedStore::Strand strand;
+    PoolStrand strand;
     std::map<std::string, Entry> entries;  // by session
     std::set<std::string> named;           // sessions that accounts name, without a live stream
     std::set<std::string> held;            // of these the robot has frames

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/strand.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <filesystem>
 #include <functional>
@@ -24,11 +23,9 @@ namespace orbbuf {
 /// Thread-bound to `main`. Lives in a shared_ptr, which its work holds.
 class SharedStore : public std::enable_shared_from_this<SharedStore> {
  public:
-  using Strand = boost::asio::strand<boost::asio::thread_pool::executor_type>;
-
   /// files: of all robots. group: brings what was written onto the device; null: nothing does. It
   /// and `main` must outlive the object; the pool is stopped before `main` is destroyed.
-  SharedStore(boost::asio::io_context& main, Strand strand, const std::filesystem::path& files,
+  SharedStore(boost::asio::io_context& main, PoolStrand strand, const std::filesystem::path& files,
               SessionInfo info, Durability durability, GroupCommit* group)
       : main_(main),
         strand_(std::move(strand)),
@@ -74,7 +71,7 @@ class SharedStore : public std::enable_shared_from_this<SharedStore> {
   void on_committed(const journal::Place& place);
 
   boost::asio::io_context& main_;
-  Strand strand_;
+  PoolStrand strand_;
   const std::filesystem::path folder_;
   const SessionInfo info_;
   const Durability durability_;

@@ -60,7 +60,7 @@ class SharedStoreTest : public test::EventLoop {
 
   test::TemporaryFolder parent_;
   const fs::path folder_ = parent_ / "r/s";
-  SharedStore::Strand strand_ = boost::asio::make_strand(files_);
+  PoolStrand strand_ = boost::asio::make_strand(files_);
   std::vector<std::optional<Error>> sync_results_;  // of the syncs to come; none: all is well
   GroupCommit group_{main_,
                      [this]() -> std::optional<Error> {
