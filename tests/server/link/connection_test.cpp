@@ -43,6 +43,14 @@ class ConnectionTest : public testing::Test {
   std::filesystem::path image(int sequence) const {
     return folder_ / fmt::format("r1/s1/images/{:06}.jpg", sequence);
   }
+  /// By the first account.
+  static void name_session(const RobotClient& robot, const std::string& session,
+                           std::uint64_t captured) {
+    wire::Account account;
+    account.session_id = session;
+    account.captured = captured;
+    robot.send_account(0, account);
+  }
   /// The one warning that a bad peer is worth.
   std::string warning() {
     server_->stop();
@@ -381,10 +389,7 @@ TEST_F(ConnectionTest, AnEarlierSessionThatCannotBeOpenedDoesNotHoldTheLiveStrea
   std::filesystem::create_directories(folder_ / "r1/broken/journal.000000");
   const auto robot = connect();
   ASSERT_TRUE(robot.hello("r1", "s1"));
-  wire::Account account;
-  account.session_id = "broken";
-  account.captured = 1;
-  robot.send_account(0, account);
+  name_session(robot, "broken", 1);
   robot.send_late(0, "broken", plain_frame(0));
   for (std::uint64_t i = 1; i <= 20; ++i) robot.send_late(i, "s1", plain_frame(100 + i));
   robot.send_frame(plain_frame(0));
@@ -397,10 +402,7 @@ TEST_F(ConnectionTest, ManyLateFramesThatCannotBeWrittenDoNotHoldTheLiveStreamFo
   {
     const auto robot = connect();
     ASSERT_TRUE(robot.hello("r1", "s1"));
-    wire::Account account;
-    account.session_id = "broken";
-    account.captured = 100;
-    robot.send_account(0, account);
+    name_session(robot, "broken", 100);
     for (std::uint64_t i = 0; i < 30; ++i) robot.send_late(i, "broken", plain_frame(i));
     robot.send_frame(plain_frame(0));
     EXPECT_TRUE(robot.acked(1));
@@ -414,10 +416,7 @@ TEST_F(ConnectionTest, ManyLateFramesThatCannotBeWrittenDoNotHoldTheLiveStreamFo
   }
   const auto robot = connect();
   ASSERT_TRUE(robot.hello("r1", "s1"));
-  wire::Account account;
-  account.session_id = "broken";
-  account.captured = 100;
-  robot.send_account(0, account);
+  name_session(robot, "broken", 100);
   for (std::uint64_t i = 0; i < 30; ++i) robot.send_late(i, "broken", plain_frame(i));
   EXPECT_TRUE(robot.acked(30, wire::kLate));
 }

@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 
 #include <memory>
+#include <optional>
 #include <stdexcept>
 
 #include "tests/server/frames.hpp"
@@ -56,50 +57,47 @@ class HeldClaims final : public SessionClaims {
   std::function<void(Outcome)> entered_;
 };
 
-TEST_F(ListenerTest, AllAreMovedAlsoIfTheLastOneIsSentAwayAtItsHello) {
-  boost::asio::io_context main;
-  boost::asio::thread_pool files(1);
-  HeldClaims claims;
-  Listener listener(main, files, settings_);
-  listener.share_by(claims);
-  listener.start();
-  {
-    const RobotClient robot(listener.endpoint().port());
-    robot.send_hello("r", "s");
-    while (!claims.entered_) main.run_one();
-    bool is_over = false;
-    listener.move_all([&](const auto& told) { is_over = told.empty(); });
-    EXPECT_FALSE(is_over);
-    claims.entered_(SessionClaims::Moved{"b:7722"});
-    main.poll();
-    EXPECT_TRUE(is_over);
+/// A listener whose `main` is the test's thread, and a robot whose hello waits for the claims.
+class HeldHelloTest : public ListenerTest {
+ protected:
+  HeldHelloTest() {
+    held_.share_by(claims_);
+    held_.start();
+    robot_.emplace(held_.endpoint().port());
+    robot_->send_hello("r", "s");
+    while (!claims_.entered_) main_.run_one();
   }
-  listener.stop([] {});
-  main.run();
+  ~HeldHelloTest() override {
+    robot_.reset();
+    held_.stop([] {});
+    main_.run();
+  }
+
+  boost::asio::io_context main_;
+  boost::asio::thread_pool files_{1};
+  HeldClaims claims_;
+  Listener held_{main_, files_, settings_};
+  std::optional<RobotClient> robot_;
+};
+
+TEST_F(HeldHelloTest, AllAreMovedAlsoIfTheLastOneIsSentAwayAtItsHello) {
+  bool is_over = false;
+  held_.move_all([&](const auto& told) { is_over = told.empty(); });
+  EXPECT_FALSE(is_over);
+  claims_.entered_(SessionClaims::Moved{"b:7722"});
+  main_.poll();
+  EXPECT_TRUE(is_over);
 }
 
-TEST_F(ListenerTest, OneThatIsNotAllowedAnyMoreWhenItsSessionIsOpenIsRefused) {
-  boost::asio::io_context main;
-  boost::asio::thread_pool files(1);
-  HeldClaims claims;
-  Listener listener(main, files, settings_);
-  listener.share_by(claims);
-  listener.start();
-  {
-    const RobotClient robot(listener.endpoint().port());
-    robot.send_hello("r", "s");
-    while (!claims.entered_) main.run_one();
-    listener.allow({"another"});
-    claims.entered_(SessionClaims::Granted{});
-    while (!listener.has_session("r", "s")) main.run_one();
-    while (listener.has_session("r", "s")) main.run_one();
-    main.poll();
-    const auto error = robot.error();
-    ASSERT_TRUE(error);
-    EXPECT_EQ(error->text, "r is not among listen.robots any more");
-  }
-  listener.stop([] {});
-  main.run();
+TEST_F(HeldHelloTest, OneThatIsNotAllowedAnyMoreWhenItsSessionIsOpenIsRefused) {
+  held_.allow({"another"});
+  claims_.entered_(SessionClaims::Granted{});
+  while (!held_.has_session("r", "s")) main_.run_one();
+  while (held_.has_session("r", "s")) main_.run_one();
+  main_.poll();
+  const auto error = robot_->error();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->text, "r is not among listen.robots any more");
 }
 
 TEST_F(ListenerTest, TwoRobotsAreServedAtOnce) {
