@@ -282,15 +282,17 @@ void Connection::handle_late(const wire::Items& items) {
   if (is_discarding_) return discard(late_writes_);
   const bool is_present = late.value()->session_id == session_->info().session_id;
   const bool is_frame = !late.value()->items;
-  owner_.stores()->write_late(robot_id_, std::move(*late.value()), weak_from_this(),
-                              [weak = weak_from_this(), number = late_writes_.begin(), is_present,
-                               is_frame](const Result<bool>& is_new) {
-                                const auto self = weak.lock();
-                                if (!self) return;
-                                self->on_aside_kept(self->late_writes_, number, is_new);
-                                if (is_frame && is_new && is_new.value() && self->session_)
-                                  self->session_->on_late(is_present);
-                              });
+  owner_.stores()->write_late(
+      robot_id_, std::move(*late.value()), weak_from_this(),
+      [weak = weak_from_this(), number = late_writes_.begin(), is_present,
+       is_frame](const Result<bool>& is_new) {
+        const auto self = weak.lock();
+        if (!self) return;
+        self->on_aside_kept(self->late_writes_, number, is_new);
+        if (is_frame && is_new && is_new.value() && self->session_)
+          self->session_->on_late(is_present);
+      },
+      when_written(&Connection::late_writes_));
   read_aside();
 }
 
@@ -305,14 +307,16 @@ void Connection::handle_account(const wire::Items& items) {
                  fmt::format("account {}, not {}", items.first, account_writes_.begun)});
   }
   if (is_discarding_) return discard(account_writes_);
-  owner_.stores()->take_account(robot_id_, account.value(), weak_from_this(),
-                                [weak = weak_from_this(), number = account_writes_.begin(),
-                                 account = account.value()](const Result<bool>& kept) {
-                                  const auto self = weak.lock();
-                                  if (!self) return;
-                                  if (kept && self->session_) self->session_->on_account(account);
-                                  self->on_aside_kept(self->account_writes_, number, kept);
-                                });
+  owner_.stores()->take_account(
+      robot_id_, account.value(), weak_from_this(),
+      [weak = weak_from_this(), number = account_writes_.begin(),
+       account = account.value()](const Result<bool>& kept) {
+        const auto self = weak.lock();
+        if (!self) return;
+        if (kept && self->session_) self->session_->on_account(account);
+        self->on_aside_kept(self->account_writes_, number, kept);
+      },
+      when_written(&Connection::account_writes_));
   read_aside();
 }
 
@@ -321,6 +325,18 @@ void Connection::on_aside_kept(Aside& writes, std::uint64_t number, const Result
   writes.kept_on.insert(number);
   while (writes.kept_on.erase(writes.kept) > 0) ++writes.kept;
   on_kept();
+}
+
+SessionStores::Written Connection::when_written(Aside Connection::*writes) {
+  return [weak = weak_from_this(), writes] {
+    const auto self = weak.lock();
+    if (!self) return;
+    ++(*self.*writes).written;
+    self->on_aside_written();
+  };
+}
+
+void Connection::on_aside_written() {
   if (state_ != State::kServing) return;
   if (is_held_) read_aside();
   if (!is_discarding_ || late_writes_.count() + account_writes_.count() > 0) return;

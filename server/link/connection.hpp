@@ -102,13 +102,14 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   /// and is then behind others.
   struct Aside {
     std::uint64_t begun = 0;
+    std::uint64_t written = 0;        // of them, in any order
     std::uint64_t kept = 0;           // all below it
     std::set<std::uint64_t> kept_on;  // of those beyond
     std::uint64_t discarded = 0;
 
     std::uint64_t begin() { return begun++; }
     /// That are being written.
-    std::uint64_t count() const { return begun - kept - kept_on.size() - discarded; }
+    std::uint64_t count() const { return begun - written - discarded; }
     void discard() {
       ++begun;
       ++discarded;
@@ -130,6 +131,8 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void handle_late(const wire::Items& items);
   void handle_account(const wire::Items& items);
   void on_aside_kept(Aside& writes, std::uint64_t number, const Result<bool>& kept);
+  SessionStores::Written when_written(Aside Connection::*writes);
+  void on_aside_written();
   void read_aside();
   void discard(Aside& writes);
   void on_taken();
@@ -164,7 +167,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   LateAssembly late_;
   Aside late_writes_;
   Aside account_writes_;
-  bool is_held_ = false;        // nothing is read before some of these are kept
+  bool is_held_ = false;        // nothing is read before some of these are written
   bool is_discarding_ = false;  // all more of them: these cannot be written
   std::array<std::uint8_t, 4096> discarded_{};
   bool is_reading_ = false;

@@ -381,6 +381,10 @@ Result<SessionStore::Late> SessionStore::write_late(const EncodedFrame& frame,
   return Late::kConflict;
 }
 
+bool SessionStore::has_stream(wire::StreamId stream) const {
+  return std::ranges::count(summary_.info.streams, stream, &wire::StreamDeclaration::id) > 0;
+}
+
 std::optional<Error> SessionStore::write_late(const wire::Items& items) {
   if (sync_failed_) return sync_failed_;
   const auto samples = wire::parse_samples(summary_.info.streams, items.stream, items.payload);

@@ -54,6 +54,8 @@ class SessionStore {
   const SessionSummary& summary() const { return summary_; }
   /// Nothing was ever written: there may be no folder.
   bool is_new() const { return is_new_; }
+  /// It has been said what the samples of the stream are.
+  bool has_stream(wire::StreamId stream) const;
   const wire::Position& position() const { return summary_.position; }
 
   /// Behind all that was written.

@@ -103,31 +103,30 @@ void SessionStores::on_closed(const std::string& robot_id, const std::string& se
 }
 
 void SessionStores::write(const std::string& robot_id, const std::string& session_id,
-                          const std::shared_ptr<const Write>& work, std::weak_ptr<void> waiter,
-                          Kept kept) {
+                          const std::shared_ptr<const Job>& job) {
   const auto robot = this->robot(robot_id);
   const auto store = use(robot_id, *robot, session_id);
-  store->run([work](SessionStore& session) { return (*work)(session); },
-             [this, robot_id, session_id, robot, store, work, waiter = std::move(waiter),
-              kept = std::move(kept)](Result<Outcome> outcome) mutable {
+  store->run([job](SessionStore& session) { return job->write(session); },
+             [this, robot_id, session_id, robot, store, job](Result<Outcome> outcome) {
                if (!outcome) {
                  if (!std::exchange(robot->is_failing, true)) {
                    log_error("{}: late frames paused: {}", robot_id, outcome.error().text);
                  }
-                 return try_again(robot_id, session_id, work, std::move(waiter), std::move(kept));
+                 return try_again(robot_id, session_id, job);
                }
                robot->is_failing = false;
                if (outcome.value() == Outcome::kNew) {
                  watcher_(Event::kLate, robot_id, session_id);
                }
                if (outcome.value() == Outcome::kRefused) {
-                 if (!waiter.expired()) {
-                   kept(Error{"frames or an account of session " + session_id +
-                              ", which is not known, or a number far beyond it"});
+                 if (!job->waiter.expired()) {
+                   job->kept(Error{"frames or an account of session " + session_id +
+                                   ", which is not known, or a number far beyond it"});
                  }
                  return;
                }
-               store->async_commit([waiter = std::move(waiter), kept = std::move(kept),
+               if (!job->waiter.expired()) job->written();
+               store->async_commit([waiter = job->waiter, kept = job->kept,
                                     is_new = outcome.value() == Outcome::kNew](const auto& error) {
                  if (!error && !waiter.expired()) kept(is_new);
                });
@@ -135,19 +134,15 @@ void SessionStores::write(const std::string& robot_id, const std::string& sessio
 }
 
 void SessionStores::try_again(const std::string& robot_id, const std::string& session_id,
-                              std::shared_ptr<const Write> work, std::weak_ptr<void> waiter,
-                              Kept kept) {
+                              const std::shared_ptr<const Job>& job) {
   const auto timer = std::make_shared<asio::steady_timer>(main_, kRetry);
-  timer->async_wait([this, timer, robot_id, session_id, work = std::move(work),
-                     waiter = std::move(waiter),
-                     kept = std::move(kept)](const error_code& failed) mutable {
-    if (failed || waiter.expired()) return;
-    write(robot_id, session_id, work, std::move(waiter), std::move(kept));
+  timer->async_wait([this, timer, robot_id, session_id, job](const error_code& failed) {
+    if (!failed && !job->waiter.expired()) write(robot_id, session_id, job);
   });
 }
 
 void SessionStores::write_late(const std::string& robot_id, wire::LateFrame late,
-                               std::weak_ptr<void> waiter, Kept kept) {
+                               std::weak_ptr<void> waiter, Kept kept, Written written) {
   const auto robot = this->robot(robot_id);
   const auto known = robot->entries.find(late.session_id);
   const bool is_named = robot->named.contains(late.session_id) ||
@@ -158,22 +153,25 @@ void SessionStores::write_late(const std::string& robot_id, wire::LateFrame late
     const auto& [session_id, frame, items] = *shared;
     if (store.is_new() && !is_named) return Outcome::kRefused;
     if (items) {
-      if (store.is_new()) return Error{"samples came before the account could be written"};
+      if (!store.has_stream(items->stream)) {
+        return Error{"samples came before the account could be written"};
+      }
       if (!can_follow(items->first, store.position()[items->stream])) return Outcome::kRefused;
       if (auto error = store.write_late(*items)) return std::move(*error);
       return Outcome::kNew;
     }
     if (!can_follow(frame.sequence, store.summary().known_end())) return Outcome::kRefused;
-    const auto written = store.write_late(frame, arrived_ns);
-    if (!written) return written.error();
-    return written.value() == SessionStore::Late::kNew ? Outcome::kNew : Outcome::kKnown;
+    const auto outcome = store.write_late(frame, arrived_ns);
+    if (!outcome) return outcome.error();
+    return outcome.value() == SessionStore::Late::kNew ? Outcome::kNew : Outcome::kKnown;
   };
-  write(robot_id, shared->session_id, std::make_shared<const Write>(work), std::move(waiter),
-        std::move(kept));
+  write(robot_id, shared->session_id,
+        std::make_shared<const Job>(
+            Job{work, std::move(waiter), std::move(written), std::move(kept)}));
 }
 
 void SessionStores::take_account(const std::string& robot_id, wire::Account account,
-                                 const std::weak_ptr<void>& waiter, Kept kept) {
+                                 const std::weak_ptr<void>& waiter, Kept kept, Written written) {
   const auto robot = this->robot(robot_id);
   const std::string session_id = account.session_id;
   const auto known = robot->entries.find(session_id);
@@ -203,7 +201,8 @@ void SessionStores::take_account(const std::string& robot_id, wire::Account acco
       if (!waiter.expired()) kept(is_new);
     });
   };
-  write(robot_id, session_id, std::make_shared<const Write>(work), waiter, std::move(settled));
+  write(robot_id, session_id,
+        std::make_shared<const Job>(Job{work, waiter, std::move(written), std::move(settled)}));
 }
 
 bool SessionStores::is_expected(const std::string& robot_id, const std::string& session_id) const {

@@ -40,6 +40,8 @@ class SessionStores {
   /// What a robot has sent is kept: it may be acknowledged. An error: the robot must not send that.
   /// Runs on `main`, never from within the call.
   using Kept = std::function<void(Result<bool> is_new)>;
+  /// It is written, though a power cut might still take it. Runs before Kept, as that does.
+  using Written = std::function<void()>;
 
   struct Opened {
     std::shared_ptr<SharedStore> store;
@@ -66,12 +68,14 @@ class SessionStores {
   void on_closed(const std::string& robot_id, const std::string& session_id);
 
   /// A frame, or samples, that cannot be written is tried again every second, as long as `waiter`
-  /// lives; it is logged once when that begins. `kept` does not run after the waiter's end.
-  void write_late(const std::string& robot_id, wire::LateFrame late, std::weak_ptr<void> waiter,
-                  Kept kept);
+  /// lives; it is logged once when that begins. `kept` and `written` do not run after its end.
+  void write_late(
+      const std::string& robot_id, wire::LateFrame late, std::weak_ptr<void> waiter, Kept kept,
+      Written written = [] {});
   /// What the robot knows of one of its sessions; is_new has no meaning.
-  void take_account(const std::string& robot_id, wire::Account account,
-                    const std::weak_ptr<void>& waiter, Kept kept);
+  void take_account(
+      const std::string& robot_id, wire::Account account, const std::weak_ptr<void>& waiter,
+      Kept kept, Written written = [] {});
 
   /// Whether the robot has said that it still has frames of the session.
   bool is_expected(const std::string& robot_id, const std::string& session_id) const;
@@ -101,15 +105,21 @@ class SessionStores {
   };
   enum class Outcome : std::uint8_t { kNew, kKnown, kRefused };
   using Write = std::function<Result<Outcome>(SessionStore&)>;
+  struct Job {
+    Write write;
+    std::weak_ptr<void> waiter;
+    Written written;
+    Kept kept;
+  };
 
   std::shared_ptr<SharedStore> make(Robot& robot, const SessionInfo& info);
   std::shared_ptr<Robot> robot(const std::string& robot_id);
   std::shared_ptr<SharedStore> use(const std::string& robot_id, Robot& robot,
                                    const std::string& session_id);
   void write(const std::string& robot_id, const std::string& session_id,
-             const std::shared_ptr<const Write>& work, std::weak_ptr<void> waiter, Kept kept);
+             const std::shared_ptr<const Job>& job);
   void try_again(const std::string& robot_id, const std::string& session_id,
-                 std::shared_ptr<const Write> work, std::weak_ptr<void> waiter, Kept kept);
+                 const std::shared_ptr<const Job>& job);
   void close_idle(std::size_t most);
 
   boost::asio::io_context& main_;

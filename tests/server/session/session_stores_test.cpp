@@ -3,7 +3,9 @@
 
 #include <gmock/gmock.h>
 
+#include <chrono>
 #include <filesystem>
+#include <future>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -220,6 +222,52 @@ TEST_F(SessionStoresTest, WhoDoesNotWaitAnyMoreGetsNoAnswer) {
   waiter_ = std::make_shared<int>();
   EXPECT_FALSE(late("earlier", plain_frame(1)).value());  // behind it, and it was written
   EXPECT_FALSE(answer);
+}
+
+/// A sync takes seconds while somebody copies a large file: who counts what is being written must
+/// not wait for it.
+TEST_F(SessionStoresTest, WhatIsWrittenIsToldBeforeItIsSynced) {
+  std::promise<void> may_end;
+  GroupCommit commit(
+      main_,
+      [&]() -> std::optional<Error> {
+        may_end.get_future().wait();
+        return std::nullopt;
+      },
+      std::chrono::milliseconds(0), "");
+  SessionStores stores(main_, files_, parent_.path(), Durability::kAck, &commit);
+  record("earlier", {0});
+  bool is_written = false;
+  Answer kept;
+  stores.write_late(
+      "r", {"earlier", plain_frame(1)}, waiter_,
+      [&](Result<bool> is_new) { kept.emplace(std::move(is_new)); }, [&] { is_written = true; });
+  EXPECT_TRUE(run_until([&] { return is_written; }));
+  EXPECT_FALSE(kept);
+  may_end.set_value();
+  EXPECT_TRUE(run_until([&] { return kept.has_value(); }));
+}
+
+/// The account was refused by a full disk, and room for a frame has come before it is tried again.
+TEST_F(SessionStoresTest, SamplesOfAStreamThatIsNotKnownYetWaitForTheAccount) {
+  record("earlier", {0});
+  Answer answer;
+  const std::vector<Sample> samples{{5, {1, 2, 3}, {}, {}}};
+  stores_.write_late("r", {"earlier", {}, wire::Items{4, 0, wire::encode_samples(samples)}},
+                     waiter_, [&](Result<bool> kept) { answer.emplace(std::move(kept)); });
+  EXPECT_FALSE(late("earlier", plain_frame(0)).value());  // behind them
+  EXPECT_FALSE(answer);
+  wire::Account account;
+  account.session_id = "earlier";
+  account.captured = 1;
+  account.streams = {{{4, "imu0", "imu"}, 1, 1}};
+  stores_.take_account("r", account, waiter_, [](const auto&) {});
+  EXPECT_TRUE(run_until([&] { return answer.has_value(); }));
+  std::vector<Sample> read;
+  const auto totals = for_each_sample(folder("earlier"), account.streams[0].stream,
+                                      [&](const Sample& sample) { read.push_back(sample); });
+  EXPECT_TRUE(totals);
+  EXPECT_EQ(read, samples);
 }
 
 TEST_F(SessionStoresTest, StoresThatAreNotUsedAreClosed) {
