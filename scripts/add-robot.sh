@@ -37,7 +37,7 @@ host=${host#[}
 host=${host%]}
 
 work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
+trap 'rm -rf "$work" "$config.new"' EXIT
 named() { if [[ $1 =~ ^[0-9.]+$ || $1 == *:* ]]; then echo "IP:$1"; else echo "DNS:$1"; fi; }
 # sign NAME SUBJECT EXTENSION: a certificate NAME.crt for the key NAME.key of the folder $work, which it makes if it is missing.
 sign() {
@@ -65,9 +65,11 @@ if [ ! -e "$folder/ca.crt" ] && [ ! -e "$folder/server.crt" ]; then
   case $(value listen address) in
     '' | 127.* | localhost:* | '[::1]'*) fail "$config is not as it was installed: in [listen], set address = \"0.0.0.0:7722\"" ;;
   esac
+  cp -p "$config" "$config.new"
+  cat "$work/toml" >"$config.new"
   openssl req -x509 -new -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 3650 -subj '/CN=ORBBuf CA' \
     -keyout "$folder/ca.key" -out "$folder/ca.crt" 2>/dev/null
-  cat "$work/toml" >"$config"
+  mv "$config.new" "$config"
   sign viewer viewer -addext extendedKeyUsage=clientAuth
   openssl pkcs12 -export -in "$work/viewer.crt" -inkey "$work/viewer.key" -passout pass: -out "$folder/viewer.p12"
   echo "$config: set [tls], listen.address and http.address

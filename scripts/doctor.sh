@@ -23,6 +23,7 @@ values() {
   { [ ! -r "$config" ] || awk -v wanted="$1" '
       /^ *\[/ { table = $0; gsub(/^ *\[|\].*/, "", table); table = table "."; next }
       { key = $1; sub(/=.*/, "", key) }
+      table key == wanted { while (/= *\[[^]]*$/ && (getline line) > 0) { sub(/#.*/, "", line); $0 = $0 " " line } }
       table key == wanted { sub(/^[^=]*= */, ""); match($0, /^("[^"]*"|\[[^]]*\]|[^ ]*)/); print substr($0, 1, RLENGTH) }' "$config"; } |
     { grep -oE '"[^"]*"' || echo "\"$2\""; } | tr -d '"'
 }
@@ -82,6 +83,7 @@ fi
 # disk KEY FOLDER: of a folder that the service makes if it is missing.
 disk() {
   local path=$2 free
+  [[ $path == /* ]] || path=$folder/$path
   while [ ! -e "$path" ]; do path=$(dirname "$path"); done
   [ -w "$path" ] || wrong "permissions: $1, $2: cannot write there; run this with sudo, or change the owner"
   free=$(df -Pm "$path" | awk 'END { print $4 }')
@@ -108,9 +110,7 @@ if [ "$name" = orbbufd ]; then
     reach "$server" || wrong "address: nothing answers at $server (link.server); start the server there, and look at its listen.address and firewall"
   done
 else
-  path=$(value files.path orbbuf-data)
-  [[ $path == /* ]] || path=$folder/$path
-  disk files.path "$path" files.keep_size
+  disk files.path "$(value files.path orbbuf-data)" files.keep_size
   listen=$(value listen.address 127.0.0.1:7722)
   host=${listen%:*}
   case $host in

@@ -71,19 +71,21 @@ get() { sed -nE "s/^$1 = \"([^\"]*)\".*/\1/p" "$2" | head -n 1; }
 [ ! -e "$folder/orbbufd.toml" ] || cp "$folder/orbbufd.toml" "$config"
 touch "$config"
 for file in orbbufd.crt orbbufd.key ca.crt; do [ ! -e "$folder/$file" ] || cp "$folder/$file" "$work/"; done
+list= # of servers, which stays if --server names none
+! grep -qE '^ *server *= *\[' "$config" || list=1
 if [ -n "$made" ]; then
   mkdir "$work/made"
   tar -C "$work/made" --no-same-owner -xf "$made" orbbufd.toml orbbufd.crt orbbufd.key ca.crt || fail "$made: not made by orbbuf-server add-robot"
   [ ! -e "$folder/ca.key" ] || cmp -s "$work/made/ca.crt" "$folder/ca.crt" ||
     fail "$made is not of this machine's own CA, $folder/ca.key, whose ca.crt it would replace; set --folder, and LoadCredential= of the service"
   mv "$work"/made/*.{crt,key} "$work/"
-  : "${server:=$(get server "$work/made/orbbufd.toml")}"
+  [ -n "$list" ] || : "${server:=$(get server "$work/made/orbbufd.toml")}"
   put robot id "$(get id "$work/made/orbbufd.toml")"
   put tls certificate credential:certificate
   put tls key credential:key
   put tls ca credential:ca
 fi
-if [ -z "$server" ] && ! grep -qE '^ *server *= *\[' "$config"; then # a list of servers stays
+if [ -z "$server$list" ]; then
   server=$(get server "$config")
   mapfile -t found < <(announced)
   [ ${#found[@]} -eq 0 ] || printf 'found by mDNS: %s\n' "${found[@]}"

@@ -133,6 +133,10 @@ touch "$work/machine/runs"
 expect "now run systemctl restart orbbufd" "$robot" setup --folder "$work/user" --camera generated
 rm "$work/machine/runs"
 expect "server = [\"localhost:$port\", " cat "$work/user/orbbufd.toml"
+mkdir "$work/list" # over several lines, and with a robot's new certificate
+printf '[link]\nserver = [\n  "localhost:%s",\n  "127.0.0.1:%s",\n]\n' "$port" "$port" >"$work/list/orbbufd.toml"
+expect "wrote $work/list/orbbufd.toml" "$robot" setup --folder "$work/list" --camera generated "$work/etc/robots/r2.tar"
+expect "\"127.0.0.1:$port\"," cat "$work/list/orbbufd.toml"
 echo 'no_such_key = 1' >>"$work/user/orbbufd.toml"
 before=$(cat "$work/user/orbbufd.toml")
 refused "orbbufd.toml stays as it was" "$robot" setup --folder "$work/user" --camera generated --force
