@@ -191,7 +191,9 @@ std::optional<Error> write_recording(const RecordedSession& session, std::int64_
     std::uint64_t number = 0;  // what was lost is not left out
     std::optional<Error> failed;
     const auto totals = for_each_sample(session.folder, stream, [&](Sample sample) {
-      if (failed || __builtin_add_overflow(sample.time_ns, offset_ns, &sample.time_ns)) return;
+      // Its publisher stamped a message by the clock that was set.
+      const auto offset = sample.message ? 0 : offset_ns;
+      if (failed || __builtin_add_overflow(sample.time_ns, offset, &sample.time_ns)) return;
       const auto added = recording.add(stream.id, number++, sample);
       if (!added) failed = added.error();
     });

@@ -128,6 +128,13 @@ class Join {
 
   /// What is named twice, and what is named and there, is the reader's to sort out.
   std::optional<Error> write_journal() {
+    // Before the frames: none of them is late.
+    for (const Part& part : parts_) {
+      const auto take = [&](const RecordedItems& items) {
+        if (items.stream >= wire::kFirstOther) append_new(items);
+      };
+      if (auto error = read_items(part.folder, take)) return error;
+    }
     for (const auto& [sequence, source] : frames_) {
       RecordedFrame record = source.frame;
       record.replaced_bytes = 0;
@@ -140,12 +147,6 @@ class Join {
         const std::uint64_t first = summary_.position[wire::kDrops];
         append(RecordedItems{wire::kDrops, first, first + some.size(), wire::encode_drops(some)});
       }
-    }
-    for (const Part& part : parts_) {
-      const auto take = [&](const RecordedItems& items) {
-        if (items.stream >= wire::kFirstOther) append_new(items);
-      };
-      if (auto error = read_items(part.folder, take)) return error;
     }
     const SessionClosing& closing = parts_.back().outline.summary.closing;
     if (closing.stats) append(RecordedReport{*closing.stats, closing.clock_offset_ns.value_or(0)});
