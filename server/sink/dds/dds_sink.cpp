@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <boost/asio/post.hpp>
+#include <boost/asio/use_future.hpp>
 #include <chrono>
 #include <cstddef>
 #include <deque>
@@ -10,7 +11,6 @@
 #include <map>
 #include <optional>
 #include <string>
-#include <string_view>
 #include <utility>
 
 #include "common/dds/dds_camera.hpp"
@@ -167,8 +167,11 @@ class DdsSession final : public PacedSession {
 void begin_dds() {
   the_dds() = std::make_unique<Dds>();
   Dds& dds = *the_dds();
-  dds.node.emplace(dds.participant, "orbbuf_server",
-                   [&dds] { asio::post(dds.thread.pool, [&dds] { dds.tell(); }); });
+  const auto tell = [&dds] { asio::post(dds.thread.pool, [&dds] { dds.tell(); }); };
+  // There, since a reader that is known already has it told before it is made.
+  asio::post(dds.thread.pool,
+             asio::use_future([&] { dds.node.emplace(dds.participant, "orbbuf_server", tell); }))
+      .get();
 }
 
 std::shared_ptr<FrameSink> make_dds_sink(asio::io_context& main, const SessionInfo& info,
