@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <algorithm>
+#include <fmt/format.h>
+
 #include <chrono>
 #include <cstdint>
 #include <optional>
@@ -32,10 +33,11 @@ class ClockWatch {
           now.wall - last_->wall - (now.since_boot - last_->since_boot);
       if (std::chrono::abs(step) >= kStep) {
         stepped_ += step;
-        log_warn(
-            "the clock was set by {:+.3f} s; the capture times of this session keep the clock that "
-            "it began with: add {:+.3f} s",
-            to_seconds(step), to_seconds(stepped_));
+        log_warn("the clock was set by {:+.3f} s{}", to_seconds(step),
+                 has_begun_ ? fmt::format("; the capture times of this session keep the clock that "
+                                          "it began with: add {:+.3f} s",
+                                          to_seconds(stepped_))
+                            : "");
       }
       if (now.is_synchronised && !last_->is_synchronised) {
         log_info("an NTP client keeps this machine's clock now");
@@ -45,22 +47,28 @@ class ClockWatch {
   }
 
   /// The capture times begin with the clock as it is now.
-  void begin_session() { stepped_ = {}; }
+  void begin_session() {
+    stepped_ = {};
+    has_begun_ = true;
+  }
 
   /// By how much the clock was set since then, in all: to be added to the capture times.
   std::chrono::nanoseconds stepped() const { return stepped_; }
 
   /// The time of a sample, in ns, that was stamped by the system's clock before the last look, on
-  /// the clock of the capture times.
+  /// the clock of the capture times. One that was stamped before the clock was set back is of now;
+  /// a driver's clock may be a little ahead.
   std::int64_t session_time(std::int64_t time_ns) const {
     if (stepped_ == stepped_.zero()) return time_ns;
     const std::chrono::nanoseconds now = last_->wall.time_since_epoch();
-    return std::min<std::int64_t>(time_ns, now.count()) - stepped_.count();
+    const bool is_of_before = time_ns > (now + kStep / 2).count();
+    return (is_of_before ? now.count() : time_ns) - stepped_.count();
   }
 
  private:
   std::optional<SystemClockReading> last_;
   std::chrono::nanoseconds stepped_{0};
+  bool has_begun_ = false;
 };
 
 }  // namespace orbbuf

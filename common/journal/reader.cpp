@@ -66,7 +66,12 @@ Result<std::span<const std::uint8_t>> Reader::bytes_at(std::uint64_t offset, std
   if (!is_there) {
     block_.resize(std::max(count, kBlockBytes));
     block_begin_ = offset;
-    const auto got = read_at(file_.get(), offset, block_, segment_path(folder_, place_.segment));
+    const auto path = segment_path(folder_, place_.segment);
+    auto got = read_at(file_.get(), offset, block_, path);
+    if (!got && block_.size() > count) {  // perhaps only what is behind cannot be read
+      block_.resize(count);
+      got = read_at(file_.get(), offset, block_, path);
+    }
     block_.resize(got ? got.value() : 0);
     if (!got) return got.error();
   }

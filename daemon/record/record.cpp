@@ -463,8 +463,8 @@ bool Record::read_ahead(Lock& lock, Clock::time_point now) {
   lock.unlock();
   const auto late = read(*taken);
   lock.lock();
-  if (!late && ++failed_reads_ < kMostReads) {  // no descriptors, perhaps
-    read_at_ = now + kRetryInterval;
+  if (!late) read_at_ = now + kRetryInterval;  // no descriptors, perhaps
+  if (!late && ++failed_reads_ < kMostReads) {
     state_.give_back(taken->id);
     if (damaged_limit_.lets_through()) {
       log_warn("record: {}; it is tried again every {} s", late.error().text,
@@ -477,7 +477,7 @@ bool Record::read_ahead(Lock& lock, Clock::time_point now) {
     ++counts_.damaged;
     state_.remove(taken->id);
     is_changed_ = true;
-    if (damaged_limit_.lets_through()) {
+    if (!late || damaged_limit_.lets_through()) {
       log_warn("record: {} {} in {} {}; {} since the start",
                taken->id.stream == wire::kFrames ? "frame" : "samples from", taken->place.sequence,
                journal::segment_path(settings_.path, taken->place.segment).string(),

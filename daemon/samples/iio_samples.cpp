@@ -49,6 +49,13 @@ IioSamples::IioSamples(boost::asio::io_context& main, const SampleStreamSettings
   watch();
 }
 
+/// The frames' times begin with the clock as it is now, which may have been set since the first
+/// scan.
+void IioSamples::on_frame(std::int64_t /*time_ns*/) {
+  if (std::exchange(has_frames_, true)) return;
+  for (Port& port : ports_) port.clock = {};
+}
+
 /// A device that is unplugged wakes no poll of its buffer, at least until Linux 6.1; a read fails.
 void IioSamples::watch() {
   watch_.expires_after(std::chrono::seconds(1));

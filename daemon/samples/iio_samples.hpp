@@ -30,6 +30,7 @@ class IioSamples final : public SampleSource {
   /// Throws std::runtime_error, `NAME: ...`.
   IioSamples(boost::asio::io_context& main, const SampleStreamSettings& settings, Take take,
              const IioRoots& roots = {});
+  void on_frame(std::int64_t time_ns) override;
 
  private:
   struct Port {
@@ -53,6 +54,7 @@ class IioSamples final : public SampleSource {
   boost::asio::steady_timer watch_;
   std::deque<Sample> pending_;  // of the gyroscope
   std::optional<Sample> last_acceleration_;
+  bool has_frames_ = false;
 };
 
 }  // namespace orbbuf

@@ -59,12 +59,14 @@ SampleStreams::SampleStreams(boost::asio::io_context& main,
         streams_.emplace_back(Stream{{id++, each.name, std::string(codec)},
                                      SampleQueue(each.memory_bytes, each.is_latest_only)});
     stream.has_system_time = is_of_topic(each) || each.kind == "ros2" || each.kind == "socket";
+    stream.is_of_driver = each.kind == "ros2" || each.kind == "socket" || each.kind == "iio";
     stream.source = make_sample_source(
         main, each, [this, &stream](const Sample& sample) { take(stream, sample); });
   }
 }
 
 void SampleStreams::take(Stream& stream, Sample sample) {
+  if (stream.is_of_driver && session_time_ && !has_frames_) return;
   if (stream.has_system_time && session_time_) sample.time_ns = session_time_(sample.time_ns);
   const bool had_batch = has_batch(stream);
   if (stream.queue.push(sample)) {
@@ -94,6 +96,7 @@ std::vector<wire::StreamDeclaration> SampleStreams::declarations() const {
 }
 
 void SampleStreams::on_frame(std::int64_t time_ns) {
+  has_frames_ = true;
   for (Stream& stream : streams_) {
     if (stream.source) stream.source->on_frame(time_ns);
   }

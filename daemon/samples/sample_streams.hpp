@@ -38,6 +38,8 @@ class SampleStreams {
   std::vector<wire::StreamDeclaration> declarations() const;
 
   /// Of times by the system's clock, as drivers and ROS 2 stamp, it makes those of the frames'.
+  /// What drivers measure before the first frame is then not taken: that frame's clock is not known
+  /// yet.
   void set_clock(std::function<std::int64_t(std::int64_t time_ns)> session_time) {
     session_time_ = std::move(session_time);
   }
@@ -88,6 +90,7 @@ class SampleStreams {
     EventRate::Time newest{};  // when it came
     std::unique_ptr<SampleSource> source{};
     bool has_system_time = false;
+    bool is_of_driver = false;  // measured now
     bool is_taken = true;
     bool is_disorder_logged = false;
     std::uint64_t lost_logged = 0;
@@ -99,6 +102,7 @@ class SampleStreams {
 
   const std::function<void()> on_due_;
   std::function<std::int64_t(std::int64_t)> session_time_;
+  bool has_frames_ = false;
   std::vector<Stream> streams_;  // as many as at first: their sources know them
 };
 

@@ -57,6 +57,7 @@ TEST_F(ClockWatchTest, SamplesHaveTheClockOfTheFrames) {
   const auto session = wall() + nanoseconds(seconds(3600)).count();
   EXPECT_EQ(watch_.session_time(wall()), session);
   EXPECT_EQ(watch_.session_time(stamped_before), session) << "not of the future";
+  EXPECT_EQ(watch_.session_time(wall() + 9), session + 9) << "a driver's clock is ahead";
   watch_.begin_session();
   EXPECT_EQ(watch_.session_time(wall()), wall());
 }
@@ -64,6 +65,10 @@ TEST_F(ClockWatchTest, SamplesHaveTheClockOfTheFrames) {
 TEST_F(ClockWatchTest, SaysWhatIsToBeAddedToTheTimesOfASession) {
   now_.is_synchronised = true;
   look();
+  look(seconds(60));
+  EXPECT_EQ(log_.lines("the clock was set by +60.000 s").size(), 1U);
+  EXPECT_TRUE(log_.lines("add").empty()) << "it has not begun";
+  watch_.begin_session();
   look(seconds(3600));
   EXPECT_EQ(log_.lines("the clock was set by +3600.000 s").size(), 1U);
   look(milliseconds(-500));

@@ -72,6 +72,7 @@ TEST_F(SampleStreamsTest, ABatchIsDueOnceItIsTwentyMillisecondsLong) {
   EXPECT_EQ(streams.stats(), "imu0 captured 21 = delivered 0 + late 0 + waiting 21 + lost 0");
 }
 
+/// And what is measured before the first frame, whose clock is not known yet, is not taken.
 TEST_F(SampleStreamsTest, OnlyTimesOfTheSystemsClockAreChanged) {
   const auto path = folder_ / "imu.sock";
   SampleStreams streams(io_, {{"imu0", "socket", path}, {"imu1", "euroc", folder_ / "data.csv"}},
@@ -79,10 +80,16 @@ TEST_F(SampleStreamsTest, OnlyTimesOfTheSystemsClockAreChanged) {
   streams.set_clock([](std::int64_t time_ns) { return time_ns - 1000; });
   using Datagrams = boost::asio::local::datagram_protocol;
   Datagrams::socket driver(io_, Datagrams());
-  driver.send_to(boost::asio::buffer(to_euroc_line({1005, {}, {}})),
-                 Datagrams::endpoint(path.string()));
-  while (streams.captured()[4] == 0) io_.run_one();
+  const auto send = [&](std::int64_t time_ns) {
+    driver.send_to(boost::asio::buffer(to_euroc_line({time_ns, {}, {}})),
+                   Datagrams::endpoint(path.string()));
+    io_.run_one();
+  };
+  send(1004);
+  EXPECT_EQ(streams.captured()[4], 0U);
   streams.on_frame(3);
+  send(1005);
+  EXPECT_EQ(streams.captured()[4], 1U);
   const std::string driver_only = streams.stats();
   EXPECT_FALSE(streams.take_message(5).empty()) << driver_only;
   EXPECT_FALSE(streams.take_message(5).empty()) << "of the file, from 0 on";
