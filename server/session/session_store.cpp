@@ -381,10 +381,6 @@ Result<SessionStore::Late> SessionStore::write_late(const EncodedFrame& frame,
   return Late::kConflict;
 }
 
-bool SessionStore::has_stream(wire::StreamId stream) const {
-  return std::ranges::count(summary_.info.streams, stream, &wire::StreamDeclaration::id) > 0;
-}
-
 std::optional<Error> SessionStore::write_late(const wire::Items& items) {
   if (sync_failed_) return sync_failed_;
   const auto samples = wire::parse_samples(summary_.info.streams, items.stream, items.payload);
@@ -416,6 +412,10 @@ std::optional<Error> SessionStore::replace(const EncodedFrame& frame, const Reco
   if (auto error = append(record)) return error;
   numbers_->add(record);
   return std::nullopt;
+}
+
+bool SessionStore::has_stream(wire::StreamId stream) const {
+  return std::ranges::count(summary_.info.streams, stream, &wire::StreamDeclaration::id) > 0;
 }
 
 bool SessionStore::has_images(const EncodedFrame& frame) const {
