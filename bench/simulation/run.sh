@@ -1,26 +1,26 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Seeds for some minutes; with --defects, how soon the simulation finds the defects that the project had, one at a time.
-# Usage: bench/simulation/run.sh BUILD_FOLDER [--minutes N] [--seed N] [--defects [NAME ...]]
+# Seeds for some minutes; with --defects, how soon the simulation finds the defects that the project had, one at a time;
+# with --chaos, also which of them bench chaos finds.
+# Usage: bench/simulation/run.sh BUILD_FOLDER [--minutes N] [--seed N] [--chaos] [--defects [NAME ...]]
 # The defects are built in a work tree of its own, build/simulation-defects, which stays for the next time.
 set -euo pipefail
 build=$(cd "$1" && pwd)
 shift
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
-minutes=2 seed=$(date +%s) defects=
+minutes=2 seed=$(date +%s) chaos='' defects=''
 while [ $# -gt 0 ]; do
   case $1 in
     --minutes) minutes=$2 && shift 2 ;;
     --seed) seed=$2 && shift 2 ;;
+    --chaos) chaos=1 && shift ;;
     --defects) defects=1 && shift && break ;;
-    *) sed -n '4s/^# //p' "$0" >&2 && exit 2 ;;
+    *) sed -n '5s/^# //p' "$0" >&2 && exit 2 ;;
   esac
 done
 simulate() { "$1/testing/simulation/orbbuf-simulate" --seed "$seed" --minutes "$minutes" "${@:2}"; }
-if [ -z "$defects" ]; then
-  simulate "$build" --go-on
-  exit
-fi
+simulate "$build" --go-on
+[ -n "$defects" ] || exit 0
 
 patches=$PWD/testing/simulation/defects tree=$PWD/build/simulation-defects
 if [ $# -eq 0 ]; then
@@ -45,7 +45,7 @@ for name; do # one tree for all, so that only what a patch touches is compiled
   fi
   git -C "$tree" apply -R "$patches/$name.patch"
 done
-found=0 times=()
+found=0 chaos_found=0 times=()
 for name; do
   [ -e "$tree/build/$name/stamp" ] || continue
   simulate "$tree/build/$name" > "$tree/build/$name.found" || true
@@ -56,7 +56,18 @@ for name; do
   else
     echo "$name: not found in $took minutes"
   fi
+  [ -n "$chaos" ] || continue
+  ln -sfn "$build/bench" "$tree/build/$name/bench"
+  if bench/chaos/run.sh "$tree/build/$name" --seed "$seed" > "$tree/build/$name.chaos" 2>&1; then
+    echo "$name: bench chaos does not find it"
+  elif [ $? -eq 77 ]; then
+    echo "$name: bench chaos cannot run here"
+  else
+    chaos_found=$((chaos_found + 1))
+    echo "$name: bench chaos finds it; see $tree/build/$name.chaos"
+  fi
 done
 echo "RESULT simulation.defects $#"
 echo "RESULT simulation.found_of_20 $found"
 [ $found -eq 0 ] || echo "RESULT simulation.median_minutes_to_find $(printf '%s\n' "${times[@]}" | sort -n | sed -n "$(((found + 1) / 2))p")"
+[ -z "$chaos" ] || echo "RESULT simulation.chaos_found_of_20 $chaos_found"

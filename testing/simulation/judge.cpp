@@ -33,8 +33,8 @@ constexpr std::uint64_t kMostDropRecords = 16384;  // of one outage, beyond that
 constexpr Time kAlone = 8 * kSecond;  // an outage, if nothing else happens so long before or after
 constexpr Time kLongWay = 250 * kMillisecond;  // beyond that a planner sees little of the link
 constexpr double kLiveAgain = 1;               // link.live_again
-constexpr double kLateness = 1;   // what a judge may not blame: a pause of a machine, a rounding
-constexpr double kTransit = 0.3;  // of a frame, beyond what it took before
+constexpr double kLateness = 0.4;  // what a judge may not blame: a rounding, a repeated segment
+constexpr double kTransit = 0.3;   // of a frame, beyond what it took before
 
 double to_seconds(Time time) { return static_cast<double>(time) / 1e9; }
 

@@ -224,29 +224,60 @@ void add_power_cut_of_server(Scenario& scenario, Random& random) {
 }
 
 /// As many frames as an outage of days has at usual rates: until the robot's account must be
-/// shortened, and its record is long. Then it dies.
-void make_long_outage(Scenario& scenario, Random& random) {
+/// shortened, and, if it is the longest, until its record has many segments. Then it dies.
+void make_long_outage(Scenario& scenario, Random& random, bool is_longest) {
   scenario.robots.resize(1);
   RobotSetup& robot = scenario.robots.front();
   robot.fps = 100;
   robot.policy = random.one_in(2) ? "drop-oldest" : "uniform";
   robot.has_spool = robot.has_large_images = robot.has_small_disk = false;
-  robot.has_drop_log = random.below(8) != 0;
+  robot.has_drop_log = is_longest || random.below(8) != 0;
   robot.path.bytes_per_second = 3e6;
   Fault outage;
   outage.at = 10 * kSecond;
   outage.machine = 1;
-  outage.length = random.one_in(2) ? random.between(3600 * kSecond, 4800 * kSecond)
-                                   : draw_length(random, 240 * kSecond, 1200 * kSecond);
+  outage.length = is_longest ? random.between(3000 * kSecond, 3600 * kSecond)
+                             : draw_length(random, 240 * kSecond, 600 * kSecond);
   scenario.length = outage.at + outage.length + 60 * kSecond;
   scenario.faults = {outage};
-  if (random.one_in(4)) return;
+  if (!is_longest && random.one_in(4)) return;
   Fault death;
   death.machine = 1;
   death.kind = random.one_in(2) ? FaultKind::kKill : FaultKind::kPowerCut;
   death.at = outage.at + outage.length - random.between(0, 20 * kSecond);
   draw_value(death, random, scenario);
   scenario.faults.push_back(death);
+}
+
+/// Some minutes at the rate of a camera, over a usual link: outages of seconds, of which the robot
+/// does not survive each one.
+void make_outages(Scenario& scenario, Random& random) {
+  scenario.robots.resize(1);
+  RobotSetup& robot = scenario.robots.front();
+  robot.fps = static_cast<double>(10 + random.below(21));
+  robot.policy = random.one_in(2) ? "catch-up" : "uniform";
+  robot.path.bytes_per_second = robot.fps * (robot.has_large_images ? 20000 : 2500) *
+                                static_cast<double>(3 + random.below(10));
+  robot.path.delay = draw_length(random, kMillisecond, 30 * kMillisecond);
+  robot.path.jitter = 0;
+  robot.path.queue = draw_length(random, 50 * kMillisecond, 200 * kMillisecond);
+  scenario.faults.clear();
+  scenario.length = 15 * kSecond;
+  for (std::uint64_t i = 2 + random.below(4); i > 0; --i) {
+    Fault outage;
+    outage.at = scenario.length;
+    outage.machine = 1;
+    outage.length = draw_length(random, 2 * kSecond, 20 * kSecond);
+    scenario.length += outage.length + random.between(10 * kSecond, 20 * kSecond);
+    scenario.faults.push_back(outage);
+    if (random.one_in(2)) continue;
+    Fault death;
+    death.machine = 1;
+    death.kind = random.one_in(4) ? FaultKind::kPowerCut : FaultKind::kKill;
+    death.at = outage.at + outage.length - random.between(0, 2 * kSecond);
+    death.length = draw_length(random, 100 * kMillisecond, 5 * kSecond);
+    scenario.faults.push_back(death);
+  }
 }
 
 /// Robots without a clock of their own that lose their power again and again.
@@ -299,10 +330,14 @@ Scenario draw_scenario(std::uint64_t seed) {
   if (random.one_in(4)) add_stall_of_server(scenario, random);
   if (random.one_in(2)) add_stranger(scenario, random);
   if (scenario.sync != "ack") add_power_cut_of_server(scenario, random);
-  if (random.one_in(12)) {
-    make_long_outage(scenario, random);
-  } else if (random.one_in(16)) {
+  // Seeds in a row have some of each kind. The long ones cost most.
+  const std::uint64_t kind = seed % 60;
+  if (kind % 20 == 0) {
+    make_long_outage(scenario, random, kind == 0);
+  } else if (kind % 20 == 7) {
     make_many_starts(scenario, random);
+  } else if (kind % 5 == 3) {
+    make_outages(scenario, random);
   }
   std::sort(scenario.faults.begin(), scenario.faults.end(),
             [](const Fault& a, const Fault& b) { return a.at < b.at; });
