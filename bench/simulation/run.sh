@@ -19,8 +19,9 @@ while [ $# -gt 0 ]; do
   esac
 done
 simulate() { "$1/testing/simulation/orbbuf-simulate" --seed "$seed" --minutes "$minutes" "${@:2}"; }
-simulate "$build" --go-on
-[ -n "$defects" ] || exit 0
+status=0
+simulate "$build" --go-on || status=$?
+[ -n "$defects" ] || exit $status
 
 patches=$PWD/testing/simulation/defects tree=$PWD/build/simulation-defects
 if [ $# -eq 0 ]; then
@@ -32,42 +33,43 @@ git -C "$tree" checkout --quiet .
 cmake -S "$tree" --preset dev -DORBBUF_BUILD_EVALUATION=OFF > /dev/null
 head=$(git rev-parse HEAD:{common,daemon,server,testing/simulation} | tr '\n' ' ') programs=(daemon/orbbufd server/orbbuf-server
   testing/simulation/{orbbuf-simulate,orbbuf-stranger,liborbbuf-simulated.so})
+found=0 chaos_found=0 times=()
 for name; do # one tree for all, so that only what a patch touches is compiled
   stamp="$head $(sha256sum < "$patches/$name.patch")" copy=$tree/build/$name
-  [ "$(cat "$copy/stamp" 2> /dev/null)" != "$stamp" ] || continue
-  rm -rf "$copy"
-  git -C "$tree" apply "$patches/$name.patch"
-  if cmake --build "$tree/build/dev" --target orbbuf-simulate > "$tree/build/$name.log" 2>&1; then
+  if [ "$(cat "$copy/stamp" 2> /dev/null)" != "$stamp" ]; then
+    rm -rf "$copy"
+    git -C "$tree" apply "$patches/$name.patch"
+    built=0
+    cmake --build "$tree/build/dev" --target orbbuf-simulate > "$tree/build/$name.log" 2>&1 || built=$?
+    git -C "$tree" apply -R "$patches/$name.patch"
+    if [ $built -ne 0 ]; then
+      echo "$name: does not build; see $tree/build/$name.log"
+      continue
+    fi
     for program in "${programs[@]}"; do install -D "$tree/build/dev/$program" "$copy/$program"; done
     echo "$stamp" > "$copy/stamp"
-  else
-    echo "$name: does not build; see $tree/build/$name.log" >&2
   fi
-  git -C "$tree" apply -R "$patches/$name.patch"
-done
-found=0 chaos_found=0 times=()
-for name; do
-  [ -e "$tree/build/$name/stamp" ] || continue
-  simulate "$tree/build/$name" > "$tree/build/$name.found" || true
-  took=$(sed -n 's/^RESULT simulation.minutes //p' "$tree/build/$name.found")
-  if grep -q '^  FOUND' "$tree/build/$name.found"; then
+  simulate "$copy" > "$copy.found" || true
+  took=$(sed -n 's/^RESULT simulation.minutes //p' "$copy.found")
+  if grep -q '^  FOUND' "$copy.found"; then
     found=$((found + 1)) times+=("$took")
-    echo "$name: found after $took minutes: $(grep -m1 '^  FOUND' "$tree/build/$name.found")"
+    echo "$name: found after $took minutes: $(grep -m1 '^  FOUND' "$copy.found")"
   else
     echo "$name: not found in $took minutes"
   fi
   [ -n "$chaos" ] || continue
-  ln -sfn "$build/bench" "$tree/build/$name/bench"
-  if bench/chaos/run.sh "$tree/build/$name" --seed "$seed" > "$tree/build/$name.chaos" 2>&1; then
+  ln -sfn "$build/bench" "$copy/bench"
+  if bench/chaos/run.sh "$copy" --seed "$seed" > "$copy.chaos" 2>&1; then
     echo "$name: bench chaos does not find it"
   elif [ $? -eq 77 ]; then
     echo "$name: bench chaos cannot run here"
   else
     chaos_found=$((chaos_found + 1))
-    echo "$name: bench chaos finds it; see $tree/build/$name.chaos"
+    echo "$name: bench chaos finds it; see $copy.chaos"
   fi
 done
 echo "RESULT simulation.defects $#"
 echo "RESULT simulation.found_of_20 $found"
 [ $found -eq 0 ] || echo "RESULT simulation.median_minutes_to_find $(printf '%s\n' "${times[@]}" | sort -n | sed -n "$(((found + 1) / 2))p")"
 [ -z "$chaos" ] || echo "RESULT simulation.chaos_found_of_20 $chaos_found"
+exit $status

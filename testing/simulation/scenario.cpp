@@ -49,9 +49,11 @@ RobotSetup draw_robot(Random& random, Time length) {
   robot.path.jitter = random.one_in(2) ? robot.path.delay / 2 : 0;
   robot.path.queue = draw_length(random, 50 * kMillisecond, kSecond);
   const double needed = robot.fps * (robot.has_large_images ? 20000 : 2500);
-  // A stream that nearly fills the window of its connection has no room for kept frames.
-  const auto way = static_cast<double>(robot.path.delay + robot.path.jitter);
-  if (needed * 2 * way / 1e9 > 48e3) robot.has_spool = false;
+  // A stream that nearly fills the window of its connection has no room for kept frames. Nor has
+  // one whose frames are never alone on a way with jitter (docs/simulation.md).
+  const auto way = static_cast<double>(robot.path.delay + robot.path.jitter) / 1e9;
+  if (needed * 2 * way > 48e3 || (robot.path.jitter > 0 && robot.fps * 2 * way > 1))
+    robot.has_spool = false;
   robot.path.bytes_per_second =
       std::max(kSlowest, needed * static_cast<double>(2 + random.below(30)));
   return robot;
@@ -256,6 +258,7 @@ void make_outages(Scenario& scenario, Random& random) {
   RobotSetup& robot = scenario.robots.front();
   robot.fps = static_cast<double>(10 + random.below(21));
   robot.policy = random.one_in(2) ? "catch-up" : "uniform";
+  robot.has_spool = random.one_in(2);
   robot.path.bytes_per_second = robot.fps * (robot.has_large_images ? 20000 : 2500) *
                                 static_cast<double>(3 + random.below(10));
   robot.path.delay = draw_length(random, kMillisecond, 30 * kMillisecond);
