@@ -32,6 +32,7 @@ constexpr std::uint64_t kMostDropRecords = 16384;  // of one outage, beyond that
 
 constexpr Time kAlone = 8 * kSecond;  // an outage, if nothing else happens so long before or after
 constexpr Time kLongWay = 250 * kMillisecond;  // beyond that a planner sees little of the link
+constexpr double kTwoFrames = 50e3;            // bytes, of large images: so much is written at once
 constexpr double kLiveAgain = 1;               // link.live_again
 constexpr double kLateness = 0.4;  // what a judge may not blame: a rounding, a repeated segment
 constexpr double kTransit = 0.3;   // of a frame, beyond what it took before
@@ -207,6 +208,8 @@ class SessionJudge {
   /// After an outage that nothing else comes close to, a frame is soon as new as it was before.
   void check_live_again(const RecordedSession& session) {
     if (robot_.policy != "catch-up" || robot_.path.delay > kLongWay) return;
+    const double queue = to_seconds(robot_.path.queue) * robot_.path.bytes_per_second;
+    if (robot_.has_large_images && queue < kTwoFrames) return;
     for (const Fault& outage : scenario_.faults) {
       if (outage.kind != FaultKind::kCut || outage.machine != facts_.machine) continue;
       if (outage.length < kSecond || !is_alone(outage)) continue;
@@ -346,6 +349,8 @@ class SessionJudge {
       const bool is_end = found.starts_with("not ended");
       if (is_end && (has_died() || facts_.stops > 1)) continue;
       if (is_end && (old_ == 0 || may_lose())) continue;
+      // Without a record it is not told later that the bye met a fault.
+      if (is_end && !robot_.has_record() && facts_.ended < scenario_.length) continue;
       if (was_left() && !is_end) continue;
       if (has_lost_bytes() && found.starts_with("journal: ")) continue;
       problem("check: " + found);

@@ -238,7 +238,7 @@ void make_long_outage(Scenario& scenario, Random& random, bool is_longest) {
   Fault outage;
   outage.at = 10 * kSecond;
   outage.machine = 1;
-  outage.length = is_longest ? random.between(3000 * kSecond, 3600 * kSecond)
+  outage.length = is_longest ? random.between(2600 * kSecond, 3000 * kSecond)
                              : draw_length(random, 240 * kSecond, 600 * kSecond);
   scenario.length = outage.at + outage.length + 60 * kSecond;
   scenario.faults = {outage};
