@@ -51,9 +51,9 @@ for name; do # one tree for all, so that only what a patch touches is compiled
   fi
   simulate "$copy" > "$copy.found" || true
   took=$(sed -n 's/^RESULT simulation.minutes //p' "$copy.found")
-  if grep -q '^  FOUND' "$copy.found"; then
+  if grep -aq '^  FOUND' "$copy.found"; then
     found=$((found + 1)) times+=("$took")
-    echo "$name: found after $took minutes: $(grep -m1 '^  FOUND' "$copy.found")"
+    echo "$name: found after $took minutes: $(grep -am1 '^  FOUND' "$copy.found")"
   else
     echo "$name: not found in $took minutes"
   fi
