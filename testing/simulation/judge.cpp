@@ -96,9 +96,11 @@ class SessionJudge {
 
   bool has_died() const { return facts_.was_killed || facts_.lost_power; }
 
-  /// After a power cut of the server no robot told it what it lacks: it has not looked yet.
+  /// After a power cut of the server no robot told it what it lacks, since it has no record, or
+  /// died before that had the session: the server has not looked yet.
   bool was_left() const {
-    return !robot_.has_record() && (!facts_.has_closed || facts_.left > 0) &&
+    const bool is_forgotten = !robot_.has_record() || (has_died() && old_ == 0);
+    return is_forgotten && (!facts_.has_closed || facts_.left > 0) &&
            run_.server_power_cut() > facts_.began;
   }
 
