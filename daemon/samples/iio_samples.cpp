@@ -54,6 +54,8 @@ IioSamples::IioSamples(boost::asio::io_context& main, const SampleStreamSettings
 void IioSamples::on_frame(std::int64_t /*time_ns*/) {
   if (std::exchange(has_frames_, true)) return;
   for (Port& port : ports_) port.clock = {};
+  pending_.clear();
+  last_acceleration_.reset();
 }
 
 /// A device that is unplugged wakes no poll of its buffer, at least until Linux 6.1; a read fails.

@@ -89,6 +89,27 @@ TEST_F(IioSamplesTest, OfTwoDevicesHaveTheAccelerationAtTheGyroscopesTime) {
   EXPECT_THAT(samples_[1].angular_velocity, ElementsAre(14, 0, 0));
 }
 
+/// The clock may have been set between the two: times of before it would hold up those behind it.
+TEST_F(IioSamplesTest, BeginAnewAtTheFirstFrame) {
+  add(0, "accel_3d", {"accel"});
+  add(1, "gyro_3d", {"anglvel"});
+  const auto source = open({"gyro_3d", "accel_3d"});
+  const auto receive = [this](int number, int time) {
+    send(number, {time, 0, 0}, time);
+    while (io_.poll_one() > 0) {
+    }
+  };
+  receive(0, 10);
+  receive(1, 11);
+  source->on_frame(0);
+  receive(0, 20);
+  receive(1, 21);
+  source->on_frame(1);
+  receive(0, 30);
+  ASSERT_EQ(samples_.size(), 1U);
+  EXPECT_THAT(samples_[0].angular_velocity, ElementsAre(21, 0, 0));
+}
+
 TEST_F(IioSamplesTest, NeedAGyroscopeAndAnAccelerometer) {
   add(0, "accel_3d", {"accel"});
   const auto open_accelerometer = [this] { open({"accel_3d"}); };
