@@ -130,7 +130,7 @@ for node in "${nodes[@]}"; do
   echo "RESULT dds.${node//-/_}.missed $missed"
   cut -d' ' -f1 "$work/missed-$node" | sort | uniq -c
   # Some hundred without a pace. A busy machine lets a node oversleep, which then misses a few.
-  [ "$cut" -gt 5 ] || [ "$pace" != 1.2 ] || [ "$missed" -le 30 ] || status=1
+  [ "$cut" -gt 5 ] || [ "$pace" != 1.2 ] || [ "$missed" -le 10 ] || status=1
 done
 age() { # TAP NAME PART: of the later half of the messages, since the first ones wait for readers
   messages "$1" "$2" | cut -d' ' -f5 | awk '{ v[NR] = $1 } END { for (i = int(NR / 2) + 1; i <= NR; ++i) print v[i] }' |
