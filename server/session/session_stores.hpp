@@ -40,7 +40,7 @@ class SessionStores {
   /// What a robot has sent is kept: it may be acknowledged. An error: the robot must not send that.
   /// Runs on `main`, never from within the call.
   using Kept = std::function<void(Result<bool> is_new)>;
-  /// It is written, though a power cut might still take it. Runs before Kept, as that does.
+  /// It is written, but a power cut can still take it. Runs on `main`, before Kept.
   using Written = std::function<void()>;
 
   struct Opened {

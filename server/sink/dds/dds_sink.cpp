@@ -168,7 +168,7 @@ void begin_dds() {
   the_dds() = std::make_unique<Dds>();
   Dds& dds = *the_dds();
   const auto tell = [&dds] { asio::post(dds.thread.pool, [&dds] { dds.tell(); }); };
-  // There, since a reader that is known already has it told before it is made.
+  // On the pool, so that tell() runs after it: a reader that is already there asks for it at once.
   asio::post(dds.thread.pool,
              asio::use_future([&] { dds.node.emplace(dds.participant, "orbbuf_server", tell); }))
       .get();
