@@ -24,10 +24,10 @@ constexpr std::size_t kLeastFrames = 2;    // one is sent while the next one wai
 constexpr double kBeyondS = 0.03;
 constexpr double kLateS = 0.02;
 constexpr double kFadeS = 3;  // a link may fade for so long before it breaks
-// Of frames that are alone on their way:
+// Of frames that came to an idle link:
 constexpr std::chrono::seconds kSettling{1};  // those of a new connection do not count
-constexpr std::size_t kAlone = 8;             // so many do
-constexpr std::size_t kLeastAlone = 3;
+constexpr std::size_t kMostIdle = 8;          // so many do
+constexpr std::size_t kLeastIdle = 3;
 constexpr std::chrono::seconds kMeasureEach{2};
 constexpr std::chrono::milliseconds kUsualDelay{20};  // more than that may hide a faster link
 constexpr double kFaster = 1.03;
@@ -36,8 +36,8 @@ constexpr double kMostOfCarried = 2;
 }  // namespace
 
 void LinkRate::on_written(Time now, Sequence sequence, std::size_t bytes) {
-  if (!begun_) begun_ = alone_time_ = now;
-  on_their_way_.push_back({sequence, bytes, now, on_their_way_.empty()});
+  if (!begun_) begun_ = learn_time_ = now;
+  on_their_way_.push_back({sequence, bytes, now});
 }
 
 void LinkRate::on_lost() {
@@ -62,13 +62,13 @@ void LinkRate::begin_connection(double round_trip_s) {
 }
 
 /// The median: what is now and then on its way as well does not change it.
-void LinkRate::learn_path(Time now, const Written& alone, std::chrono::nanoseconds round_trip) {
-  alone_time_ = now;
-  if (sums_.service_s <= 0 || alone.time - *begun_ < kSettling) return;
-  const double service_s = static_cast<double>(alone.bytes) / bytes_per_s();
-  beyond_s_.push_back(std::max(0.0, to_seconds(now - alone.time - round_trip) - service_s));
-  if (beyond_s_.size() > kAlone) beyond_s_.pop_front();
-  if (beyond_s_.size() < kLeastAlone) return;
+void LinkRate::learn_path(Time now, const Written& frame, std::chrono::nanoseconds round_trip) {
+  learn_time_ = now;
+  if (sums_.service_s <= 0 || frame.time - *begun_ < kSettling) return;
+  const double service_s = static_cast<double>(frame.bytes) / bytes_per_s();
+  beyond_s_.push_back(std::max(0.0, to_seconds(now - frame.time - round_trip) - service_s));
+  if (beyond_s_.size() > kMostIdle) beyond_s_.pop_front();
+  if (beyond_s_.size() < kLeastIdle) return;
   auto sorted = beyond_s_;
   const auto median = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
   std::nth_element(sorted.begin(), median, sorted.end());
@@ -81,7 +81,8 @@ void LinkRate::on_received(Time now, Sequence next, std::chrono::nanoseconds rou
   if (on_their_way_.empty() || on_their_way_.front().sequence >= next) return;
   const Written first = on_their_way_.front();
   const bool has_company = on_their_way_.size() > 1 && on_their_way_[1].sequence < next;
-  if (first.is_alone && !has_company) learn_path(now, first, round_trip);
+  const bool was_idle = first.time + round_trip >= received_time_;
+  if (was_idle && !has_company) learn_path(now, first, round_trip);
   const Time ready = first.time + path(round_trip);
   Observation seen;
   while (!on_their_way_.empty() && on_their_way_.front().sequence < next) {
@@ -174,7 +175,7 @@ bool LinkRate::is_doubtful(Time now, std::chrono::nanoseconds round_trip) const 
 
 bool LinkRate::has_room(Time now, std::chrono::nanoseconds round_trip) const {
   const bool is_measure_due =
-      usual_.count() > 0 && now - alone_time_ > kMeasureEach + path(round_trip);
+      usual_ > kUsualDelay && now - learn_time_ > kMeasureEach + path(round_trip);
   if (is_measure_due || is_doubtful(now, round_trip)) return on_their_way_.empty();
   if (on_their_way_.size() < kLeastFrames) return true;
   const double bytes = bytes_on_their_way() + static_cast<double>(on_their_way_.back().bytes);

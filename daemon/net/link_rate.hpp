@@ -15,8 +15,8 @@ namespace orbbuf {
 ///
 /// Frames queue for the link, so the service of a frame begins when the one before it has been
 /// received, or when it was written, whichever is later; the path's own round trip is no
-/// service, nor what frames that are alone on their way usually need beyond it: jitter, the sleep
-/// of a Wi-Fi card, other streams in the same queue. The rate is what was served over how long that
+/// service, nor what frames that come to an idle link usually need beyond it: jitter, the sleep of
+/// a Wi-Fi card, other streams in the same queue. The rate is what was served over how long that
 /// took, of about the last 16 frames and the last second of service. A server slower than the link
 /// counts like a slow link: its answers come later.
 ///
@@ -64,7 +64,6 @@ class LinkRate {
     Sequence sequence = 0;
     std::size_t bytes = 0;
     Time time;
-    bool is_alone = false;  // nothing was on its way
   };
   /// What was received together.
   struct Observation {
@@ -81,7 +80,7 @@ class LinkRate {
   };
 
   void begin_connection(double round_trip_s);
-  void learn_path(Time now, const Written& alone, std::chrono::nanoseconds round_trip);
+  void learn_path(Time now, const Written& frame, std::chrono::nanoseconds round_trip);
   /// With what it usually takes longer.
   std::chrono::nanoseconds path(std::chrono::nanoseconds round_trip) const {
     return round_trip + usual_;
@@ -95,16 +94,16 @@ class LinkRate {
   Time served_at(std::size_t frames, std::chrono::nanoseconds round_trip) const;
 
   std::deque<Written> on_their_way_;
-  Time received_time_;               // of the last frame that was
-  Sums sums_;                        // of which the old part fades
-  std::optional<Observation> slow_;  // the last one, if it was
-  double tokens_ = 0;                // bytes that the link may pass now without any service
-  double slow_start_s_ = 0;          // that the connection may still need
-  bool is_new_ = true;               // no frame of this connection was received
-  std::optional<Time> begun_;        // the first frame of this connection was written
-  std::deque<double> beyond_s_;      // of the last frames that were alone: beyond trip and service
+  Time received_time_;                 // of the last frame that was
+  Sums sums_;                          // of which the old part fades
+  std::optional<Observation> slow_;    // the last one, if it was
+  double tokens_ = 0;                  // bytes that the link may pass now without any service
+  double slow_start_s_ = 0;            // that the connection may still need
+  bool is_new_ = true;                 // no frame of this connection was received
+  std::optional<Time> begun_;          // the first frame of this connection was written
+  std::deque<double> beyond_s_;        // of the last ones to an idle link: beyond trip and service
   std::chrono::nanoseconds usual_{0};  // of these
-  Time alone_time_;                    // the last one was received
+  Time learn_time_;                    // the last one was received
   std::optional<Sums> before_slow_;    // a while ago at most
   double slow_for_s_ = 0;              // since then
 };

@@ -31,7 +31,8 @@ class LinkRateTest : public testing::Test {
     const LinkRate::Time there = now_ + round_trip_ / 2;
     const auto service = nanoseconds(std::llround(1e9 * static_cast<double>(bytes) / rate));
     served_ = std::max(served_, there) + service;
-    acks_.push_back({next_ + 1, served_ + round_trip_ / 2 + beyond_});
+    const LinkRate::Time ack = served_ + round_trip_ / 2 + beyond_;
+    acks_.push_back({next_ + 1, acks_.empty() ? ack : std::max(ack, acks_.back().time)});
     rate_.on_written(now_, next_++, bytes);
   }
   void acknowledge_until(LinkRate::Time time) {
@@ -140,6 +141,22 @@ TEST_F(LinkRateTest, WhatThePathUsuallyTakesLongerIsNoService) {
   run_as_planned(50);
   EXPECT_LT(rate_.bytes_per_s(), 5e5);
   EXPECT_GT(rate_.bytes_per_s(), 3e5);
+}
+
+/// Another frame is always on its way. Frames are as large as the rate allows.
+TEST_F(LinkRateTest, NorIsTheJitterOfAWayOnWhichAnotherFrameAlwaysIs) {
+  true_rate_ = 3e6;
+  round_trip_ = milliseconds(200);
+  double sum = 0;
+  for (int i = 0; i < 1000; ++i) {
+    beyond_ = milliseconds(i * i % 101);
+    const double fits = rate_.bytes_per_s(now_, round_trip_) * 0.04;
+    const double bytes = std::clamp(fits, 0.25 * kBytes, 0.75 * kBytes);
+    if (rate_.has_room(now_, round_trip_)) write(static_cast<std::size_t>(bytes), true_rate_);
+    acknowledge_until(now_ + milliseconds(40));
+    if (i >= 500) sum += bytes;
+  }
+  EXPECT_GT(sum / 500, 0.6 * kBytes);
 }
 
 TEST_F(LinkRateTest, WhatAnIdleLinkPassesAtOnceIsNoRate) {
