@@ -29,6 +29,7 @@ constexpr std::chrono::seconds kSettling{1};  // those of a new connection do no
 constexpr std::size_t kMostIdle = 8;          // so many do
 constexpr std::size_t kLeastIdle = 3;
 constexpr std::chrono::seconds kMeasureEach{2};
+constexpr int kMeasureTrips = 8;                      // later: the link is idle for one
 constexpr std::chrono::milliseconds kUsualDelay{20};  // more than that may hide a faster link
 constexpr double kFaster = 1.03;
 constexpr double kMostOfCarried = 2;
@@ -175,7 +176,7 @@ bool LinkRate::is_doubtful(Time now, std::chrono::nanoseconds round_trip) const 
 
 bool LinkRate::has_room(Time now, std::chrono::nanoseconds round_trip) const {
   const bool is_measure_due =
-      usual_ > kUsualDelay && now - learn_time_ > kMeasureEach + path(round_trip);
+      usual_ > kUsualDelay && now - learn_time_ > kMeasureEach + kMeasureTrips * path(round_trip);
   if (is_measure_due || is_doubtful(now, round_trip)) return on_their_way_.empty();
   if (on_their_way_.size() < kLeastFrames) return true;
   const double bytes = bytes_on_their_way() + static_cast<double>(on_their_way_.back().bytes);

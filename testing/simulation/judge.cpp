@@ -155,7 +155,7 @@ class SessionJudge {
     }
     verdict_.delivered += there_.size();
     verdict_.named += named_.size();
-    if (has_lost_bytes()) return;
+    if (has_lost_bytes() || was_left()) return;
     for (const std::string& damage : session.problems) problem(damage);
   }
 

@@ -135,7 +135,11 @@ void Run::begin(int number) {
 }
 
 void Run::begin_later(int number, Time after_that) {
-  after(after_that, [this, number] { begin(number); });
+  const Time time = world->now + after_that;
+  begins_[static_cast<std::size_t>(number)] = time;
+  after(after_that, [this, number, time] {
+    if (begins_[static_cast<std::size_t>(number)] == time) begin(number);
+  });
 }
 
 void Run::die(int number, bool loses_power) {
@@ -201,7 +205,7 @@ void Run::look_after_machines() {
         has_server_crashed_ = true;
       }
       program_of(i).kill(i);
-      if (!is_ending_) begin_later(i, kSecond);  // as systemd does
+      if (!is_ending_) begin_later(i, 2 * kSecond);  // RestartSec of the units
     }
     if (one.disk.log_used > kDiskLogBytes / 8) devices_[static_cast<std::size_t>(i)]->follow();
   }

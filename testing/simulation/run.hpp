@@ -95,6 +95,7 @@ class Run {
   std::array<std::array<int, 2>, kMostMachines> downs_{};
   std::array<bool, kMostMachines> dies_of_power_{};
   std::array<Time, kMostMachines> pause_after_death_{};
+  std::array<Time, kMostMachines> begins_{};  // the last time that was told
   std::array<Time, kMostMachines> bad_disk_until_{};
   bool has_server_crashed_ = false;
   Time server_power_cut_ = 0;

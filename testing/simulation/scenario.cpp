@@ -50,10 +50,9 @@ RobotSetup draw_robot(Random& random, Time length) {
   robot.path.queue = draw_length(random, 50 * kMillisecond, kSecond);
   const double needed = robot.fps * (robot.has_large_images ? 20000 : 2500);
   // A stream that nearly fills the window of its connection has no room for kept frames. Nor has
-  // one whose frames are never alone on a way with jitter (docs/simulation.md).
+  // one over so long a way with jitter (docs/simulation.md).
   const auto way = static_cast<double>(robot.path.delay + robot.path.jitter) / 1e9;
-  if (needed * 2 * way > 48e3 || (robot.path.jitter > 0 && robot.fps * 2 * way > 1))
-    robot.has_spool = false;
+  if (needed * 2 * way > 48e3 || (robot.path.jitter > 0 && way > 0.5)) robot.has_spool = false;
   robot.path.bytes_per_second =
       std::max(kSlowest, needed * static_cast<double>(2 + random.below(30)));
   return robot;
