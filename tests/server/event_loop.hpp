@@ -20,6 +20,10 @@ namespace orbbuf::test {
 class EventLoop : public testing::Test {
  protected:
   EventLoop() { std::signal(SIGPIPE, SIG_IGN); }
+  ~EventLoop() override {
+    files_.stop();
+    files_.join();
+  }
 
   /// Runs `main` until `is_so()`; false if that takes longer than any healthy machine would.
   template <class Condition>
@@ -59,8 +63,8 @@ class EventLoop : public testing::Test {
     return ::waitid(P_ALL, 0, nullptr, WEXITED | WNOHANG | WNOWAIT) != 0 && errno == ECHILD;
   }
 
+  boost::asio::thread_pool files_{1};  // outlives `main_`, whose queue has strands of it
   boost::asio::io_context main_{1};
-  boost::asio::thread_pool files_{1};
 
  private:
   boost::asio::executor_work_guard<boost::asio::io_context::executor_type> work_{
