@@ -29,7 +29,7 @@ constexpr std::chrono::seconds kSettling{1};  // those of a new connection do no
 constexpr std::size_t kMostIdle = 8;          // so many do
 constexpr std::size_t kLeastIdle = 3;
 constexpr std::chrono::seconds kMeasureEach{2};
-constexpr int kMeasureTrips = 8;                      // later: the link is idle for one
+constexpr int kMeasureTrips = 8;  // and so many: the link is idle for one or two
 constexpr std::chrono::milliseconds kUsualDelay{20};  // more than that may hide a faster link
 constexpr double kFaster = 1.03;
 constexpr double kMostOfCarried = 2;

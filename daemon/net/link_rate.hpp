@@ -49,8 +49,8 @@ class LinkRate {
   /// Whether one more frame like the last one may be written. What is written is beyond the
   /// planner, and may be more than the link's queue holds, so that is little: two frames, or what
   /// link and server take in two round trips and 30 ms. One frame while the link may have become
-  /// slow; and one now and then if the path usually takes longer than its round trip, to measure
-  /// that.
+  /// slow; and one now and then if the path usually takes more than 20 ms longer than its round
+  /// trip, to measure that.
   bool has_room(Time now, std::chrono::nanoseconds round_trip) const;
 
   /// When the link has served what is on its way, as far as the acknowledgements tell; in the past
@@ -103,7 +103,7 @@ class LinkRate {
   std::optional<Time> begun_;          // the first frame of this connection was written
   std::deque<double> beyond_s_;        // of the last ones to an idle link: beyond trip and service
   std::chrono::nanoseconds usual_{0};  // of these
-  Time learn_time_;                    // the last one was received
+  Time learn_time_;                    // the last one to an idle link was received
   std::optional<Sums> before_slow_;    // a while ago at most
   double slow_for_s_ = 0;              // since then
 };

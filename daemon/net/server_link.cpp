@@ -343,9 +343,8 @@ void ServerLink::promote(const ServerConnection& from) {
 std::optional<Error> ServerLink::refusal_of(const wire::Position& position) {
   if (owner_.can_be_at(position)) return std::nullopt;
   return Error{
-      fmt::format("the server's record of this session reaches frame {} and drop record {}, which "
-                  "this robot has "
-                  "not sent: does another robot use its id?",
+      fmt::format("the server's record of this session reaches frame {} and drop record {}, which, "
+                  "or the samples there, this robot has not sent: does another robot use its id?",
                   position[wire::kFrames], position[wire::kDrops])};
 }
 

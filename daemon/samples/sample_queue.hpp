@@ -69,6 +69,7 @@ class SampleQueue {
   std::uint64_t sent_end() const { return sent_end_; }
   bool is_settled() const { return waiting_.empty(); }
 
+  bool is_latest_only() const { return is_latest_only_; }
   std::uint64_t captured() const { return end_; }
   std::uint64_t delivered() const { return end_ - lost_ - late_ - waiting_.size(); }
   std::uint64_t waiting() const { return waiting_.size(); }

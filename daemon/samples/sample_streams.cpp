@@ -115,6 +115,7 @@ void SampleStreams::on_connected(const wire::Position& position,
       log_warn("link: the server does not take the stream {}", stream.declaration.name);
     }
     const std::uint64_t lost = stream.queue.lost();
+    if (stream.queue.is_latest_only()) continue;  // newer ones took their place
     if (lost > std::exchange(stream.lost_logged, lost)) {
       log_warn(
           "{}: {} samples are lost so far: more were captured in an outage than its memory "

@@ -103,9 +103,10 @@ void Session::write_items(ItemsPtr items, std::uint64_t count, Taken taken) {
   if (items->first < position_[stream]) return repeat(std::move(taken));
   if (items->first > position_[stream]) {
     // Samples come late or are lost. Others: only a sink that forgot its record, a pipe or a
-    // removed folder, makes the robot do that.
-    log_warn("{}: items {} to {} of stream {} did not come live", name_, position_[stream],
-             items->first - 1, stream);
+    // removed folder, makes the robot do that; or a topic of which only the latest is sent.
+    if (gaps_.lets_through())
+      log_warn("{}: items {} to {} of stream {} did not come live", name_, position_[stream],
+               items->first - 1, stream);
   }
   wire::Position then = position_;
   then[stream] = items->first + count;
