@@ -110,9 +110,10 @@ TEST_F(ServerLinkTest, APositionThatWasNeverWrittenIsARefusal) {
   start();
   server_.welcome({RecordingOwner::kNeverWritten, 0});
   server_.accept();  // the next attempt
-  EXPECT_NE(
-      last_error().find("reaches frame 1000 and drop record 0, which this robot has not sent"),
-      std::string::npos)
+  EXPECT_NE(last_error().find(
+                "reaches frame 1000 and drop record 0, which, or the samples there, this robot "
+                "has not sent"),
+            std::string::npos)
       << last_error();
   server_.send(wire::encode(test::welcome_at({7, 3})));
   EXPECT_EQ(owner_.next(), "connected 7 3");
