@@ -20,10 +20,7 @@ namespace orbbuf::test {
 class EventLoop : public testing::Test {
  protected:
   EventLoop() { std::signal(SIGPIPE, SIG_IGN); }
-  ~EventLoop() override {
-    files_.stop();
-    files_.join();
-  }
+  ~EventLoop() override { files_.join(); }  // what waits there has work of `main_`
 
   /// Runs `main` until `is_so()`; false if that takes longer than any healthy machine would.
   template <class Condition>
