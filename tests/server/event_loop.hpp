@@ -20,7 +20,6 @@ namespace orbbuf::test {
 class EventLoop : public testing::Test {
  protected:
   EventLoop() { std::signal(SIGPIPE, SIG_IGN); }
-  ~EventLoop() override { files_.join(); }  // what waits there has work of `main_`
 
   /// Runs `main` until `is_so()`; false if that takes longer than any healthy machine would.
   template <class Condition>
@@ -37,6 +36,13 @@ class EventLoop : public testing::Test {
   void run_ready() {
     while (main_.poll() > 0) {
     }
+  }
+
+  /// For a test's destructor: what the two threads hand each other holds strands, which must not
+  /// outlive their pool.
+  void end_work() {
+    files_.join();
+    run_ready();
   }
 
   /// Writes and waits for the sink's answer.
@@ -60,8 +66,8 @@ class EventLoop : public testing::Test {
     return ::waitid(P_ALL, 0, nullptr, WEXITED | WNOHANG | WNOWAIT) != 0 && errno == ECHILD;
   }
 
-  boost::asio::thread_pool files_{1};  // outlives `main_`, whose queue has strands of it
   boost::asio::io_context main_{1};
+  boost::asio::thread_pool files_{1};
 
  private:
   boost::asio::executor_work_guard<boost::asio::io_context::executor_type> work_{

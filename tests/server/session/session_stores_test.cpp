@@ -33,6 +33,8 @@ class SessionStoresTest : public test::EventLoop {
  protected:
   using Answer = std::optional<Result<bool>>;
 
+  ~SessionStoresTest() override { end_work(); }
+
   Result<SessionStores::Opened> open(const std::string& session) {
     std::optional<Result<SessionStores::Opened>> opened;
     stores_.async_open({"r", session, ""},

@@ -25,11 +25,8 @@ using testing::ElementsAre;
 
 class RecordingPartsTest : public test::EventLoop {
  protected:
-  /// What the two threads hand each other holds strands, which must not outlive their pool.
-  ~RecordingPartsTest() override {
-    files_.join();
-    run_ready();
-  }
+  ~RecordingPartsTest() override { end_work(); }
+
   void start(std::chrono::nanoseconds split, bool are_only_copies = false) {
     parts_.emplace(main_, files_, stores_,
                    RecordingParts::Options{parent_.path(), split, are_only_copies});
