@@ -146,7 +146,7 @@ mean_capture_rate() {
     value "$1" StatusText
   done | awk '/frames\/s captured/ { sum += $1; n += 1 } END { printf "%.2f", n == 30 ? sum / n : 0 }'
 }
-has_segments() { find "$1" -name '*.segment' | grep -q .; }
+has_segments() { find "$1" -name 'journal.*' -size +500k | grep -q .; }
 disk_bytes() { awk '$3 == "vdb" { print $10 * 512 }' /proc/diskstats; }
 between() { awk -v low="$1" -v value="$2" -v high="$3" 'BEGIN { exit !(low < value && value < high) }'; }
 # per_second FROM TO START: since START seconds of uptime.
