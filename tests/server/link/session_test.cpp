@@ -306,9 +306,11 @@ TEST_F(SessionTest, AGapInTheItemsIsAWarning) {
   make({sink_});
   write_drops(7, 1);
   sink_->answer();
+  EXPECT_EQ(session_->position(), (wire::Position{0, 8}));
   write_drops(20, 1);  // told once in a while
   sink_->answer();
   EXPECT_EQ(session_->position(), (wire::Position{0, 21}));
+  EXPECT_EQ(log.lines("did not come live").size(), 1U);
   EXPECT_EQ(log.lines("warning robot session: items 0 to 6 of stream 1 did not come live").size(),
             1U);
 }
