@@ -104,7 +104,8 @@ void Session::write_items(ItemsPtr items, std::uint64_t count, Taken taken) {
   if (items->first > position_[stream]) {
     // Samples come late or are lost. Others: only a sink that forgot its record, a pipe or a
     // removed folder, makes the robot do that; or a topic of which only the latest is sent.
-    if (gaps_.lets_through())
+    auto& limit = gaps_.try_emplace(stream, std::chrono::seconds(10)).first->second;
+    if (limit.lets_through())
       log_warn("{}: items {} to {} of stream {} did not come live", name_, position_[stream],
                items->first - 1, stream);
   }

@@ -203,7 +203,7 @@ class Session : public std::enable_shared_from_this<Session> {
   SessionEnd end_ = SessionEnd::kStopping;  // since kClosing
   bool is_failing_ = false;                 // logged
   bool has_no_jpeg_ = false;                // a frame, logged
-  LogLimit gaps_{std::chrono::seconds{10}};
+  std::map<wire::StreamId, LogLimit> gaps_;
   SessionClosing closing_;
   std::optional<SessionClosing> noted_;  // by the sinks
   std::chrono::steady_clock::time_point noted_at_;

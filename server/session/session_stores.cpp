@@ -109,12 +109,16 @@ void SessionStores::write(const std::string& robot_id, const std::string& sessio
   store->run([job](SessionStore& session) { return job->write(session); },
              [this, robot_id, session_id, robot, store, job](Result<Outcome> outcome) {
                if (!outcome) {
-                 if (!std::exchange(robot->is_failing, true)) {
+                 if (robot->failing.empty()) {
+                   robot->failing = session_id;
                    log_error("{}: late frames paused: {}", robot_id, outcome.error().text);
                  }
                  return try_again(robot_id, session_id, job);
                }
-               robot->is_failing = false;
+               if (robot->failing == session_id) {
+                 robot->failing.clear();
+                 log_info("{}: late frames of session {} go on", robot_id, session_id);
+               }
                if (outcome.value() == Outcome::kNew) {
                  watcher_(Event::kLate, robot_id, session_id);
                }
@@ -137,7 +141,10 @@ void SessionStores::try_again(const std::string& robot_id, const std::string& se
                               const std::shared_ptr<const Job>& job) {
   const auto timer = std::make_shared<asio::steady_timer>(main_, kRetry);
   timer->async_wait([this, timer, robot_id, session_id, job](const error_code& failed) {
-    if (!failed && !job->waiter.expired()) write(robot_id, session_id, job);
+    if (failed) return;
+    if (!job->waiter.expired()) return write(robot_id, session_id, job);
+    const auto robot = this->robot(robot_id);
+    if (robot->failing == session_id) robot->failing.clear();
   });
 }
 

@@ -68,7 +68,7 @@ class SessionStores {
   void on_closed(const std::string& robot_id, const std::string& session_id);
 
   /// A frame, or samples, that cannot be written is tried again every second, as long as `waiter`
-  /// lives; it is logged once when that begins. `kept` and `written` do not run after its end.
+  /// lives; its begin and end are logged. `kept` and `written` do not run after its end.
   void write_late(
       const std::string& robot_id, wire::LateFrame late, std::weak_ptr<void> waiter, Kept kept,
       Written written = [] {});
@@ -96,7 +96,7 @@ class SessionStores {
     std::map<std::string, Entry> entries;  // by session
     std::set<std::string> named;           // sessions that accounts name, without a live stream
     std::set<std::string> held;            // of these the robot has frames
-    bool is_failing = false;
+    std::string failing;                   // one whose late frames cannot be written; logged
     std::size_t count = 0;  // of `named`, with those that are over, in the day that begun
     std::chrono::steady_clock::time_point begun = std::chrono::steady_clock::now();
 

@@ -215,6 +215,8 @@ TEST_F(SessionStoresTest, AFullDiskHoldsALateFrameUntilThereIsRoom) {
   }
   ASSERT_TRUE(run_until([&] { return answer.has_value(); }));
   EXPECT_TRUE(answer->value());
+  EXPECT_EQ(log.lines("r: late frames paused").size(), 1U);
+  EXPECT_EQ(log.lines("r: late frames of session earlier go on").size(), 1U);
 }
 
 TEST_F(SessionStoresTest, WhoDoesNotWaitAnyMoreGetsNoAnswer) {
