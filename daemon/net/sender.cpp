@@ -292,8 +292,9 @@ void Sender::finish(std::function<void(bool)> done) {
 
 void Sender::give_up_waiting() {
   const wire::Stats stats = buffer_.stats();
-  log_warn("link: {} frames are still undelivered after {} s", stats.waiting + stats.in_flight,
-           to_seconds(drain_timeout_));
+  const auto samples = samples_.stats();
+  log_warn("link: {} frames are still undelivered after {} s{}{}", stats.waiting + stats.in_flight,
+           to_seconds(drain_timeout_), samples.empty() ? "" : "; ", samples);
   if (!link_.is_connected()) return end(false);
   buffer_.give_up_waiting();
   drain_timer_.expires_after(kByeTimeout);
