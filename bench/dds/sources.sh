@@ -3,17 +3,19 @@
 # A camera by its topic of ROS 2 against one that orbbufd captures itself (the generated scene), 25 images of 320x240 a
 # second each, through the same link in the same run, with cuts of 2 s, as ROS 2 readers at the server see them. And what
 # a TurtleBot3's other topics cost: one orbbufd has the camera alone, one has them too. In a network namespace of its own.
-# Usage: bench/dds/sources.sh BUILD_FOLDER [--cuts N]
+# --device: a V4L2 camera, of 320x180, instead of the scene; and only the orbbufd that has all topics is beside it.
+# Usage: bench/dds/sources.sh BUILD_FOLDER [--cuts N] [--device FILE]
 set -euo pipefail
 if [ -z "${ORBBUF_OWN_NAMESPACE-}" ]; then
   ORBBUF_OWN_NAMESPACE=1 exec unshare --net --map-root-user "$0" "$@"
 fi
 build=$(cd "$1" && pwd)
 shift
-cuts=5
+cuts=5 device='' height=240
 while [ $# -gt 0 ]; do
   case $1 in
     --cuts) cuts=$2 && shift ;;
+    --device) device=$2 height=180 && shift ;;
     *) echo "sources: unknown option $1" >&2 && exit 2 ;;
   esac
   shift
@@ -26,11 +28,13 @@ start server "$build/server/orbbuf-server" --set listen.address=127.0.0.1:0 --se
   --set dds.pace=1000
 until_true 'the server listens' says server 'listening on'
 address=$(sed -n 's/.*listening on //p' "$work/server.log" | head -n 1)
-scene=(--set source.kind=generated --set source.width=320 --set source.height=240 --set source.fps=25)
+mode=(--set source.width=320 --set "source.height=$height" --set source.fps=25)
+scene=(--set source.kind=generated "${mode[@]}")
 "$build/daemon/orbbufd" --set robot.id=pictures --set "link.server=$address" "${scene[@]}" --set source.realtime=false \
   --set source.frames=50 >"$work/pictures.log" 2>&1 || fail "the pictures ended with $?"
 
-robots=(captured topic all)
+robots=(captured topic all) by_topic=topic
+[ -z "$device" ] || robots=(captured all) by_topic=all
 declare -A pid_of
 for robot in "${robots[@]}"; do
   start "by-$robot" "$build/bench/orbbuf-dds-timed-reader" "$robot/image_raw/compressed" compressed
@@ -44,10 +48,14 @@ streams=()
 for topic in imu odom tf tf_static scan; do
   streams+=(--set "stream.$topic.kind=topic" --set "stream.$topic.topic=/$topic")
 done
-run_robot topic "${camera[@]}"
+[ -n "$device" ] || run_robot topic "${camera[@]}"
 run_robot all "${camera[@]}" "${streams[@]}"
 start writer "$build/bench/orbbuf-dds-topic-writer" $((cuts * 10 + 10)) 1 "$work"/data/pictures/*/images/*.jpg
-run_robot captured "${scene[@]}" --set source.frames=100000
+if [ -n "$device" ]; then
+  run_robot captured --set source.kind=v4l2 --set "source.device=$device" --set source.format=YUYV "${mode[@]}"
+else
+  run_robot captured "${scene[@]}" --set source.frames=100000
+fi
 for robot in "${robots[@]}"; do until_true "images of $robot" grep -q '^[0-9]' "$work/by-$robot.log"; done
 ticks() { awk '{ print $14 + $15 }' "/proc/${pid_of[$1]}/stat"; }
 declare -A before
@@ -82,6 +90,6 @@ for robot in "${robots[@]}"; do
   result "$robot.gap" "$(gap "$robot")"
   result "$robot.cpu_percent" "$(cpu "$robot")"
 done
-result late_p50_ratio "$(ratio "$(percentile topic 0.5)" "$(percentile captured 0.5)")"
-result late_p95_ratio "$(ratio "$(percentile topic 0.95)" "$(percentile captured 0.95)")"
-result gap_ratio "$(ratio "$(gap topic)" "$(gap captured)")"
+result late_p50_ratio "$(ratio "$(percentile $by_topic 0.5)" "$(percentile captured 0.5)")"
+result late_p95_ratio "$(ratio "$(percentile $by_topic 0.95)" "$(percentile captured 0.95)")"
+result gap_ratio "$(ratio "$(gap $by_topic)" "$(gap captured)")"

@@ -3,7 +3,7 @@
 # Makes the virtual machine's parts in FOLDER: kernel, initrd.gz and root.ext4, a Debian just large
 # enough, with the libraries that PROGRAMs need. The packages come from this machine's own sources.
 # What is there already, and still right, is kept. Usage: tests/vm/image.sh FOLDER PROGRAM...
-# $VM_PACKAGES: further packages, separated by commas.
+# $VM_PACKAGES: further packages, separated by commas; $VM_MODULES: further modules of the kernel.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 # shellcheck source=tests/vm/parts.sh
@@ -11,7 +11,7 @@ here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 folder=$1
 shift
 PACKAGES=busybox-static,bash,kmod,udev,v4l-utils,libcamera-ipa,linux-image-amd64${VM_PACKAGES:+,$VM_PACKAGES}
-MODULES=(vivid uvcvideo vhci-hcd vimc i2c-dev i2c-stub bmi160_i2c iio-trig-hrtimer)
+read -ra MODULES <<<"vivid uvcvideo vhci-hcd vimc i2c-dev i2c-stub bmi160_i2c iio-trig-hrtimer ${VM_MODULES-}"
 mkdir -p "$folder"
 cd "$folder"
 
