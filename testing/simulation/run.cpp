@@ -17,7 +17,8 @@ constexpr std::uint64_t kLargeDisk = 1ULL << 40;
 constexpr std::uint64_t kSmallDisk = 6 << 20;
 constexpr std::uint64_t kFewFrames = 10;  // of a stream that is reduced some always wait
 constexpr Time kLongestEnd = 60 * kSecond;
-constexpr std::size_t kMostForged = 8;  // frames of a visit
+constexpr Time kLongestWay = 3 * kSecond;  // with its queue; what robots wrote last comes
+constexpr std::size_t kMostForged = 8;     // frames of a visit
 
 /// Those of a session whose images are on the server's disk, from the oldest on, at most so many.
 std::vector<std::string> recorded(const SessionFacts& facts, const fs::path& folder,
@@ -470,6 +471,7 @@ void Run::run() {
     problem(fmt::format("robot{} does not end", i));
     die(i, false);
   }
+  advance(world->now + kLongestWay);
   signal(kServer, SIGTERM);
   const Time server_limit = world->now + kLongestEnd;
   while (machine(kServer).is_running && world->now < server_limit) {
