@@ -161,6 +161,9 @@ one=${pids[-1]}
 until_true 'the session begins' has_another mono-1 "$session"
 session=$(session_of mono-1)
 until_true 'the reader has frames of it' received_some cyclone-reliable mono_1 "$session"
+has_half() { [ "$(wc -l <"$session/times.txt")" -ge 150 ]; }
+until_true 'half of the frames are there' has_half
+! grep -q 'has missed' "$work"/server*.log || fail 'a reader that has all is said to have missed some'
 kill -STOP "$reliable"
 wait "$one" || fail "mono-1 ended with $?"
 has_all "$session" 300 || fail 'a reader that has stopped has cost frames'
