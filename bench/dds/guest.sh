@@ -6,7 +6,7 @@
 export HOME=/tmp ORBBUF_OWN_NAMESPACE=1
 modprobe -a vivid veth nf_tables
 until [ -e /dev/video0 ]; do sleep 0.2; done
-mkdir -p build/{daemon,server,bench}
+mkdir -p /dev/shm build/{daemon,server,bench}
 ln -s /share/orbbufd build/daemon
 ln -s /share/orbbuf-server build/server
 ln -s /share/orbbuf-dds-* build/bench

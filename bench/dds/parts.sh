@@ -1,7 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
-# To be sourced in a network namespace of one's own: a folder for the run, a network for DDS, programs in the background,
-# waiting for what they say.
+# To be sourced first, with the script's arguments: runs it again in a network namespace of its own. A folder for the run,
+# a network for DDS, programs in the background, waiting for what they say.
+
+if [ -z "${ORBBUF_OWN_NAMESPACE-}" ]; then
+  root=()
+  [ "$(id -u)" -eq 0 ] || root=(--map-root-user)
+  ORBBUF_OWN_NAMESPACE=1 exec unshare --net --mount "${root[@]}" "$0" "$@"
+fi
+mount -t tmpfs tmpfs /dev/shm # Fast DDS aborts if another version of it has left files there
 
 work=$(mktemp -d "${TMPDIR:-/tmp}/orbbuf-dds.XXXXXX")
 logs=$work # of what the programs say

@@ -3,13 +3,13 @@
 # What slow readers of ROS 2's topics cost the others. Two robots send images of 1280x1024 at 15 Hz, in a network
 # namespace of its own. Reliable readers of the first one's raw images: a good one, one that takes less than half of
 # them, and one that is stopped by SIGSTOP; of its JPEG images, of its inertial sensor (200 Hz), and of the other robot's
-# raw images: a good one each. Two loops keep the processors busy. The good readers must get each message; none of them
-# may wait for 2 s (a stall). A first run without the two bad readers tells what this machine can do (`alone`).
+# raw images: a good one each. Two loops keep the processors busy; if root runs this, the robots and the server have the
+# priority of their services. The good readers must get each message; none of them may wait for 2 s (a stall). A first
+# run without the two bad readers tells what this machine can do (`alone`).
 # Usage: bench/dds/run.sh BUILD_FOLDER [--quick] [--runs N] [--seconds N]; --quick: one run of 3 s, without the first one
 set -euo pipefail
-if [ -z "${ORBBUF_OWN_NAMESPACE-}" ]; then
-  ORBBUF_OWN_NAMESPACE=1 exec unshare --net --map-root-user "$0" "$@"
-fi
+# shellcheck source=bench/dds/parts.sh
+. "$(dirname "${BASH_SOURCE[0]}")/parts.sh"
 build=$(cd "$1" && pwd)
 shift
 runs=10 seconds=20 rate=15 is_quick=
@@ -22,8 +22,6 @@ while [ $# -gt 0 ]; do
   esac
   shift
 done
-# shellcheck source=bench/dds/parts.sh
-. "$(dirname "${BASH_SOURCE[0]}")/parts.sh"
 lay_network
 
 end_all() {
@@ -51,12 +49,12 @@ once() { # NAME [READER...]: with these beside the good ones
     esac
   done
   for reader in "${readers[@]}"; do until_true "$reader is ready" says "$reader" ready; done
-  start server "$build/server/orbbuf-server" --set listen.address=127.0.0.1:0 --set "files.path=$logs/data" \
+  start server nice -n -10 "$build/server/orbbuf-server" --set listen.address=127.0.0.1:0 --set "files.path=$logs/data" \
     --set dds.enabled=true
   until_true 'the server listens' says server 'listening on'
   sleep 4 # it publishes nothing in its first 3 s, and would then have to catch up
   for robot in one two; do
-    start "robot-$robot" "$build/daemon/orbbufd" --set "robot.id=$robot" --set buffer.policy=drop-oldest \
+    start "robot-$robot" nice -n -10 "$build/daemon/orbbufd" --set "robot.id=$robot" --set buffer.policy=drop-oldest \
       --set "link.server=$(sed -n 's/.*listening on //p' "$logs/server.log")" --set source.width=1280 \
       --set stream.imu0.kind=generated --set source.height=1024 --set "source.fps=$rate" --set "source.frames=$((rate * (seconds + 10)))"
     robots+=("${pids[-1]}")

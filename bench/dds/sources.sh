@@ -6,9 +6,8 @@
 # --device: a V4L2 camera, with 320x180, instead of the scene.
 # Usage: bench/dds/sources.sh BUILD_FOLDER [--cuts N] [--device FILE]
 set -euo pipefail
-if [ -z "${ORBBUF_OWN_NAMESPACE-}" ]; then
-  ORBBUF_OWN_NAMESPACE=1 exec unshare --net --map-root-user "$0" "$@"
-fi
+# shellcheck source=bench/dds/parts.sh
+. "$(dirname "${BASH_SOURCE[0]}")/parts.sh"
 build=$(cd "$1" && pwd)
 shift
 cuts=5 device='' height=240
@@ -20,8 +19,6 @@ while [ $# -gt 0 ]; do
   esac
   shift
 done
-# shellcheck source=bench/dds/parts.sh
-. "$(dirname "${BASH_SOURCE[0]}")/parts.sh"
 lay_network
 
 start server "$build/server/orbbuf-server" --set listen.address=127.0.0.1:0 --set "files.path=$work/data" --set dds.enabled=true \

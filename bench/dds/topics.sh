@@ -10,9 +10,8 @@
 #   with --cut 0 --pace 1000, `added_ms` is what the way through the link adds in the median, `added_p99_ms` to 99 % of the
 #   messages, and `added_longest_ms` to the latest
 set -euo pipefail
-if [ -z "${ORBBUF_OWN_NAMESPACE-}" ]; then
-  ORBBUF_OWN_NAMESPACE=1 exec unshare --net --map-root-user "$0" "$@"
-fi
+# shellcheck source=bench/dds/parts.sh
+. "$(dirname "${BASH_SOURCE[0]}")/parts.sh"
 build=$(cd "$1" && pwd)
 shift
 cut=2 pace=1.2 is_restarted='' is_stopped='' writer=$build/bench/orbbuf-dds-topic-writer
@@ -27,8 +26,6 @@ while [ $# -gt 0 ]; do
   esac
   shift
 done
-# shellcheck source=bench/dds/parts.sh
-. "$(dirname "${BASH_SOURCE[0]}")/parts.sh"
 lay_network
 
 messages() { grep -s "^$2 " "$work/$1.log" || true; } # TAP NAME

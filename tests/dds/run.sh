@@ -3,12 +3,9 @@
 # What orbbuf-server publishes by DDS, as readers of Cyclone DDS and of Fast DDS receive it, in a network namespace of
 # its own (which takes root, or a kernel that lets users make them): run.sh BUILD.
 set -euo pipefail
-if [ -z "${ORBBUF_OWN_NAMESPACE-}" ]; then
-  ORBBUF_OWN_NAMESPACE=1 exec unshare --net --map-root-user "$0" "$@"
-fi
-build=$(cd "$1" && pwd)
 # shellcheck source=bench/dds/parts.sh
 . "$(dirname "${BASH_SOURCE[0]}")/../../bench/dds/parts.sh"
+build=$(cd "$1" && pwd)
 lay_network
 
 serve() { # NAME ADDRESS
@@ -248,4 +245,10 @@ tail -n "$samples" "$session/imu0/data.csv" | cmp - <(grep -v '^#' "$copy/imu0/d
 [ "$samples" -ge 1500 ] || fail "only $samples samples"
 echo "dds: a robot's own topic: $samples samples, each once, with its stamp and its values"
 echo "dds: a robot's own topic: $frames of $sent images, each with its stamp and its bytes, through an outage"
-end_server
+
+# The network of the readers goes, and the server still ends.
+has_ended() { ! kill -0 "$1" 2>/dev/null; } # PID
+ip link delete v0
+kill -TERM "$server"
+until_true 'the server ends without its network' has_ended "$server"
+wait "$server" || fail "the server ended with $?"
