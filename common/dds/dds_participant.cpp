@@ -6,10 +6,16 @@
 
 #include <algorithm>
 #include <charconv>
+#include <chrono>
 #include <cstdlib>
+#include <future>
+#include <memory>
 #include <stdexcept>
 #include <string>
 #include <system_error>
+#include <thread>
+
+#include "common/log.hpp"
 
 namespace orbbuf {
 namespace {
@@ -23,6 +29,8 @@ constexpr std::string_view kApartConfig =
     "<Internal><Watermarks><WhcHigh>1GB</WhcHigh><WhcHighInit>1GB</WhcHighInit></Watermarks>"
     "<HeartbeatInterval>5ms</HeartbeatInterval>"
     "</Internal><General><AllowMulticast>spdp</AllowMulticast></General>";
+
+constexpr std::chrono::seconds kFarewell{5};
 
 dds_domainid_t configured_domain_id() {
   const char* text = std::getenv("ROS_DOMAIN_ID");
@@ -80,6 +88,18 @@ std::shared_ptr<const DdsParticipant> DdsParticipant::shared() {
   return participant;
 }
 
-DdsParticipant::~DdsParticipant() { dds_delete(domain_); }
+/// Without the network that it used, Cyclone waits for ever.
+DdsParticipant::~DdsParticipant() {
+  const auto left = std::make_shared<std::promise<void>>();
+  std::thread([left, domain = domain_] {
+    dds_delete(domain);
+    left->set_value();
+  }).detach();
+  if (left->get_future().wait_for(kFarewell) == std::future_status::ready) return;
+  log_warn(
+      "dds: cannot leave the domain within {} s: the network interface is gone, or a reader "
+      "does not answer",
+      kFarewell.count());
+}
 
 }  // namespace orbbuf

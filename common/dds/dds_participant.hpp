@@ -18,7 +18,8 @@ class DdsParticipant {
   /// The one of the process, which is made if nothing has it; not to be called by several threads
   /// at a time. Throws likewise.
   static std::shared_ptr<const DdsParticipant> shared();
-  /// Waits up to 1 s (Cyclone's LingerDuration) for readers that lack messages.
+  /// Waits up to 1 s (Cyclone's LingerDuration) for readers that lack messages. If the network that
+  /// it used is gone, Cyclone never ends: after 5 s it is left behind, which is logged.
   ~DdsParticipant();
   DdsParticipant(const DdsParticipant&) = delete;
   DdsParticipant& operator=(const DdsParticipant&) = delete;
