@@ -52,8 +52,26 @@ Sample GeneratedSamples::sample_at(std::int64_t since_begin_ns) {
 }
 
 void GeneratedSamples::on_frame(std::int64_t time_ns) {
-  if (!begin_ns_) begin_ns_ = time_ns;
-  for (; *begin_ns_ + next_ns_ <= time_ns; next_ns_ += kStepNs) take_(sample_at(next_ns_));
+  if (!begin_ns_) {
+    begin_ns_ = time_ns;
+    begin_ = std::chrono::steady_clock::now();
+    wait_for_next();
+  }
+  take_until(time_ns - *begin_ns_);
+}
+
+void GeneratedSamples::take_until(std::int64_t since_begin_ns) {
+  for (; next_ns_ <= since_begin_ns; next_ns_ += kStepNs) take_(sample_at(next_ns_));
+}
+
+void GeneratedSamples::wait_for_next() {
+  timer_.expires_at(begin_ + std::chrono::nanoseconds(next_ns_));
+  timer_.async_wait([this](const boost::system::error_code& error) {
+    if (error) return;
+    const std::chrono::nanoseconds since_begin = std::chrono::steady_clock::now() - begin_;
+    take_until(since_begin.count());
+    wait_for_next();
+  });
 }
 
 }  // namespace orbbuf

@@ -33,7 +33,9 @@ std::unique_ptr<SampleSource> make_sample_source(boost::asio::io_context& main,
   if (settings.kind == "iio") {
     return std::make_unique<IioSamples>(main, settings, std::move(take));
   }
-  if (settings.kind == "generated") return std::make_unique<GeneratedSamples>(std::move(take));
+  if (settings.kind == "generated") {
+    return std::make_unique<GeneratedSamples>(main, std::move(take));
+  }
   if (settings.kind == "ros2" || is_of_topic(settings)) {
 #ifdef ORBBUF_DAEMON_DDS
     return std::make_unique<Ros2Samples>(main, settings, std::move(take));

@@ -17,14 +17,25 @@ class GeneratedSamplesTest : public ::testing::Test {
   static constexpr std::int64_t kBeginNs = 1'700'000'000'000'000'000;
 
   GeneratedSamplesTest() {
-    GeneratedSamples source([this](const Sample& sample) { samples_.push_back(sample); });
+    GeneratedSamples source(main_, [this](const Sample& sample) { samples_.push_back(sample); });
     source.on_frame(kBeginNs);
     EXPECT_EQ(samples_.size(), 1U);
     source.on_frame(kBeginNs + 12'000'000'000);
   }
 
+  boost::asio::io_context main_;
   std::vector<Sample> samples_;
 };
+
+TEST_F(GeneratedSamplesTest, ComeInRealTimeAlsoWithoutFrames) {
+  samples_.clear();
+  GeneratedSamples source(main_, [this](const Sample& sample) { samples_.push_back(sample); });
+  source.on_frame(kBeginNs);
+  const auto begin = std::chrono::steady_clock::now();
+  while (samples_.size() < 5) main_.run_one();
+  EXPECT_GE(std::chrono::steady_clock::now() - begin, std::chrono::milliseconds(15));
+  EXPECT_EQ(samples_[4].time_ns, kBeginNs + 20'000'000);
+}
 
 TEST_F(GeneratedSamplesTest, Come200TimesASecondFromTheFirstFrameOn) {
   ASSERT_EQ(samples_.size(), 2401U);
