@@ -3,6 +3,7 @@
 
 #include <fcntl.h>
 #include <spawn.h>
+#include <sys/resource.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -76,9 +77,10 @@ int add_descriptors(posix_spawn_file_actions_t& actions, int input, int output) 
 }
 
 /// Starts `sh -c command` with `input` as its standard input, `output` as its standard output and
-/// error, and no other descriptor of ours; in a process group of its own, with SIGPIPE as usual.
-/// environment: `NAME=value`, laid over our own, of which it gets neither systemd's credentials
-/// (the keys of TLS) nor its notification socket and watchdog. Zero, or an errno value.
+/// error, and no other descriptor of ours; in a process group of its own, with SIGPIPE as usual,
+/// and without a higher priority of ours. environment: `NAME=value`, laid over our own, of which it
+/// gets neither systemd's credentials (the keys of TLS) nor its notification socket and watchdog.
+/// Zero, or an errno value.
 int spawn(const std::string& command, const std::vector<std::string>& environment, int input,
           int output, pid_t* pid) {
   posix_spawn_file_actions_t actions;
@@ -98,6 +100,7 @@ int spawn(const std::string& command, const std::vector<std::string>& environmen
     if (failed == 0) {
       failed = ::posix_spawn(pid, "/bin/sh", &actions, &attributes, c_strings(arguments).data(),
                              c_strings(variables).data());
+      if (failed == 0 && ::getpriority(PRIO_PROCESS, 0) < 0) ::setpriority(PRIO_PGRP, *pid, 0);
     }
     posix_spawnattr_destroy(&attributes);
   }

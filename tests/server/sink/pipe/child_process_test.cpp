@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/sink/pipe/child_process.hpp"
 
+#include <sys/resource.h>
+
 #include <cstdlib>
 #include <string_view>
 #include <utility>
@@ -60,6 +62,16 @@ TEST_F(ChildProcessTest, HasTheSessionInItsEnvironmentAndNoDescriptorOfOurs) {
   ASSERT_TRUE(run_until_reaped());
   // 3 is ls reading the folder itself.
   EXPECT_EQ(output(), "r1 /elsewhere\n0\n1\n2\n3\n");
+}
+
+TEST_F(ChildProcessTest, HasNotTheHigherPriorityOfTheService) {
+  if (::setpriority(PRIO_PROCESS, 0, -1) != 0) GTEST_SKIP() << "cannot raise the priority";
+  auto child = command("read line; nice > " + out());
+  ASSERT_TRUE(start(child));
+  ASSERT_EQ(::setpriority(PRIO_PROCESS, 0, 0), 0);
+  give(input_, "\n");
+  ASSERT_TRUE(run_until_reaped());
+  EXPECT_EQ(output(), "0\n");
 }
 
 TEST_F(ChildProcessTest, DiesOfABrokenPipeAsUsualThoughTheServerDoesNot) {
