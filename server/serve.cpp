@@ -9,7 +9,6 @@
 #include <chrono>
 #include <csignal>
 #include <cstdlib>
-#include <latch>
 #include <map>
 #include <memory>
 #include <optional>
@@ -61,17 +60,6 @@ struct JoinAtEnd {
   asio::thread_pool& pool;
   ~JoinAtEnd() { pool.join(); }
 };
-
-void name_threads(asio::thread_pool& files) {
-  const auto all_there = std::make_shared<std::latch>(kFilesThreads);
-  for (unsigned i = 0; i < kFilesThreads; ++i) {
-    asio::post(files, [all_there] {
-      name_this_thread("files");
-      all_there->arrive_and_wait();  // so each thread runs this once
-    });
-  }
-  all_there->wait();  // a pool that is stopped before would leave some waiting for the others
-}
 
 /// Tells the service manager how the server does. Ready: from start() on. Fed: each time that a
 /// message has gone from `main` to the `files` pool and back. So a `main` that is stuck is noticed,
@@ -192,7 +180,7 @@ void serve(const Settings& settings, const std::function<std::vector<std::string
   asio::thread_pool files(kFilesThreads);  // outlives `main`, whose queue has strands of it
   asio::io_context main(1);
   const JoinAtEnd end_of_files{files};  // its work reports to `main`
-  name_threads(files);
+  name_threads(files, "files", kFilesThreads);
   begin_sinks(settings.sinks);
   Metrics metrics(settings.listen.max_robots, settings.http_address.has_value());
   const auto fleet = make_fleet_member(main, files, settings);

@@ -44,7 +44,7 @@ server/fleet: common common/journal common/net server/fleet/fleet_settings serve
 server/sink: common server/session
 server/sink/pipe: common server/runtime server/session server/sink
 server/sink/losses: common
-server/sink/paced_sink: common server/session server/sink server/sink/losses
+server/sink/paced_sink: common server/runtime server/session server/sink server/sink/losses
 server/sink/dds: common common/dds server/session server/sink server/sink/paced_sink
 server/sink/ros: common common/calibration server/session server/sink server/sink/paced_sink
 server/sink/make_sinks: common server/runtime server/session server/sink server/sink/pipe server/sink/dds server/sink/ros

@@ -23,25 +23,38 @@ constexpr std::chrono::milliseconds kBetweenMessages{10};
 
 }  // namespace
 
-PacedThread::PacedThread(const char* name) {
-  asio::post(pool, [name] { name_this_thread(name); });
+PacedThreads::PacedThreads(const char* name, unsigned count) : pool(count) {
+  name_threads(pool, name, count);
 }
 
-void PacedThread::finish(Pace::Clock::time_point end) {
+void PacedThreads::finish(Pace::Clock::time_point end) {
   last = end;
-  for (const auto& session : std::set(busy)) session->publish_due();
+  const std::scoped_lock lock(mutex);
+  for (const auto& session : busy) {
+    asio::post(session->strand, [session] { session->publish_due(); });
+  }
 }
 
-PacedSession::PacedSession(PacedThread& thread, const SessionInfo& info, std::string_view kind,
+void PacedThreads::set_busy(const std::shared_ptr<PacedSession>& session, bool is_busy) {
+  const std::scoped_lock lock(mutex);
+  if (is_busy) {
+    busy.insert(session);
+  } else {
+    busy.erase(session);
+  }
+}
+
+PacedSession::PacedSession(PacedThreads& threads, const SessionInfo& info, std::string_view kind,
                            const Pace& frames, std::chrono::nanoseconds backlog)
     : losses(fmt::format("{} {}: {}", info.robot_id, info.session_id, kind)),
+      strand(asio::make_strand(threads.pool)),
       session_(info.robot_id + " " + info.session_id),
       streams_(info.streams),
-      thread_(thread),
+      threads_(threads),
       backlog_(backlog),
       frames_(frames),
       paces_(streams_.size(), Pace(frames.speed() * kFaster, kBetweenMessages, kBetweenMessages)),
-      timer_(thread.pool) {}
+      timer_(strand) {}
 
 void PacedSession::add(FramePtr frame) {
   const std::size_t bytes = frame->jpeg.size();
@@ -53,7 +66,7 @@ void PacedSession::add(FramePtr frame) {
 void PacedSession::add(const ItemsPtr& items) {
   const auto stream = std::ranges::find(streams_, items->stream, &wire::StreamDeclaration::id);
   auto samples = wire::parse_samples(streams_, items->stream, items->payload);
-  thread_.waiting_bytes -= items->payload.size();
+  threads_.waiting_bytes -= items->payload.size();
   if (!samples) return;
   const auto index = static_cast<std::size_t>(stream - streams_.begin());
   Sequence number = items->first;
@@ -70,13 +83,13 @@ void PacedSession::add(std::size_t stream, Sequence number, Sample sample) {
     } catch (const std::exception&) {  // publish() tries again, and says why
     }
   }
-  thread_.waiting_bytes += message.bytes;
+  threads_.waiting_bytes += message.bytes;
   messages_.push_back(std::move(message));
 }
 
 void PacedSession::publish_due() {
   const auto self = shared_from_this();
-  thread_.busy.insert(self);
+  threads_.set_busy(self, true);
   if (const auto next = publish_until()) {
     timer_.expires_at(*next);
     timer_.async_wait([weak = weak_from_this()](const boost::system::error_code& error) {
@@ -85,7 +98,7 @@ void PacedSession::publish_due() {
     });
   } else {
     timer_.cancel();
-    thread_.busy.erase(self);
+    threads_.set_busy(self, false);
   }
 }
 
@@ -95,15 +108,17 @@ const EncodedFrame* PacedSession::first_frame() const {
   return first == messages_.end() ? nullptr : first->frame.get();
 }
 
+bool PacedSession::is_last() const { return threads_.last.load() != Clock::time_point::max(); }
+
 /// When to go on; nothing: nothing waits.
 std::optional<PacedSession::Clock::time_point> PacedSession::publish_until() {
-  if (!thread_.last) {
+  if (!is_last()) {
     if (const auto next = wait_for_readers()) return next;
   }
   std::optional<Clock::time_point> next;
   for (auto message = messages_.begin(); message != messages_.end();) {
     const auto now = Clock::now();
-    if (message->begin > now && !thread_.last) {
+    if (message->begin > now && !is_last()) {
       next = std::min(next.value_or(message->begin), message->begin);
       ++message;
       continue;
@@ -113,7 +128,7 @@ std::optional<PacedSession::Clock::time_point> PacedSession::publish_until() {
       break;
     }
     publish(*message);
-    thread_.waiting_bytes -= message->bytes;
+    threads_.waiting_bytes -= message->bytes;
     message = messages_.erase(message);
   }
   return next;
@@ -125,14 +140,14 @@ double PacedSession::haste(const Message& message) const {
 }
 
 PacedSession::Clock::time_point PacedSession::due_time(const Message& message) const {
-  if (thread_.last || thread_.waiting_bytes > kMostPacedBytes) return {};
+  if (is_last() || threads_.waiting_bytes > kMostPacedBytes) return {};
   const Pace& pace = message.frame ? frames_ : paces_[message.stream];
   return pace.due(message.number, message.time_ns(), haste(message));
 }
 
 void PacedSession::publish(const Message& message) {
   const auto now = Clock::now();
-  if (thread_.last && now > *thread_.last) return losses.add("the server stops");
+  if (now > threads_.last.load()) return losses.add("the server stops");
   try {
     const auto error =
         message.frame ? publish(*message.frame) : publish(streams_[message.stream], message.sample);
@@ -144,12 +159,13 @@ void PacedSession::publish(const Message& message) {
   pace.published(message.number, message.time_ns(), now, haste(message));
 }
 
-PacedSink::PacedSink(asio::io_context& main, PacedThread& thread,
+PacedSink::PacedSink(asio::io_context& main, PacedThreads& threads,
                      std::shared_ptr<PacedSession> session)
-    : main_(main), thread_(thread), session_(std::move(session)) {}
+    : main_(main), threads_(threads), session_(std::move(session)) {}
 
 PacedSink::~PacedSink() {
-  asio::post(thread_.pool, [session = std::move(session_)] {});  // which ends there
+  const PoolStrand strand = session_->strand;
+  asio::post(strand, [session = std::move(session_)] {});  // which ends there
 }
 
 void PacedSink::async_write(FramePtr frame, Done done) {
@@ -166,11 +182,11 @@ void PacedSink::async_write_items(ItemsPtr items, Done done) {
 
 template <class Message>
 void PacedSink::publish_later(Message message, std::size_t bytes) {
-  if (thread_.waiting_bytes + bytes > kMostWaitingBytes) {
+  if (threads_.waiting_bytes + bytes > kMostWaitingBytes) {
     return session_->losses.add("64 MiB of frames and messages wait");
   }
-  thread_.waiting_bytes += bytes;
-  asio::post(thread_.pool,
+  threads_.waiting_bytes += bytes;
+  asio::post(session_->strand,
              [session = session_, message = std::move(message)] { session->add(message); });
 }
 

@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <deque>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <set>
 #include <string>
@@ -16,6 +17,7 @@
 
 #include "common/error.hpp"
 #include "common/sample.hpp"
+#include "server/runtime/run_in_pool.hpp"
 #include "server/session/session_info.hpp"
 #include "server/sink/frame_sink.hpp"
 #include "server/sink/losses.hpp"
@@ -25,25 +27,27 @@ namespace orbbuf {
 
 class PacedSession;
 
-/// What the sessions of a kind of sink share: a thread, and the memory of what waits for it.
-struct PacedThread {
-  explicit PacedThread(const char* name);
+/// What the sessions of a kind of sink share: threads, and the memory of what waits for them.
+struct PacedThreads {
+  explicit PacedThreads(const char* name, unsigned count = 1);
 
-  /// On the thread, when no sink is left. From now on nothing is paced: what waits goes at once,
-  /// and what is left at `last` is given up.
-  void finish(Pace::Clock::time_point last);
+  /// When no sink is left. From now on nothing is paced: what waits goes at once, and what is left
+  /// at `end` is given up.
+  void finish(Pace::Clock::time_point end);
+  void set_busy(const std::shared_ptr<PacedSession>& session, bool is_busy);
 
   std::atomic<std::size_t> waiting_bytes{0};
-  std::optional<Pace::Clock::time_point> last;   // this and the following: on the thread only
-  std::set<std::shared_ptr<PacedSession>> busy;  // those with something that waits
-  boost::asio::thread_pool pool{1};              // at the end: its work uses the others
+  std::atomic<Pace::Clock::time_point> last{Pace::Clock::time_point::max()};  // max: none
+  std::mutex mutex;
+  std::set<std::shared_ptr<PacedSession>> busy;  // guarded by mutex: what has something that waits
+  boost::asio::thread_pool pool;                 // at the end: its work uses the others
 };
 
 /// A session on its way to readers that do not hold the stream, in the order in which it came; what
 /// comes in a burst is spread by Pace, faster if it is of more than `backlog`, and not if 32 MiB
 /// wait. Samples and messages of topics go up to kFaster times faster than frames, since their
-/// readers need less time for one, and 5 ms at most are between two of a stream. On the thread
-/// only, but for `losses`.
+/// readers need less time for one. All on `strand`, but for `losses`: no session waits for
+/// another's work.
 class PacedSession : public std::enable_shared_from_this<PacedSession> {
  public:
   using Clock = Pace::Clock;
@@ -51,7 +55,7 @@ class PacedSession : public std::enable_shared_from_this<PacedSession> {
   static constexpr double kFaster = 4;
 
   /// kind: of the sink, for the log. frames: their pace; backlog: see above.
-  PacedSession(PacedThread& thread, const SessionInfo& info, std::string_view kind,
+  PacedSession(PacedThreads& threads, const SessionInfo& info, std::string_view kind,
                const Pace& frames,
                std::chrono::nanoseconds backlog = std::chrono::nanoseconds::max());
   virtual ~PacedSession() = default;
@@ -63,6 +67,7 @@ class PacedSession : public std::enable_shared_from_this<PacedSession> {
   void publish_due();
 
   Losses losses;
+  const PoolStrand strand;
 
  protected:
   /// That of a stream by its place in `streams_`.
@@ -95,12 +100,13 @@ class PacedSession : public std::enable_shared_from_this<PacedSession> {
     std::int64_t time_ns() const { return frame ? frame->capture_time_ns : sample.time_ns; }
   };
 
+  bool is_last() const;
   std::optional<Clock::time_point> publish_until();
   double haste(const Message& message) const;
   Clock::time_point due_time(const Message& message) const;
   void publish(const Message& message);
 
-  PacedThread& thread_;
+  PacedThreads& threads_;
   const std::chrono::nanoseconds backlog_;
   std::deque<Message> messages_;
   Pace frames_;
@@ -108,11 +114,11 @@ class PacedSession : public std::enable_shared_from_this<PacedSession> {
   boost::asio::steady_timer timer_;
 };
 
-/// Hands a session on to its thread. It answers each frame at once, and never pauses the stream: up
+/// Hands a session on to its strand. It answers each frame at once, and never pauses the stream: up
 /// to 64 MiB of all sessions wait; what finds these full is given up.
 class PacedSink : public FrameSink {
  public:
-  PacedSink(boost::asio::io_context& main, PacedThread& thread,
+  PacedSink(boost::asio::io_context& main, PacedThreads& threads,
             std::shared_ptr<PacedSession> session);
   ~PacedSink() override;
   PacedSink(const PacedSink&) = delete;
@@ -128,8 +134,8 @@ class PacedSink : public FrameSink {
   void publish_later(Message message, std::size_t bytes);
 
   boost::asio::io_context& main_;
-  PacedThread& thread_;
-  std::shared_ptr<PacedSession> session_;  // shared with what waits on the thread
+  PacedThreads& threads_;
+  std::shared_ptr<PacedSession> session_;  // shared with what waits on its strand
 };
 
 }  // namespace orbbuf

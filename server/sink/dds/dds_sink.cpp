@@ -38,24 +38,31 @@ constexpr std::chrono::milliseconds kBetweenFrames{34};
 /// A frame that came so late delays no other.
 constexpr std::chrono::milliseconds kAhead{20};
 
+/// Of the images that are decoded for readers of raw ones, of different sessions.
+constexpr unsigned kThreads = 4;
+
 /// What all sinks share.
 struct Dds {
-  /// Of readers and for them, on `dds`, as long as something is published.
+  /// Of readers and for them, as long as something is published.
   void look() {
-    if (!look_limit.lets_through()) return;
-    reader_losses.look(participant.entity());
-    tell();
+    asio::post(strand, [this] {
+      if (!look_limit.lets_through()) return;
+      reader_losses.look(participant.entity());
+      tell();
+    });
   }
+  /// On `strand`.
   void tell() {
     if (const auto error = node->tell()) log_warn("dds: as a node: {}", error->text);
   }
 
   const DdsParticipant participant;
   const Pace::Clock::time_point begin = Pace::Clock::now() + DdsTopics::kDiscovery;
-  ReaderLosses reader_losses;  // this and the others: `dds` only
+  ReaderLosses reader_losses;  // this and the next two: on `strand`
   LogLimit look_limit{std::chrono::seconds{1}};
   std::optional<DdsNode> node;
-  PacedThread thread{"dds"};
+  PacedThreads threads{"dds", kThreads};
+  const PoolStrand strand = asio::make_strand(threads.pool);
 };
 
 std::unique_ptr<Dds>& the_dds() {
@@ -66,7 +73,7 @@ std::unique_ptr<Dds>& the_dds() {
 class DdsSession final : public PacedSession {
  public:
   DdsSession(const SessionInfo& info, const DdsSettings& settings)
-      : PacedSession(the_dds()->thread, info, "dds", Pace(settings.pace, kBetweenFrames, kAhead),
+      : PacedSession(the_dds()->threads, info, "dds", Pace(settings.pace, kBetweenFrames, kAhead),
                      kBacklog),
         name_(ros_name(info.robot_id)),
         frame_id_(ros_frame_id(settings.frame_id, name_)),
@@ -84,7 +91,7 @@ class DdsSession final : public PacedSession {
       if (stream.codec == wire::kSampleCodec) open(stream);
     }
     cameras_.open();
-    the_dds()->tell();
+    asio::post(the_dds()->strand, [] { the_dds()->tell(); });
   }
 
  private:
@@ -167,30 +174,30 @@ class DdsSession final : public PacedSession {
 void begin_dds() {
   the_dds() = std::make_unique<Dds>();
   Dds& dds = *the_dds();
-  const auto tell = [&dds] { asio::post(dds.thread.pool, [&dds] { dds.tell(); }); };
-  // On the pool, so that tell() runs after it: a reader that is already there asks for it at once.
-  asio::post(dds.thread.pool,
-             asio::use_future([&] { dds.node.emplace(dds.participant, "orbbuf_server", tell); }))
-      .get();
+  // On the strand, so that tell() runs after it: a reader that is already there asks for it at
+  // once.
+  const auto tell = [&dds] { asio::post(dds.strand, [&dds] { dds.tell(); }); };
+  const auto make = [&] { dds.node.emplace(dds.participant, "orbbuf_server", tell); };
+  asio::post(dds.strand, asio::use_future(make)).get();
 }
 
 std::shared_ptr<FrameSink> make_dds_sink(asio::io_context& main, const SessionInfo& info,
                                          const DdsSettings& settings, const DdsBefore& before) {
   auto session = std::make_shared<DdsSession>(info, settings);
-  asio::post(the_dds()->thread.pool, [session, before] {
+  asio::post(session->strand, [session, before] {
     try {
       session->open(before);
     } catch (const std::exception&) {  // the first frame tries again, and says why
     }
   });
-  return std::make_shared<PacedSink>(main, the_dds()->thread, std::move(session));
+  return std::make_shared<PacedSink>(main, the_dds()->threads, std::move(session));
 }
 
 void end_dds() {
   if (!the_dds()) return;
-  PacedThread& thread = the_dds()->thread;
-  asio::post(thread.pool, [&thread] { thread.finish(Pace::Clock::now() + kLastSecond); });
-  thread.pool.join();
+  PacedThreads& threads = the_dds()->threads;
+  threads.finish(Pace::Clock::now() + kLastSecond);
+  threads.pool.join();
   the_dds()->node.reset();  // before the pool, which it uses
   the_dds().reset();
 }

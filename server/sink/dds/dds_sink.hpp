@@ -38,11 +38,11 @@ struct DdsBefore {
 /// The topics exist from the session's begin to its end. A calibration with a baseline tells that
 /// it is stereo; without one the first frame does, and the topics may change with it.
 ///
-/// Frames and messages that come in a burst are spread, as PacedSession does it. One thread, `dds`,
-/// of all the sinks publishes, and decodes images for readers of raw ones. What finds 64 MiB
-/// waiting for it, or what DDS refuses, is given up: counted in lost(), and logged at most every 10
-/// s. Without readers nothing waits and nothing is lost. For 3 s after begin_dds() frames wait, so
-/// that readers can find this process. Drop records are not published.
+/// Frames and messages that come in a burst are spread, as PacedSession does it. Threads `dds`
+/// publish, and decode images for readers of raw ones: no session waits for another's. What finds
+/// 64 MiB waiting for it, or what DDS refuses, is given up: counted in lost(), and logged at most
+/// every 10 s. Without readers nothing waits and nothing is lost. For 3 s after begin_dds() frames
+/// wait, so that readers can find this process. Drop records are not published.
 std::shared_ptr<FrameSink> make_dds_sink(boost::asio::io_context& main, const SessionInfo& info,
                                          const DdsSettings& settings, const DdsBefore& before);
 

@@ -29,7 +29,7 @@ constexpr std::chrono::seconds kFarewell{1};
 struct Ros {
   RosNode node;  // this and the following: used on `ros` only
   JpegCodec codec;
-  PacedThread thread{"ros"};
+  PacedThreads threads{"ros"};
 };
 
 /// Never destroyed: roscpp's own statics are younger, so they would be gone by then.
@@ -41,7 +41,7 @@ Ros& the_ros() {
 class RosSession final : public PacedSession {
  public:
   RosSession(const SessionInfo& info, const RosSettings& settings)
-      : PacedSession(the_ros().thread, info, "ros", Pace(settings.pace)),
+      : PacedSession(the_ros().threads, info, "ros", Pace(settings.pace)),
         settings_(settings),
         topic_("/" + ros_name(info.robot_id)),
         frame_id_(ros_frame_id(settings.frame_id, ros_name(info.robot_id))),
@@ -152,15 +152,15 @@ class RosSession final : public PacedSession {
 
 std::shared_ptr<FrameSink> make_ros_sink(asio::io_context& main, const SessionInfo& info,
                                          const RosSettings& settings) {
-  return std::make_shared<PacedSink>(main, the_ros().thread,
+  return std::make_shared<PacedSink>(main, the_ros().threads,
                                      std::make_shared<RosSession>(info, settings));
 }
 
 bool end_ros() {
   const auto ended = std::make_shared<std::promise<void>>();
-  asio::post(the_ros().thread.pool, [ended] {
+  asio::post(the_ros().threads.pool, [ended] {
     Ros& ros = the_ros();
-    ros.thread.finish(Pace::Clock::time_point::min());
+    ros.threads.finish(Pace::Clock::time_point::min());
     ros.node.close();
     ended->set_value();
   });

@@ -48,9 +48,9 @@ ItemsPtr message_of(std::uint64_t number, std::string topic) {
 
 class ListedSession final : public PacedSession {
  public:
-  explicit ListedSession(PacedThread& thread)
+  explicit ListedSession(PacedThreads& threads)
       : PacedSession(
-            thread,
+            threads,
             {"r",
              "s",
              "",
@@ -90,15 +90,15 @@ class ListedSession final : public PacedSession {
 class PacedSinkTest : public testing::Test {
  protected:
   ~PacedSinkTest() override {
-    on_thread([&] { thread_.finish(Clock::time_point::min()); });
+    on_thread([&] { threads_.finish(Clock::time_point::min()); });
   }
 
   /// Also what `work` posts there is done.
   void on_thread(const std::function<void()>& work) {
     std::promise<void> done;
-    boost::asio::post(thread_.pool, [&] {
+    boost::asio::post(session_->strand, [&] {
       work();
-      boost::asio::post(thread_.pool, [&] { done.set_value(); });
+      boost::asio::post(session_->strand, [&] { done.set_value(); });
     });
     done.get_future().wait();
   }
@@ -112,7 +112,7 @@ class PacedSinkTest : public testing::Test {
   /// Once all that was written has been published.
   std::vector<ListedSession::Entry> all() {
     for (bool is_idle = false; !is_idle;) {
-      on_thread([&] { is_idle = thread_.busy.empty(); });
+      on_thread([&] { is_idle = threads_.busy.empty(); });
     }
     return session_->published;
   }
@@ -123,9 +123,9 @@ class PacedSinkTest : public testing::Test {
   }
 
   boost::asio::io_context main_;
-  PacedThread thread_{"test"};
-  std::shared_ptr<ListedSession> session_ = std::make_shared<ListedSession>(thread_);
-  PacedSink sink_{main_, thread_, session_};
+  PacedThreads threads_{"test"};
+  std::shared_ptr<ListedSession> session_ = std::make_shared<ListedSession>(threads_);
+  PacedSink sink_{main_, threads_, session_};
 };
 
 TEST_F(PacedSinkTest, ABurstIsSpreadInItsOrder) {
@@ -137,7 +137,7 @@ TEST_F(PacedSinkTest, ABurstIsSpreadInItsOrder) {
   EXPECT_THAT(names(), ElementsAre("imu0 -1", "frame 0", "imu0 39999999", "frame 1",
                                    "imu0 79999999", "frame 2", "imu0 119999999", "frame 3"));
   EXPECT_GE(entries[7].time - entries[1].time, milliseconds(40));
-  EXPECT_EQ(thread_.waiting_bytes, 0U);
+  EXPECT_EQ(threads_.waiting_bytes, 0U);
 }
 
 TEST_F(PacedSinkTest, SamplesThatComeTogetherAreSpread) {
@@ -178,7 +178,7 @@ TEST_F(PacedSinkTest, AMessageOfANewTopicWaitsAloneAndKeepsItsPlaceThen) {
 
 TEST_F(PacedSinkTest, WhatWaitsAtTheEndGoesAtOnce) {
   for (Sequence sequence = 0; sequence < 1000; ++sequence) write(frame_of(sequence));
-  on_thread([&] { thread_.finish(Clock::now() + seconds(10)); });
+  on_thread([&] { threads_.finish(Clock::now() + seconds(10)); });
   EXPECT_EQ(all().size(), 1000U);
   EXPECT_EQ(sink_.lost(), 0U);
 }
@@ -186,7 +186,7 @@ TEST_F(PacedSinkTest, WhatWaitsAtTheEndGoesAtOnce) {
 TEST_F(PacedSinkTest, WhatCannotGoAtTheEndIsLost) {
   on_thread([&] { session_->readers_come = Clock::now() + seconds(1000); });
   for (Sequence sequence = 0; sequence < 10; ++sequence) write(frame_of(sequence));
-  on_thread([&] { thread_.finish(Clock::time_point::min()); });
+  on_thread([&] { threads_.finish(Clock::time_point::min()); });
   EXPECT_THAT(names(), ElementsAre());
   EXPECT_EQ(sink_.lost(), 10U);
 }
