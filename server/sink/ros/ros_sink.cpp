@@ -2,11 +2,11 @@
 #include "server/sink/ros/ros_sink.hpp"
 
 #include <algorithm>
-#include <boost/asio/post.hpp>
 #include <chrono>
 #include <future>
 #include <optional>
 #include <span>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -158,12 +158,13 @@ std::shared_ptr<FrameSink> make_ros_sink(asio::io_context& main, const SessionIn
 
 bool end_ros() {
   const auto ended = std::make_shared<std::promise<void>>();
-  asio::post(the_ros().threads.pool, [ended] {
+  the_ros().threads.finish(Pace::Clock::time_point::min());
+  std::thread([ended] {
     Ros& ros = the_ros();
-    ros.threads.finish(Pace::Clock::time_point::min());
+    ros.threads.pool.join();
     ros.node.close();
     ended->set_value();
-  });
+  }).detach();
   return ended->get_future().wait_for(kFarewell) == std::future_status::ready;
 }
 
