@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdlib>
+#include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
@@ -150,6 +151,7 @@ SceneSource::SceneSource(const SourceSettings& settings) : settings_(settings) {
         "high",
         settings.frames, settings.width_px, settings.height_px, kMinSidePx, kMaxSidePx));
   }
+  cv::setNumThreads(1);  // a camera takes no processor from the other threads
   const int side = static_cast<int>(std::clamp(std::bit_ceil(static_cast<unsigned>(3 * longer)),
                                                0U + kMinCanvasPx, kMaxCanvasPx));
   auto canvas = make_scene_canvas(settings.seed, side, settings.color ? 3 : 1);
