@@ -21,10 +21,8 @@ constexpr const char* kType = "rmw_dds_common::msg::dds_::ParticipantEntitiesInf
 constexpr std::size_t kIdBytes = 16;
 constexpr std::size_t kIdBytesOfHumble = 24;
 
-/// The ID of an entity, with zeros behind it.
-void put_id(Cdr& out, dds_entity_t entity, std::size_t id_bytes) {
-  dds_guid_t guid{};
-  dds_get_guid(entity, &guid);
+/// An ID, with zeros behind it.
+void put_id(Cdr& out, const dds_guid_t& guid, std::size_t id_bytes) {
   std::vector<std::uint8_t> id(std::begin(guid.v), std::end(guid.v));
   id.resize(id_bytes);
   out.put_array(id);
@@ -81,16 +79,21 @@ std::optional<Error> DdsNode::tell() {
 }
 
 std::vector<std::uint8_t> DdsNode::message(std::size_t id_bytes) const {
-  auto writers = writers_of(participant_.entity());
-  std::erase(writers, writer_);
+  std::vector<dds_guid_t> writers;
+  dds_guid_t guid{};
+  for (const dds_entity_t writer : writers_of(participant_.entity())) {
+    // One that its session has just deleted has none.
+    if (writer != writer_ && dds_get_guid(writer, &guid) == DDS_RETCODE_OK) writers.push_back(guid);
+  }
+  dds_get_guid(participant_.entity(), &guid);
   Cdr cdr;
-  put_id(cdr, participant_.entity(), id_bytes);
+  put_id(cdr, guid, id_bytes);
   cdr.put(std::uint32_t{1});  // node
   cdr.put(std::string_view("/"));
   cdr.put(std::string_view(name_));
   cdr.put(std::uint32_t{0});  // readers
   cdr.put(static_cast<std::uint32_t>(writers.size()));
-  for (const dds_entity_t writer : writers) put_id(cdr, writer, id_bytes);
+  for (const dds_guid_t& writer : writers) put_id(cdr, writer, id_bytes);
   return cdr.take();
 }
 

@@ -66,8 +66,8 @@ void GeneratedSamples::take_until(std::int64_t since_begin_ns) {
 
 void GeneratedSamples::wait_for_next() {
   timer_.expires_at(begin_ + std::chrono::nanoseconds(next_ns_));
-  timer_.async_wait([this](const boost::system::error_code& error) {
-    if (error) return;
+  timer_.async_wait([this, life = life()](const boost::system::error_code& error) {
+    if (error || life.expired()) return;
     const std::chrono::nanoseconds since_begin = std::chrono::steady_clock::now() - begin_;
     take_until(since_begin.count());
     wait_for_next();

@@ -46,8 +46,8 @@ struct PacedThreads {
 /// A session on its way to readers that do not hold the stream, in the order in which it came; what
 /// comes in a burst is spread by Pace, faster if it is of more than `backlog`, and not if 32 MiB
 /// wait. Samples and messages of topics go up to kFaster times faster than frames, since their
-/// readers need less time for one. All on `strand`, but for `losses`: no session waits for
-/// another's work.
+/// readers need less time for one. All on `strand`, but for `losses`: a session waits for
+/// another's work only if all threads work.
 class PacedSession : public std::enable_shared_from_this<PacedSession> {
  public:
   using Clock = Pace::Clock;

@@ -32,7 +32,8 @@ SceneCanvas make_scene_canvas(std::uint64_t seed, int side_px, int channels);
 ///
 /// One seed and size give the same bytes every time on one machine. Between kinds of processor the
 /// world is the same; the view may differ by the rounding of the warp.
-/// Cost: about 1 ms for a frame of 640x480 gray. At its reader's pace; see ReplaySource.
+/// Cost: about 1 ms for a frame of 640x480 gray, on its thread alone: it sets OpenCV to one thread
+/// in this process. At its reader's pace; see ReplaySource.
 class SceneSource : public FrameSource {
  public:
   /// width_px, height_px: 64..4096; frames: at least 1. Throws std::runtime_error otherwise.

@@ -43,6 +43,11 @@ constexpr unsigned kThreads = 4;
 
 /// What all sinks share.
 struct Dds {
+  ~Dds() {
+    threads.pool.join();
+    node.reset();  // before the pool, which it uses
+  }
+
   /// Of readers and for them, as long as something is published.
   void look() {
     asio::post(strand, [this] {
@@ -197,8 +202,7 @@ void end_dds() {
   if (!the_dds()) return;
   PacedThreads& threads = the_dds()->threads;
   threads.finish(Pace::Clock::now() + kLastSecond);
-  threads.pool.join();
-  the_dds()->node.reset();  // before the pool, which it uses
+  threads.pool.join();  // its work asks for the_dds()
   the_dds().reset();
 }
 

@@ -39,7 +39,7 @@ struct DdsBefore {
 /// it is stereo; without one the first frame does, and the topics may change with it.
 ///
 /// Frames and messages that come in a burst are spread, as PacedSession does it. Threads `dds`
-/// publish, and decode images for readers of raw ones: no session waits for another's. What finds
+/// publish, and decode images for readers of raw ones: four at a time. What finds
 /// 64 MiB waiting for it, or what DDS refuses, is given up: counted in lost(), and logged at most
 /// every 10 s. Without readers nothing waits and nothing is lost. For 3 s after begin_dds() frames
 /// wait, so that readers can find this process. Drop records are not published.

@@ -100,8 +100,9 @@ int spawn(const std::string& command, const std::vector<std::string>& environmen
     if (failed == 0) {
       failed = ::posix_spawn(pid, "/bin/sh", &actions, &attributes, c_strings(arguments).data(),
                              c_strings(variables).data());
-      if (failed == 0 && ::getpriority(PRIO_PROCESS, 0) < 0) {
-        ::setpriority(PRIO_PGRP, static_cast<id_t>(*pid), 0);
+      if (failed == 0 && ::getpriority(PRIO_PROCESS, 0) < 0 &&
+          ::setpriority(PRIO_PGRP, static_cast<id_t>(*pid), 0) != 0) {
+        log_warn("slam: a command keeps the server's priority: {}", std::strerror(errno));
       }
     }
     posix_spawnattr_destroy(&attributes);

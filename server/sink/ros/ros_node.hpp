@@ -30,7 +30,7 @@ struct RosImu {
 };
 
 /// roscpp as this process uses it. A file of its own, and in C++17, since ROS 1's messages do not
-/// compile as C++20. At most one in a process, ever; one thread.
+/// compile as C++20. At most one in a process, ever; one thread at a time.
 class RosNode {
  public:
   RosNode();

@@ -44,8 +44,8 @@ struct RosSettings {
 /// up are frames that find these full, that come while there is no master, for which it looks every
 /// second, that wait when the server stops, and those that roscpp gives up because a subscriber has
 /// `queue` messages waiting. All are in lost(), and logged. One thread, `ros`, of all the sinks
-/// calls roscpp; none of roscpp's own threads calls anything of ours but a counter. Drop records
-/// are not published.
+/// calls roscpp, until end_ros(); none of roscpp's own threads calls anything of ours but a
+/// counter. Drop records are not published.
 std::shared_ptr<FrameSink> make_ros_sink(boost::asio::io_context& main, const SessionInfo& info,
                                          const RosSettings& settings);
 

@@ -4,7 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <array>
+#include <boost/asio/post.hpp>
+#include <chrono>
 #include <cmath>
+#include <optional>
 #include <vector>
 
 #include "daemon/capture/replay/scene_pose.hpp"
@@ -41,6 +44,16 @@ TEST_F(GeneratedSamplesTest, Come200TimesASecondFromTheFirstFrameOn) {
   ASSERT_EQ(samples_.size(), 2401U);
   EXPECT_EQ(samples_[0].time_ns, kBeginNs);
   EXPECT_EQ(samples_[2400].time_ns, kBeginNs + 12'000'000'000);
+}
+
+TEST_F(GeneratedSamplesTest, EndAlsoWhenOneIsDue) {
+  std::optional<GeneratedSamples> source;
+  source.emplace(main_, [this](const Sample& sample) { samples_.push_back(sample); });
+  source->on_frame(kBeginNs);
+  const auto count = samples_.size();
+  boost::asio::post(main_, [&] { source.reset(); });  // before the timer, which has expired
+  main_.poll();
+  EXPECT_EQ(samples_.size(), count);
 }
 
 TEST_F(GeneratedSamplesTest, IntegrateToTheTurnOfTheScene) {

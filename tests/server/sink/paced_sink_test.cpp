@@ -5,7 +5,9 @@
 #include <gtest/gtest.h>
 
 #include <boost/asio/post.hpp>
+#include <functional>
 #include <future>
+#include <latch>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -64,6 +66,7 @@ class ListedSession final : public PacedSession {
     int turn;  // those of one went without a pause
   };
   std::vector<Entry> published;
+  std::function<void()> on_frame;
   std::optional<Clock::time_point> readers_come;
   Clock::time_point topic_begin;
 
@@ -75,6 +78,7 @@ class ListedSession final : public PacedSession {
   Clock::time_point begin_of(const TopicMessage& /*message*/) override { return topic_begin; }
   std::optional<Error> publish(const EncodedFrame& frame) override {
     if (frame.sequence == kBad) throw std::runtime_error("bad");
+    if (on_frame) on_frame();
     published.push_back({"frame " + std::to_string(frame.sequence), Clock::now(), turn_});
     return std::nullopt;
   }
@@ -210,6 +214,26 @@ TEST_F(PacedSinkTest, NothingIsPacedWhileMuchWaitsAndMoreThanTheMostIsLost) {
   ASSERT_EQ(entries.size(), 8U);
   EXPECT_EQ(entries[3].turn, entries[0].turn);
   EXPECT_GE(entries[7].time - entries[4].time, milliseconds(40));
+}
+
+TEST(PacedThreadsTest, NoSessionWaitsForAnotherAsLongAsThereIsAThread) {
+  boost::asio::io_context main;
+  PacedThreads threads("test", 2);
+  auto first = std::make_shared<ListedSession>(threads);
+  auto second = std::make_shared<ListedSession>(threads);
+  std::latch both(2);
+  first->on_frame = second->on_frame = [&] { both.arrive_and_wait(); };
+  {
+    PacedSink one(main, threads, first);
+    PacedSink two(main, threads, second);
+    one.async_write(frame_of(0), [](const auto&) {});
+    two.async_write(frame_of(0), [](const auto&) {});
+  }
+  threads.finish(PacedSession::Clock::now() + seconds(10));
+  threads.pool.join();
+  EXPECT_EQ(first->published.size(), 1U);
+  EXPECT_EQ(second->published.size(), 1U);
+  EXPECT_TRUE(threads.busy.empty());
 }
 
 }  // namespace
