@@ -88,7 +88,7 @@ std::shared_ptr<const DdsParticipant> DdsParticipant::shared() {
   return participant;
 }
 
-/// Without the network that it used, Cyclone waits for ever.
+/// Without the network that it used, Cyclone does not return.
 DdsParticipant::~DdsParticipant() {
   const auto left = std::make_shared<std::promise<void>>();
   std::thread([left, domain = domain_] {
