@@ -123,7 +123,7 @@ std::unique_ptr<FrameSource> make_source(const SourceSettings& settings) {
   if (kind->is_camera) return open(*kind, settings);
   const ReplaySource::Options options{.is_realtime = settings.realtime,
                                       .is_looped = settings.loop,
-                                      .begins_now = settings.kind == "generated",
+                                      .is_like_camera = settings.kind == "generated",
                                       .nominal_interval_ns = nominal_time_ns(1, settings.fps)};
   return std::make_unique<ReplaySource>([kind, settings] { return open(*kind, settings); },
                                         options);

@@ -23,6 +23,9 @@ ReplaySource::ReplaySource(Open open, const Options& options)
     : open_(std::move(open)), options_(options), source_(open_()) {}
 
 std::optional<RawFrame> ReplaySource::next(std::stop_token stop) {
+  if (options_.is_realtime && options_.is_like_camera && anchor_) {
+    wait_until_due(round_end_ns_ + options_.nominal_interval_ns / 2, stop);
+  }
   auto frame = take(stop);
   if (!frame) return std::nullopt;
   if (options_.is_realtime) {
@@ -46,7 +49,7 @@ std::optional<RawFrame> ReplaySource::take(const std::stop_token& stop) {
   if (frames_in_round_++ == 0) {
     if (is_repeat_) {
       offset_ns_ = round_begin_ns_ - frame->capture_time_ns;
-    } else if (options_.is_realtime && options_.begins_now) {
+    } else if (options_.is_realtime && options_.is_like_camera) {
       const nanoseconds now = std::chrono::system_clock::now().time_since_epoch();
       offset_ns_ = now.count() - frame->capture_time_ns;
     }

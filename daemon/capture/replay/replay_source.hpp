@@ -21,9 +21,11 @@ class ReplaySource : public FrameSource {
  public:
   struct Options {
     bool is_realtime = true;
-    bool is_looped = false;   ///< after the last frame the first again, capture times going on
-    bool begins_now = false;  ///< in real time, the first frame has the time of day
-    std::int64_t nominal_interval_ns = 40'000'000;  ///< before the repeat of a single frame
+    bool is_looped = false;  ///< after the last frame the first again, capture times going on
+    /// In real time, the first frame has the time of day. The next one is made half a nominal
+    /// interval after the last one: a camera does not compete with the work on its frames.
+    bool is_like_camera = false;
+    std::int64_t nominal_interval_ns = 40'000'000;  ///< before the repeat of a single frame, too
   };
 
   /// Opens a source at its beginning. May throw, as FrameSource::next() may.

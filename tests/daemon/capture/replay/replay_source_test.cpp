@@ -110,11 +110,11 @@ TEST(ReplaySource, ARepeatInRealTimeIsPacedToo) {
   EXPECT_GE(steady_clock::now() - begin, std::chrono::milliseconds(12));
 }
 
-TEST(ReplaySource, ThatBeginsNowGoesOnFromTheTimeOfDay) {
+TEST(ReplaySource, ThatIsLikeACameraGoesOnFromTheTimeOfDay) {
   const auto now = [] {
     return std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
   };
-  ReplaySource source(scripted({7, 4 * kMs}), {.is_looped = true, .begins_now = true});
+  ReplaySource source(scripted({7, 4 * kMs}), {.is_looped = true, .is_like_camera = true});
   const auto before = now();
   const auto times = take(source, 4);
   const auto interval = 4 * kMs - 7;
@@ -125,9 +125,35 @@ TEST(ReplaySource, ThatBeginsNowGoesOnFromTheTimeOfDay) {
   EXPECT_THAT(steps, ElementsAre(interval, interval, interval));
 }
 
-TEST(ReplaySource, AtItsReadersPaceNothingBeginsNow) {
-  ReplaySource source(scripted({5, 6}), {.is_realtime = false, .begins_now = true});
+TEST(ReplaySource, AtItsReadersPaceNothingIsLikeACamera) {
+  ReplaySource source(scripted({5, 6}), {.is_realtime = false, .is_like_camera = true});
   EXPECT_THAT(take(source, 2), ElementsAre(5, 6));
+}
+
+/// Tells when it is asked for each frame.
+class AskedSource : public FrameSource {
+ public:
+  explicit AskedSource(std::vector<steady_clock::time_point>& asked) : asked_(asked) {}
+  std::optional<RawFrame> next(std::stop_token /*stop*/) override {
+    RawFrame frame;
+    frame.capture_time_ns = static_cast<std::int64_t>(asked_.size()) * 40 * kMs;
+    asked_.push_back(steady_clock::now());
+    return frame;
+  }
+  bool is_live() const override { return false; }
+  std::string description() const override { return "asked"; }
+
+ private:
+  std::vector<steady_clock::time_point>& asked_;
+};
+
+TEST(ReplaySource, ThatIsLikeACameraMakesNoFrameBesideTheWorkOnTheLastOne) {
+  std::vector<steady_clock::time_point> asked;
+  ReplaySource source([&] { return std::make_unique<AskedSource>(asked); },
+                      {.is_like_camera = true, .nominal_interval_ns = 40 * kMs});
+  EXPECT_EQ(take(source, 3).size(), 3U);
+  EXPECT_GE(asked.at(1) - asked.at(0), std::chrono::milliseconds(20));
+  EXPECT_GE(asked.at(2) - asked.at(0), std::chrono::milliseconds(60));
 }
 
 TEST(ReplaySource, ASourceThatIsGoneAtTheRepeatIsAnError) {
