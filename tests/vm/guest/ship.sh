@@ -16,6 +16,7 @@ has() { # UNIT PROPERTY PATTERN
   case $(value "$1" "$2") in $3) true ;; *) false ;; esac
 }
 at_least() { [ "$(value "$1" "$2")" -ge "$3" ]; }
+priority_is() { [ "$(cut -d' ' -f19 "/proc/$(value "$1" MainPID)/stat")" -eq "$2" ]; } # UNIT NICE
 is_active() { systemctl is-active -q "$@"; }
 newest() { find "$frames/$1" -mindepth 1 -maxdepth 1 -printf '%f\n' 2>/dev/null | sort | tail -n 1; }
 sessions() { find "$frames/$1" -mindepth 1 -maxdepth 1 2>/dev/null | wc -l; }
@@ -65,8 +66,10 @@ before() {
   # Small and slow, since all of it is emulated; TLS takes its time, too.
   configure /etc/orbbuf/orbbufd.toml id=turtlebot1 fps=2 width=320 height=180 'connect_timeout=3 s' \
     certificate=credential:certificate key=credential:key ca=credential:ca
+  # shellcheck disable=SC2016
   configure /etc/orbbuf/orbbuf-server.toml \
-    certificate=credential:certificate key=credential:key ca=credential:ca
+    certificate=credential:certificate key=credential:key ca=credential:ca \
+    'command=echo priority $(nice); exec cat >/dev/null'
   cp /etc/orbbuf/orbbufd.toml kept.toml
   verdict 'ship: apt installs both packages, and nothing runs until it is started'
 
@@ -84,6 +87,9 @@ before() {
   expect 'connects when there is a server' wait_for 20 has orbbufd StatusText '* link connected to *'
   expect 'the server says so' wait_for 20 has orbbuf-server StatusText '*robots connected: 1'
   expect 'frames' goes_on turtlebot1
+  expect 'the priority of the robot' priority_is orbbufd -10
+  expect 'of the server' priority_is orbbuf-server -10
+  expect 'of the command of [slam]' logs orbbuf-server 'priority 0'
   ends 'ship: no camera and no server at boot: both come later, TLS keys are credentials'
 
   local session
