@@ -282,7 +282,7 @@ void read_streams(ConfigReader& config, Settings& settings) {
   auto& streams = settings.streams;
   constexpr std::array<std::string_view, 6> kKinds = {"euroc", "socket",    "iio",
                                                       "ros2",  "generated", "topic"};
-  constexpr std::array<std::string_view, 2> kTopicPolicies = {"all", "latest"};
+  constexpr std::array<std::string_view, 3> kTopicPolicies = {"all", "latest", "frames"};
   constexpr std::size_t kMost = wire::kMostStreams - wire::kFirstOther;
   for (const auto& [name, key] : config.tables("stream")) {
     SampleStreamSettings stream;
@@ -295,8 +295,11 @@ void read_streams(ConfigReader& config, Settings& settings) {
                                    is_of_topic ? "" : "that begins with \"imu\", "));
     }
     if (is_of_topic) {
-      stream.is_latest_only =
-          config.choice(key + ".policy", kTopicPolicies.front(), kTopicPolicies) == "latest";
+      const auto policy = config.choice(key + ".policy", kTopicPolicies.front(), kTopicPolicies);
+      stream.policy = policy == "latest"   ? TopicPolicy::kLatest
+                      : policy == "frames" ? TopicPolicy::kFrames
+                                           : TopicPolicy::kAll;
+      stream.frame_time = std::chrono::nanoseconds(std::llround(1e9 / settings.source.fps));
       config.read(key + ".rate", stream.rate, 0.0, 10'000.0);
     }
     stream.path = config.path(key + ".path", {});

@@ -3,10 +3,10 @@
 // `orbbuf-dds-topic-tap PREFIX|'' volatile|latched [DEPTH MS]`. A line `NAME SOURCE_TIME BYTES
 // CRC_32 MS` for each message, as it was on DDS and with its age, and `publisher NAME TYPE
 // reliable|best-effort latched|volatile USER_DATA` for each publisher. Of /image_raw/compressed:
-// `camera STAMP JPEG_BYTES CRC_32 MS`; what is said behind an image came behind it. volatile:
-// /tf_static only as it comes; latched: only what its publishers have kept. DEPTH, MS: as a ROS 2
-// node of one thread, with queues of that depth (of /tf ten times it, as tf2 has), that works so
-// long at each image.
+// `camera STAMP JPEG_BYTES CRC_32 MS`, of /depth/image_raw/compressedDepth `depth` and the same;
+// what is said behind an image came behind it. volatile: /tf_static only as it comes; latched: only
+// what its publishers have kept. DEPTH, MS: as a ROS 2 node of one thread, with queues of that
+// depth (of /tf ten times it, as tf2 has), that works so long at each image.
 #include <dds/dds.h>
 #include <dds/ddsi/ddsi_serdata.h>
 #include <topics.h>
@@ -18,6 +18,7 @@
 #include <cstdlib>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 namespace {
@@ -74,18 +75,18 @@ std::string take_messages(const Topic& topic, int most) {
   return lines;
 }
 
-std::string take_images(dds_entity_t reader, int most) {
+std::string take_images(const Topic& topic, int most) {
   std::string lines;
   void* message = nullptr;
   dds_sample_info_t info{};
-  while (most-- > 0 && dds_take(reader, &message, &info, 1, 1) > 0) {
+  while (most-- > 0 && dds_take(topic.reader, &message, &info, 1, 1) > 0) {
     if (info.valid_data) {
       const auto& image = *static_cast<const sensor_msgs_msg_dds__CompressedImage_*>(message);
       const auto& [sec, nanosec] = image.header.stamp;
-      lines += line_of("camera", sec * DDS_NSECS_IN_SEC + nanosec, image.data._buffer,
+      lines += line_of(topic.name, sec * DDS_NSECS_IN_SEC + nanosec, image.data._buffer,
                        image.data._length);
     }
-    dds_return_loan(reader, &message, 1);
+    dds_return_loan(topic.reader, &message, 1);
     message = nullptr;
   }
   return lines;
@@ -139,15 +140,17 @@ int main(int argc, char** argv) {
                                  name == "tf" ? 10 * depth : depth, is_reliable, is_latched));
   };
   read(tf, "tf_static", true);
-  dds_entity_t camera = 0;
+  std::vector<Topic> cameras;
   if (!is_latched) {
     read(tf, "tf", true);
     read(nav_msgs_msg_dds__Odometry__desc, "odom", true);
     read(sensor_msgs_msg_dds__Imu__desc, "imu", true);
     read(sensor_msgs_msg_dds__LaserScan__desc, "scan", false);
-    camera = make_reader(participant, sensor_msgs_msg_dds__CompressedImage__desc,
-                         "rt" + prefix + "/image_raw/compressed", "camera", depth, true, false)
-                 .reader;
+    for (const auto& [name, topic] : {std::pair("depth", "/depth/image_raw/compressedDepth"),
+                                      std::pair("camera", "/image_raw/compressed")}) {
+      cameras.push_back(make_reader(participant, sensor_msgs_msg_dds__CompressedImage__desc,
+                                    "rt" + prefix + topic, name, depth, true, false));
+    }
   }
   const dds_entity_t waitset = require(dds_create_waitset(participant), "wait");
   const auto attach = [waitset](dds_entity_t reader) {
@@ -157,11 +160,12 @@ int main(int argc, char** argv) {
   };
   attach(publications);
   for (const Topic& topic : topics) attach(topic.reader);
-  if (camera > 0) attach(camera);
+  for (const Topic& camera : cameras) attach(camera.reader);
   std::puts("ready");
   for (;;) {
     say_publishers(publications, prefix);
-    const std::string images = camera > 0 ? take_images(camera, most) : "";
+    std::string images;
+    for (const Topic& camera : cameras) images += take_images(camera, most);
     for (const Topic& topic : topics) std::fputs(take_messages(topic, most).c_str(), stdout);
     std::fputs(images.c_str(), stdout);
     std::fflush(stdout);

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The topics of a TurtleBot3: `orbbuf-dds-topic-writer SECONDS READERS JPEG...`. It waits until
 // each of /image_raw/compressed (25 Hz, these files in turn), /imu (20 Hz), /odom (30 Hz), /tf (30
-// Hz, by two publishers), /scan (5 Hz, best effort) and /tf_static (twice, by two publishers,
-// latched) has so many readers, then writes for so long, and stays until it is ended. Says `ready`,
-// then `NAME COUNT` of each, then `done`.
+// Hz, by two publishers), /scan (5 Hz, best effort), /depth/image_raw/compressedDepth (25 Hz, with
+// the stamps of the images) and /tf_static (twice, by two publishers, latched) has so many readers,
+// then writes for so long, and stays until it is ended. Says `ready`, then `NAME COUNT` of each,
+// then `done`.
 #include <dds/dds.h>
 #include <topics.h>
 #include <unistd.h>
@@ -69,6 +70,7 @@ class Messages {
 
   void write(const Writer& writer) {
     if (writer.name == std::string("camera")) return write_image(writer.entity);
+    if (writer.name == std::string("depth")) return write_depth(writer.entity);
     if (writer.name == std::string("imu")) return write_imu(writer.entity);
     if (writer.name == std::string("odom")) return write_odom(writer.entity);
     if (writer.name == std::string("scan")) return write_scan(writer.entity);
@@ -90,11 +92,23 @@ class Messages {
   void write_image(dds_entity_t writer) {
     sensor_msgs_msg_dds__CompressedImage_ image{};
     image.header = header_of(base_);
+    image_stamp_ = image.header.stamp;
     std::string format = "jpeg";
     image.format = format.data();
     auto& data = images_[next_image_++ % images_.size()];
     const auto size = static_cast<std::uint32_t>(data.size());
     image.data = {size, size, data.data(), false};
+    send(writer, &image);
+  }
+
+  void write_depth(dds_entity_t writer) {
+    sensor_msgs_msg_dds__CompressedImage_ image{};
+    image.header = {image_stamp_, base_.data()};
+    std::string format = "16UC1; compressedDepth png";
+    image.format = format.data();
+    std::array<std::uint64_t, 2'500> data{};
+    for (auto& each : data) each = random_();
+    image.data = {sizeof data, sizeof data, reinterpret_cast<std::uint8_t*>(data.data()), false};
     send(writer, &image);
   }
 
@@ -141,6 +155,7 @@ class Messages {
 
   std::vector<std::vector<std::uint8_t>> images_;
   std::size_t next_image_ = 0;
+  builtin_interfaces_msg_dds__Time_ image_stamp_{};
   std::mt19937_64 random_{1};
   std::uniform_real_distribution<double> values_{-1, 1};
   std::string odom_ = "odom";
@@ -168,7 +183,9 @@ int main(int argc, char** argv) {
       make_writer(participant, tf, "tf", 30, true),
       make_writer(participant, sensor_msgs_msg_dds__LaserScan__desc, "scan", 5, false),
       make_writer(participant, sensor_msgs_msg_dds__CompressedImage__desc, "camera", 25, true,
-                  "image_raw/compressed")};
+                  "image_raw/compressed"),
+      make_writer(participant, sensor_msgs_msg_dds__CompressedImage__desc, "depth", 25, true,
+                  "depth/image_raw/compressedDepth")};
   for (const Writer& writer : writers) {
     while (readers_of(writer) < std::atoi(argv[2])) {
       std::this_thread::sleep_for(std::chrono::milliseconds(20));

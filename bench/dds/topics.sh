@@ -3,7 +3,8 @@
 # The topics of a TurtleBot3, its camera among them, through a link that is cut and a server that publishes them again,
 # in a network namespace of its own. Each message that orbbufd captured is compared with what came behind the server: its
 # bytes, and when it was written. Beside it nodes of one thread read there with queues of 10 (/tf: 100, as tf2 has) and
-# work for 30 ms at each image: one of Cyclone DDS, and one of Fast DDS if it is built.
+# work for 30 ms at each image: one of Cyclone DDS, and one of Fast DDS if it is built. A depth image goes with each image
+# that the link takes: `without_depth` images came without theirs, and `without_image` depth images.
 # Usage: bench/dds/topics.sh BUILD_FOLDER [--cut SECONDS] [--restart] [--stop] [--writer PROGRAM] [--pace N]
 #   --restart: the server, too, ends and begins again; --stop: another reliable reader of all topics behind the server is
 #   stopped by SIGSTOP; --writer: in place of the one of Cyclone DDS; --pace: dds.pace;
@@ -56,6 +57,7 @@ streams=()
 for topic in "${topics[@]}"; do
   streams+=(--set "stream.$topic.kind=topic" --set "stream.$topic.topic=/$topic")
 done
+streams+=(--set stream.depth.kind=topic --set stream.depth.topic=/depth/image_raw/compressedDepth --set stream.depth.policy=frames)
 start robot "$build/daemon/orbbufd" --set robot.id=robot-1 --set "link.server=$address" --set source.kind=ros2 \
   --set source.topic=/image_raw/compressed "${streams[@]}"
 robot=${pids[-1]}
@@ -119,6 +121,15 @@ for topic in "${topics[@]}"; do
   [ "$(publishers source)" = "$(publishers behind)" ] || fail "$topic: $(publishers behind), not $(publishers source)"
 done
 told camera "$(written camera)" "$(wc -l <"$session/times.txt")" "$(dropped)"
+if [ "$(written depth)" ]; then # the writer of Fast DDS has none
+  echo "RESULT dds.depth.delivered $(unique behind depth 2 | wc -l)"
+  without_depth=$(comm -23 <(unique behind camera 2) <(unique behind depth 2) | wc -l)
+  without_image=$(comm -13 <(unique behind camera 2) <(unique behind depth 2) | wc -l)
+  echo "RESULT dds.depth.without_depth $without_depth"
+  echo "RESULT dds.depth.without_image $without_image"
+  # Of an image that was on its way when the link went, and that was then given up.
+  [ "$without_depth" -eq 0 ] && [ "$without_image" -le 3 ] || status=1
+fi
 for node in "${nodes[@]}"; do
   missed=0
   for topic in camera imu odom tf scan; do

@@ -109,6 +109,7 @@ void Sender::write(std::vector<std::uint8_t> message) {
 void Sender::write_next() {
   collect();
   if (reporter_.is_due()) return write(next_report());
+  if (done_ && buffer_.stats().waiting == 0) samples_.on_last_frame_sent();
   // After an outage the drop records are many: frames first, then turn by turn.
   const bool is_drops_turn = std::exchange(is_drops_turn_, false) && drops_.has_unsent();
   const auto round_trip = measure_round_trip();
@@ -174,6 +175,7 @@ FramePtr Sender::take_frame(std::chrono::nanoseconds round_trip) {
   backfill_.on_written(now, frame->jpeg.size(), rate_.bytes_per_s());
   log_debug("link: frame {} is the kernel's from here on", frame->sequence);
   collect();  // those that were passed over for it
+  samples_.on_frame_sent(frame->capture_time_ns);
   return frame;
 }
 
@@ -198,6 +200,7 @@ bool Sender::is_too_large(const EncodedFrame& frame) {
 
 void Sender::collect(bool those_at_risk) {
   buffer_.collect_drops(collected_);
+  samples_.on_frames_dropped(collected_);
   drops_.add(collected_);
   record_.give_up(collected_);
   buffer_.collect_for_record(for_record_, those_at_risk);

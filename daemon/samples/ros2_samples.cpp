@@ -43,6 +43,7 @@ Ros2Samples::Ros2Samples(boost::asio::io_context& main, const SampleStreamSettin
                          Take take)
     : name_(settings.name),
       take_(std::move(take)),
+      is_of_frames_(settings.policy == TopicPolicy::kFrames),
       period_(period_of(settings.rate)),
       reader_(settings.topic,
               settings.kind == "topic" ? TopicReader::Types{}
@@ -83,27 +84,30 @@ void Ros2Samples::take_all() {
 }
 
 /// A message that late readers are to get is never left out. One of the future has the time at
-/// which it came, so that it need not wait for a frame of the future.
+/// which it came, so that it need not wait for a frame of the future. What is of a frame has its
+/// stamp.
 void Ros2Samples::take_message(TopicReader::Message message) {
   const auto now = std::chrono::steady_clock::now();
   if (!message.raw->publisher->is_latched) {
     if (now < due_) return;
     due_ = std::max(due_, now - period_ / 2) + period_;
   }
-  const std::int64_t time_ns = std::min(message.raw->time_ns, system_time_ns());
+  const auto stamp = is_of_frames_ ? header_time_ns(message.raw->cdr) : std::nullopt;
+  if (is_of_frames_ && !stamp) return note_fault("it does not begin with a header");
+  const std::int64_t time_ns = stamp.value_or(std::min(message.raw->time_ns, system_time_ns()));
   take_({time_ns, {}, {}, std::move(message.raw)});
 }
 
 void Ros2Samples::take_imu(const TopicReader::Message& message) {
   const Sample sample = sample_of(*static_cast<const Imu*>(message.data.get()));
-  if (has_finite_values(sample)) {
-    take_(sample);
-  } else if (!std::exchange(is_fault_logged_, true)) {
-    log_warn(
-        "{}: a message of topic {} is ignored, and so are others like it: a number "
-        "is not finite",
-        name_, reader_.topic());
-  }
+  if (!has_finite_values(sample)) return note_fault("a number is not finite");
+  take_(sample);
+}
+
+void Ros2Samples::note_fault(std::string_view why) {
+  if (std::exchange(is_fault_logged_, true)) return;
+  log_warn("{}: a message of topic {} is ignored, and so are others like it: {}", name_,
+           reader_.topic(), why);
 }
 
 }  // namespace orbbuf

@@ -5,6 +5,7 @@
 #include <boost/asio/posix/stream_descriptor.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <string>
+#include <string_view>
 
 #include "daemon/samples/sample_source.hpp"
 #include "daemon/topics/topic_reader.hpp"
@@ -13,8 +14,8 @@ namespace orbbuf {
 
 /// Takes the messages sensor_msgs/msg/Imu that a node on this robot publishes by ROS 2, with the
 /// stamps of their headers, without the orientation; or, of the kind `topic`, messages of any type,
-/// as they are, with the times at which they were written. It waits for a publisher as TopicReader
-/// does.
+/// as they are, with the times at which they were written, or their headers' if they are of frames.
+/// It waits for a publisher as TopicReader does.
 class Ros2Samples final : public SampleSource {
  public:
   /// Throws std::runtime_error if there is no DDS.
@@ -29,9 +30,11 @@ class Ros2Samples final : public SampleSource {
   void take_all();
   void take_message(TopicReader::Message message);
   void take_imu(const TopicReader::Message& message);
+  void note_fault(std::string_view why);
 
   const std::string name_;
   const Take take_;
+  const bool is_of_frames_;
   const std::chrono::nanoseconds period_;  // between messages of a topic, at least
   std::chrono::steady_clock::time_point due_{};
   TopicReader reader_;

@@ -2,6 +2,8 @@
 #include "daemon/samples/sample_queue.hpp"
 
 #include <algorithm>
+#include <cstdlib>
+#include <limits>
 
 namespace orbbuf {
 
@@ -9,6 +11,10 @@ namespace {
 
 /// More messages of topics than these do not go together over the link.
 constexpr std::size_t kMessagesTogether = std::size_t{64} << 10U;
+constexpr std::int64_t kMin = std::numeric_limits<std::int64_t>::min();
+constexpr std::int64_t kMax = std::numeric_limits<std::int64_t>::max();
+/// A message of a frame may come so many frames later.
+constexpr std::size_t kSentFrames = 64;
 
 std::uint64_t message_bytes(const Sample& sample) {
   return sample.message ? sizeof(TopicMessage) + sample.message->cdr.size() : 0;
@@ -16,8 +22,9 @@ std::uint64_t message_bytes(const Sample& sample) {
 
 }  // namespace
 
-SampleQueue::SampleQueue(std::uint64_t bytes, bool is_latest_only)
-    : most_bytes_(bytes), is_latest_only_(is_latest_only) {}
+SampleQueue::SampleQueue(std::uint64_t bytes, TopicPolicy policy,
+                         std::chrono::nanoseconds frame_time)
+    : most_bytes_(bytes), policy_(policy), half_frame_ns_(frame_time.count() / 2) {}
 
 bool SampleQueue::push(const Sample& sample) {
   const bool is_message = sample.message != nullptr;
@@ -29,13 +36,30 @@ bool SampleQueue::push(const Sample& sample) {
   }
   const std::uint64_t bytes = kBytesPerSample + message_bytes(sample);
   const auto has_to_go = [&] {
-    return bytes_ + bytes > most_bytes_ || (is_latest_only_ && waiting_.back().number >= sent_end_);
+    return bytes_ + bytes > most_bytes_ ||
+           (policy_ == TopicPolicy::kLatest && waiting_.back().number >= sent_end_);
   };
   while (!waiting_.empty() && has_to_go()) make_room();
   last_time_ns_ = sample.time_ns;
   waiting_.push_back({end_++, sample});
   bytes_ += bytes;
+  give_up_passed();
   return true;
+}
+
+void SampleQueue::on_frame_sent(std::int64_t time_ns) {
+  if (policy_ != TopicPolicy::kFrames) return;
+  sent_frames_.push_back(time_ns);
+  if (sent_frames_.size() > kSentFrames) sent_frames_.pop_front();
+  give_up_passed();
+}
+
+void SampleQueue::on_frames_dropped(std::int64_t first_ns, std::int64_t last_ns) {
+  if (policy_ == TopicPolicy::kFrames) give_up_between(first_ns, last_ns);
+}
+
+void SampleQueue::on_last_frame_sent() {
+  if (policy_ == TopicPolicy::kFrames) give_up_between(kMin, kMax);
 }
 
 /// Those that were sent are few, and the server may have them.
@@ -45,16 +69,42 @@ void SampleQueue::make_room() {
     victim = waiting_.begin();
     if (sent_ > 0) --sent_;
   }
+  give_up(victim);
+}
+
+SampleQueue::Entries::iterator SampleQueue::give_up(Entries::iterator victim) {
   const std::uint64_t number = victim->number;
   bytes_ -= kBytesPerSample + message_bytes(victim->sample);
-  waiting_.erase(victim);
+  const auto next = waiting_.erase(victim);
   if (number >= recorded_end_) {
     ++lost_;
-    return;
+    return next;
   }
   ++late_;
   if (new_late_.empty() || new_late_.back().end != number) new_late_.push_back({number, number});
   ++new_late_.back().end;
+  return next;
+}
+
+bool SampleQueue::is_of_sent_frame(const Entry& entry) const {
+  return std::ranges::any_of(sent_frames_, [&](std::int64_t time_ns) {
+    return std::abs(entry.sample.time_ns - time_ns) <= half_frame_ns_;
+  });
+}
+
+/// Messages that were never sent and are of no frame that was.
+void SampleQueue::give_up_between(std::int64_t first_ns, std::int64_t last_ns) {
+  auto entry = std::ranges::lower_bound(waiting_, sent_end_, {}, &Entry::number);
+  while (entry != waiting_.end()) {
+    const std::int64_t time_ns = entry->sample.time_ns;
+    const bool has_to_go = time_ns >= first_ns && time_ns <= last_ns && !is_of_sent_frame(*entry);
+    entry = has_to_go ? give_up(entry) : entry + 1;
+  }
+}
+
+void SampleQueue::give_up_passed() {
+  if (sent_frames_.empty()) return;
+  give_up_between(kMin, sent_frames_.back() - half_frame_ns_);
 }
 
 /// False: it is for another message.
@@ -90,13 +140,20 @@ void SampleQueue::acknowledge(std::uint64_t next) {
 
 std::optional<SampleQueue::Batch> SampleQueue::take(std::int64_t upto_ns) {
   Batch batch;
-  for (; sent_ < waiting_.size(); ++sent_) {
+  const bool is_by_time = policy_ != TopicPolicy::kFrames;
+  for (; has_due(); ++sent_) {
     const Entry& entry = waiting_[sent_];
-    if (entry.sample.time_ns > upto_ns || !add(entry, batch)) break;
+    if ((is_by_time && entry.sample.time_ns > upto_ns) || !add(entry, batch)) break;
     sent_end_ = std::max(sent_end_, entry.number + 1);
   }
   if (batch.samples.empty()) return std::nullopt;
   return batch;
+}
+
+bool SampleQueue::has_due() const {
+  if (sent_ == waiting_.size()) return false;
+  const Entry& entry = waiting_[sent_];
+  return policy_ != TopicPolicy::kFrames || entry.number < sent_end_ || is_of_sent_frame(entry);
 }
 
 std::int64_t SampleQueue::unsent_ns() const {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -9,6 +10,7 @@
 #include <vector>
 
 #include "common/sample.hpp"
+#include "daemon/samples/sample_queue.hpp"
 
 namespace orbbuf {
 
@@ -20,7 +22,8 @@ struct SampleStreamSettings {
   std::uint64_t memory_bytes = 48U << 20;  ///< ten minutes at 1 kHz
   std::vector<std::string> devices{};      ///< of `iio`
   std::string topic{};                     ///< of `ros2`: of sensor_msgs/msg/Imu
-  bool is_latest_only = false;             ///< policy `latest`
+  TopicPolicy policy = TopicPolicy::kAll;  ///< of `topic`
+  std::chrono::nanoseconds frame_time{};   ///< between two frames of the camera
   double rate = 0;                         ///< of `topic`: messages a second at most; 0: no limit
 };
 

@@ -59,7 +59,7 @@ SampleStreams::SampleStreams(boost::asio::io_context& main,
     const auto codec = is_of_topic(each) ? wire::kTopicCodec : wire::kSampleCodec;
     Stream& stream =
         streams_.emplace_back(Stream{{id++, each.name, std::string(codec)},
-                                     SampleQueue(each.memory_bytes, each.is_latest_only)});
+                                     SampleQueue(each.memory_bytes, each.policy, each.frame_time)});
     stream.has_system_time = is_of_topic(each) || each.kind == "ros2" || each.kind == "socket";
     stream.is_of_driver = each.kind == "ros2" || each.kind == "socket" || each.kind == "iio";
     stream.source = make_sample_source(
@@ -86,7 +86,7 @@ void SampleStreams::take(Stream& stream, Sample sample) {
 /// Messages of topics are fewer than samples, and one waits for no other.
 bool SampleStreams::has_batch(const Stream& stream) {
   const bool is_due = stream.declaration.codec == wire::kTopicCodec
-                          ? stream.queue.has_unsent()
+                          ? stream.queue.has_due()
                           : std::chrono::nanoseconds(stream.queue.unsent_ns()) >= kBatch;
   return stream.is_taken && is_due;
 }
@@ -104,6 +104,22 @@ void SampleStreams::on_frame(std::int64_t time_ns) {
   }
 }
 
+void SampleStreams::on_frame_sent(std::int64_t time_ns) {
+  for (Stream& stream : streams_) stream.queue.on_frame_sent(time_ns);
+}
+
+void SampleStreams::on_frames_dropped(const std::vector<DropRecord>& drops) {
+  for (Stream& stream : streams_) {
+    for (const DropRecord& drop : drops) {
+      stream.queue.on_frames_dropped(drop.capture_time_ns, drop.capture_time_of(drop.end() - 1));
+    }
+  }
+}
+
+void SampleStreams::on_last_frame_sent() {
+  for (Stream& stream : streams_) stream.queue.on_last_frame_sent();
+}
+
 void SampleStreams::stop() {
   for (Stream& stream : streams_) stream.source.reset();
 }
@@ -117,7 +133,7 @@ void SampleStreams::on_connected(const wire::Position& position,
       log_warn("link: the server does not take the stream {}", stream.declaration.name);
     }
     const std::uint64_t lost = stream.queue.lost();
-    if (stream.queue.is_latest_only()) continue;  // newer ones took their place
+    if (stream.queue.policy() != TopicPolicy::kAll) continue;  // what the policy gave up
     if (lost > std::exchange(stream.lost_logged, lost)) {
       log_warn(
           "{}: {} samples are lost so far: more were captured in an outage than its memory "
@@ -146,7 +162,7 @@ std::vector<std::uint8_t> SampleStreams::take_message(std::int64_t upto_ns) {
 
 std::vector<std::uint8_t> SampleStreams::take_batch(EventRate::Time now) {
   const auto due = std::ranges::find_if(streams_, [now](const Stream& stream) {
-    const bool is_left = stream.queue.has_unsent() && now - stream.newest >= kBatch;
+    const bool is_left = stream.queue.has_due() && now - stream.newest >= kBatch;
     return has_batch(stream) || (stream.is_taken && is_left);
   });
   if (due == streams_.end()) return {};

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "common/drop_record.hpp"
 #include "common/event_rate.hpp"
 #include "daemon/samples/sample_queue.hpp"
 #include "daemon/samples/sample_source.hpp"
@@ -46,6 +47,10 @@ class SampleStreams {
 
   /// A frame of that time was captured.
   void on_frame(std::int64_t time_ns);
+  /// As SampleQueue has them.
+  void on_frame_sent(std::int64_t time_ns);
+  void on_frames_dropped(const std::vector<DropRecord>& drops);
+  void on_last_frame_sent();
 
   /// No more samples will come.
   void stop();

@@ -261,13 +261,17 @@ TEST(Settings, AStreamOfSamplesSaysWhereTheyComeFrom) {
   names(why({"stream.gyro.path=imu.csv"}), "begins with \"imu\"");
   const auto topics =
       with({"stream.odom.kind=topic", "stream.odom.topic=/odom", "stream.scan.kind=topic",
-            "stream.scan.topic=/scan", "stream.scan.policy=latest", "stream.scan.rate=2.5"})
+            "stream.scan.topic=/scan", "stream.scan.policy=latest", "stream.scan.rate=2.5",
+            "stream.tof.kind=topic", "stream.tof.topic=/depth", "stream.tof.policy=frames",
+            "source.fps=20"})
           .streams;
-  ASSERT_EQ(topics.size(), 2U);
+  ASSERT_EQ(topics.size(), 3U);
   EXPECT_EQ(topics[0].topic, "/odom");
-  EXPECT_FALSE(topics[0].is_latest_only);
-  EXPECT_TRUE(topics[1].is_latest_only);
+  EXPECT_EQ(topics[0].policy, TopicPolicy::kAll);
+  EXPECT_EQ(topics[1].policy, TopicPolicy::kLatest);
   EXPECT_EQ(topics[1].rate, 2.5);
+  EXPECT_EQ(topics[2].policy, TopicPolicy::kFrames);
+  EXPECT_EQ(topics[2].frame_time, std::chrono::milliseconds(50));
   names(why({"stream.odom.kind=topic"}), "stream.odom.topic: required");
   names(why({"stream.odom.kind=topic", "stream.odom.topic=/odom", "stream.odom.policy=plan"}),
         "stream.odom.policy");

@@ -3,7 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
+#include <initializer_list>
 #include <limits>
+#include <vector>
 
 namespace orbbuf {
 namespace {
@@ -148,7 +151,7 @@ TEST(TopicQueue, OfAMessageThatIsTooLongTheNumberIsLost) {
 }
 
 TEST(TopicQueue, OnlyTheLatestWaitsToBeSent) {
-  SampleQueue queue(1 << 20, true);
+  SampleQueue queue(1 << 20, TopicPolicy::kLatest);
   for (int i = 0; i < 3; ++i) queue.push(message_of(i, 10));
   EXPECT_EQ(queue.take(kAll)->first, 2U);
   for (int i = 3; i < 6; ++i) queue.push(message_of(i, 10));
@@ -158,6 +161,90 @@ TEST(TopicQueue, OnlyTheLatestWaitsToBeSent) {
   EXPECT_EQ(queue.take(kAll)->first, 2U);
   EXPECT_EQ(queue.take(kAll)->first, 5U);
   EXPECT_EQ(queue.lost(), 4U);
+}
+
+/// Depth images of frames that are 10 ns apart.
+class TopicOfFramesTest : public ::testing::Test {
+ protected:
+  void push(std::initializer_list<std::int64_t> times) {
+    for (const std::int64_t time : times) EXPECT_TRUE(queue_.push(message_of(time, 100)));
+  }
+  std::vector<std::int64_t> take() {
+    std::vector<std::int64_t> times;
+    while (const auto batch = queue_.take(0)) {
+      for (const Sample& sample : batch->samples) times.push_back(sample.time_ns);
+    }
+    return times;
+  }
+  using Times = std::vector<std::int64_t>;
+
+  SampleQueue queue_{1 << 20, TopicPolicy::kFrames, std::chrono::nanoseconds(10)};
+};
+
+TEST_F(TopicOfFramesTest, WhatIsOfAFrameGoesWhenItGoes) {
+  push({10, 20, 31});
+  EXPECT_FALSE(queue_.has_due());
+  EXPECT_EQ(take(), Times());
+  queue_.on_frame_sent(20);
+  EXPECT_EQ(queue_.lost(), 1U);  // of the frame before, which was passed over
+  EXPECT_TRUE(queue_.has_due());
+  EXPECT_EQ(take(), Times{20});
+  EXPECT_FALSE(queue_.has_due());
+  queue_.on_frame_sent(30);
+  EXPECT_EQ(take(), Times{31});
+}
+
+TEST_F(TopicOfFramesTest, WhatComesBehindItsFrameGoesAtOnce) {
+  for (const std::int64_t frame : {10, 30, 40}) queue_.on_frame_sent(frame);
+  push({11, 20, 41, 50});
+  EXPECT_EQ(queue_.lost(), 1U);
+  EXPECT_TRUE(queue_.has_due());
+  EXPECT_EQ(take(), (Times{11, 41}));
+  EXPECT_EQ(queue_.waiting(), 3U);
+}
+
+TEST_F(TopicOfFramesTest, WhatIsOfDroppedFramesIsGivenUp) {
+  push({10, 20, 30, 40});
+  queue_.on_frames_dropped(20, 30);
+  EXPECT_EQ(queue_.lost(), 2U);
+  queue_.on_frame_sent(10);
+  queue_.on_frame_sent(40);
+  EXPECT_EQ(take(), (Times{10, 40}));
+  push({44});
+  queue_.on_frames_dropped(40, 40);  // too late
+  queue_.on_frames_dropped(50, 50);  // the neighbour
+  queue_.rewind(0);
+  EXPECT_EQ(take(), (Times{10, 40, 44}));
+  EXPECT_EQ(queue_.lost(), 2U);
+}
+
+TEST_F(TopicOfFramesTest, BehindTheLastFrameTheRestIsGivenUp) {
+  push({10, 20, 30});
+  queue_.on_frame_sent(20);
+  queue_.on_last_frame_sent();
+  EXPECT_EQ(take(), Times{20});
+  queue_.acknowledge(2);
+  EXPECT_TRUE(queue_.is_settled());
+  EXPECT_EQ(queue_.lost(), 2U);
+  EXPECT_EQ(queue_.delivered(), 1U);
+}
+
+TEST_F(TopicOfFramesTest, WhatTheRecordHasComesLate) {
+  push({10, 20});
+  queue_.set_recorded(2);
+  queue_.on_frame_sent(20);
+  EXPECT_EQ(queue_.lost(), 0U);
+  EXPECT_EQ(queue_.late(), 1U);
+}
+
+TEST(TopicQueue, FramesDoNotMatterToOtherPolicies) {
+  SampleQueue queue(1 << 20);
+  queue.push(message_of(10, 10));
+  queue.on_frames_dropped(10, 10);
+  queue.on_frame_sent(20);
+  queue.on_last_frame_sent();
+  EXPECT_EQ(queue.lost(), 0U);
+  EXPECT_TRUE(queue.take(kAll));
 }
 
 }  // namespace
