@@ -137,7 +137,8 @@ crcs_of() {
 # account: what became of each frame of the robot with a spool. An image is what was captured, or quality.csv names its
 # size and CRC-32, if one was reduced.
 account() {
-  local session=$shared/with/session wrong
+  local session=$shared/with/session wrong named=()
+  [ ! -e "$session/drops.csv" ] || named=("$session/drops.csv") # none, if all came
   wrong=$(awk -v n=$IMAGES -F '[ ,]' '
     FNR == 1 { ++file }
     file == 1 { sum[FNR - 1] = $1; next }
@@ -158,7 +159,7 @@ account() {
       printf "RESULT backfill.captured %d\nRESULT backfill.live %d\nRESULT backfill.late %d\n", of["captured"], of["live"], of["late"]
       printf "RESULT backfill.not_encoded %d\nRESULT backfill.lost %d\nRESULT backfill.repeated %d\n", not_encoded, lost, repeated
       printf "RESULT backfill.unexplained %d\nRESULT backfill.wrong_bytes %d\n", unexplained, wrong
-    }' "$session/session.txt" "$session/times.txt" "$session/drops.csv"
+    }' "$session/session.txt" "$session/times.txt" "${named[@]}"
 }
 
 if [ -n "$side" ]; then
