@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The topics of a TurtleBot3: `orbbuf-dds-topic-writer SECONDS READERS JPEG...`. It waits until
-// each of /image_raw/compressed (25 Hz, these files in turn), /imu (20 Hz), /odom (30 Hz), /tf (30
-// Hz, by two publishers), /scan (5 Hz, best effort), /depth/image_raw/compressedDepth (25 Hz, with
-// the stamps of the images) and /tf_static (twice, by two publishers, latched) has so many readers,
-// then writes for so long, and stays until it is ended. Says `ready`, then `NAME COUNT` of each,
-// then `done`.
+// The topics of a TurtleBot3: `orbbuf-dds-topic-writer SECONDS READERS [depth] JPEG...`. It waits
+// until each of /image_raw/compressed (25 Hz, these files in turn), /imu (20 Hz), /odom (30 Hz),
+// /tf (30 Hz, by two publishers), /scan (5 Hz, best effort), with `depth`
+// /depth/image_raw/compressedDepth (25 Hz, with the images' stamps) and /tf_static (twice, by two
+// publishers, latched) has so many readers, then writes for so long, and stays until it is ended.
+// Says `ready`, then `NAME COUNT` of each, then `done`.
 #include <dds/dds.h>
 #include <topics.h>
 #include <unistd.h>
@@ -183,9 +183,12 @@ int main(int argc, char** argv) {
       make_writer(participant, tf, "tf", 30, true),
       make_writer(participant, sensor_msgs_msg_dds__LaserScan__desc, "scan", 5, false),
       make_writer(participant, sensor_msgs_msg_dds__CompressedImage__desc, "camera", 25, true,
-                  "image_raw/compressed"),
-      make_writer(participant, sensor_msgs_msg_dds__CompressedImage__desc, "depth", 25, true,
-                  "depth/image_raw/compressedDepth")};
+                  "image_raw/compressed")};
+  const bool has_depth = std::string(argv[3]) == "depth";
+  if (has_depth) {
+    writers.push_back(make_writer(participant, sensor_msgs_msg_dds__CompressedImage__desc, "depth",
+                                  25, true, "depth/image_raw/compressedDepth"));
+  }
   for (const Writer& writer : writers) {
     while (readers_of(writer) < std::atoi(argv[2])) {
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -194,7 +197,7 @@ int main(int argc, char** argv) {
   std::puts("ready");
   std::fflush(stdout);
   std::vector<std::vector<std::uint8_t>> images;
-  for (int i = 3; i < argc; ++i) images.push_back(read_file(argv[i]));
+  for (int i = has_depth ? 4 : 3; i < argc; ++i) images.push_back(read_file(argv[i]));
   Messages messages(std::move(images));
   const Clock::time_point end = Clock::now() + std::chrono::seconds(std::atoi(argv[1]));
   for (Writer& writer : writers) writer.due = Clock::now();

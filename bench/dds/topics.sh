@@ -15,11 +15,11 @@ set -euo pipefail
 . "$(dirname "${BASH_SOURCE[0]}")/parts.sh"
 build=$(cd "$1" && pwd)
 shift
-cut=2 pace=1.2 is_restarted='' is_stopped='' writer=$build/bench/orbbuf-dds-topic-writer
+cut=2 pace=1.2 is_restarted='' is_stopped='' depth=depth writer=$build/bench/orbbuf-dds-topic-writer
 while [ $# -gt 0 ]; do
   case $1 in
     --cut) cut=$2 && shift ;;
-    --writer) writer=$(realpath "$2") && shift ;;
+    --writer) writer=$(realpath "$2") depth='' && shift ;;
     --pace) pace=$2 && shift ;;
     --restart) is_restarted=1 ;;
     --stop) is_stopped=1 ;;
@@ -61,7 +61,7 @@ streams+=(--set stream.depth.kind=topic --set stream.depth.topic=/depth/image_ra
 start robot "$build/daemon/orbbufd" --set robot.id=robot-1 --set "link.server=$address" --set source.kind=ros2 \
   --set source.topic=/image_raw/compressed "${streams[@]}"
 robot=${pids[-1]}
-start writer "$writer" $((cut + 8)) 2 "$work"/data/pictures/*/images/*.jpg # readers: the tap and orbbufd
+start writer "$writer" $((cut + 8)) 2 ${depth:+depth} "$work"/data/pictures/*/images/*.jpg # readers: the tap and orbbufd
 until_true 'messages are written' has_written 60
 [ -z "$is_stopped" ] || kill -STOP "$stopped"
 nft add rule inet link input tcp dport "${address##*:}" drop
@@ -121,7 +121,7 @@ for topic in "${topics[@]}"; do
   [ "$(publishers source)" = "$(publishers behind)" ] || fail "$topic: $(publishers behind), not $(publishers source)"
 done
 told camera "$(written camera)" "$(wc -l <"$session/times.txt")" "$(dropped)"
-if [ "$(written depth)" ]; then # the writer of Fast DDS has none
+if [ "$depth" ]; then
   echo "RESULT dds.depth.delivered $(unique behind depth 2 | wc -l)"
   without_depth=$(comm -23 <(unique behind camera 2) <(unique behind depth 2) | wc -l)
   without_image=$(comm -13 <(unique behind camera 2) <(unique behind depth 2) | wc -l)
