@@ -205,6 +205,8 @@ class Join {
 Result<JoinReport> join_session(const std::vector<fs::path>& segments, const fs::path& out) {
   std::vector<Part> parts;
   for (const fs::path& folder : segments) {
+    const auto journal = journal::segments_in(folder);
+    if (journal && journal.value().empty()) continue;  // its server died before the first record
     auto outline = read_outline(folder);
     if (!outline) return std::move(outline).error();
     parts.push_back({folder, std::move(outline).value()});

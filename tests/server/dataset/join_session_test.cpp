@@ -207,6 +207,16 @@ TEST_F(JoinSession, ADropRecordInTwoSegmentsIsThereOnce) {
   EXPECT_THAT(problems_of_out(), IsEmpty());
 }
 
+/// Its server died before the first record, and the robot went on elsewhere.
+TEST_F(JoinSession, AFolderWithoutAJournalIsNoSegment) {
+  record("a", {}, {0, 1}, {});
+  segments_.push_back(folder_ / "b");
+  std::filesystem::create_directories(segments_.back() / "images");
+  record("c", {3, {2, 0}}, {2}, {}, 3);
+  EXPECT_EQ(join().segments, 2U);
+  EXPECT_THAT(problems_of_out(), IsEmpty());
+}
+
 TEST_F(JoinSession, FramesWithDifferentBytesAreAProblem) {
   record("a", {}, {0, 1}, {});
   EncodedFrame other = *test::jpeg_frame_ptr(7, 16, 16);
