@@ -44,6 +44,16 @@ bool are_of_one_image(const RecordedFrame& one, const RecordedFrame& other) {
          one.whole_crc == other.whole_crc;
 }
 
+/// Whether its images are as they were received. A server that lost its power, and that the robot
+/// has not come back to, has the newest records without them, perhaps. None of them was
+/// acknowledged.
+bool is_there(const Part& part, const RecordedFrame& frame) {
+  const bool may_be_lost = frame.is_late || !part.outline.summary.is_closed;
+  if (!may_be_lost) return true;
+  const auto images = read_images(part.folder, frame);
+  return images && is_whole(frame, images.value());
+}
+
 bool have_same_bytes(const RecordedFrame& one, const RecordedFrame& other) {
   return one.bytes == other.bytes && one.crc == other.crc && one.crc_right == other.crc_right;
 }
@@ -87,6 +97,7 @@ class Join {
       report_.problems.push_back(part.folder.string() + ": " + problem);
     }
     const auto take = [&](const RecordedFrame& frame) {
+      if (!is_there(part, frame)) return;
       const auto [known, is_new] = frames_.try_emplace(frame.sequence, Source{&part, frame});
       if (is_new) return;
       ++report_.repeats;

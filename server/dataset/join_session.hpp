@@ -19,11 +19,12 @@ struct JoinReport {
 };
 
 /// Makes one session's folder of its segments (docs/fleet.md), with a journal and views of its own:
-/// each frame that any of them has, once; what was named and what other streams had; of the newest
-/// segment, which SegmentInfo tells, how the session was left. Images are hard links where that is
-/// possible, else copies. `out` must not be there, or be empty. Of a frame that one segment has
-/// reduced and another one whole the whole one is taken; any other frame of which two segments have
-/// different bytes is a problem, and the newer segment's is taken. Blocking; reentrant.
+/// each frame that any of them has, once, but for images that a power cut took; what was named and
+/// what other streams had; of the newest segment, which SegmentInfo tells, how the session was
+/// left. Images are hard links where that is possible, else copies. `out` must not be there, or be
+/// empty. Of a frame that one segment has reduced and another one whole the whole one is taken; any
+/// other frame of which two segments have different bytes is a problem, and the newer segment's is
+/// taken. Blocking; reentrant.
 Result<JoinReport> join_session(const std::vector<std::filesystem::path>& segments,
                                 const std::filesystem::path& out);
 

@@ -217,6 +217,26 @@ TEST_F(JoinSession, AFolderWithoutAJournalIsNoSegment) {
   EXPECT_THAT(problems_of_out(), IsEmpty());
 }
 
+/// A power cut keeps the record of a frame, and not the image.
+TEST_F(JoinSession, AFrameWhoseImageAPowerCutTookIsNotThere) {
+  for (const bool has_other : {true, false}) {
+    segments_ = {folder_ / "a"};
+    for (const char* const made : {"out", "a", "b"}) std::filesystem::remove_all(folder_ / made);
+    {
+      const auto store = test::open_store(segments_.back(), {"r", "s", "", {}});
+      for (const Sequence frame : {0U, 1U, 2U}) {
+        ASSERT_FALSE(store->write(*test::jpeg_frame_ptr(frame, 16, 16), 0));
+      }
+    }  // as a kill
+    std::filesystem::resize_file(folder_ / "a/images/000001.jpg", 5);
+    std::filesystem::remove(folder_ / "a/images/000002.jpg");
+    if (has_other) record("b", {2, {1, 0}}, {1, 2}, {}, 3);
+    if (!has_other) record("b", {2, {1, 0}}, {}, {1, 2}, 3);
+    EXPECT_EQ(join().frames, has_other ? 3U : 1U);
+    EXPECT_THAT(problems_of_out(), IsEmpty());
+  }
+}
+
 TEST_F(JoinSession, FramesWithDifferentBytesAreAProblem) {
   record("a", {}, {0, 1}, {});
   EncodedFrame other = *test::jpeg_frame_ptr(7, 16, 16);
