@@ -4,6 +4,7 @@
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <csignal>
+#include <cstdlib>
 #include <stdexcept>
 
 namespace orbbuf::test {
@@ -11,6 +12,8 @@ namespace {
 
 namespace asio = boost::asio;
 using asio::ip::tcp;
+
+const char* model() { return std::getenv("ORBBUF_ETCD_MODEL"); }
 
 constexpr int kTries = 5;  // another program may take a port that was free
 
@@ -27,7 +30,9 @@ std::vector<std::uint16_t> free_ports(std::size_t count) {
   return ports;
 }
 
-bool RealEtcd::is_installed() { return run({"sh", "-c", "command -v etcd"}).status == 0; }
+bool RealEtcd::is_installed() {
+  return model() != nullptr || run({"sh", "-c", "command -v etcd"}).status == 0;
+}
 
 RealEtcd::RealEtcd() {
   for (int i = 0; i < kTries; ++i) {
@@ -46,11 +51,18 @@ RealEtcd::RealEtcd() {
 void RealEtcd::start() {
   const std::string peer = "http://127.0.0.1:" + std::to_string(peer_port_);
   const std::string client = "http://" + endpoint();
-  process_ = std::make_unique<Process>(std::vector<std::string>{
-      "etcd", "--name=e", "--data-dir=" + (folder_ / "etcd").string(),
-      "--listen-client-urls=" + client, "--advertise-client-urls=" + client,
-      "--listen-peer-urls=" + peer, "--initial-advertise-peer-urls=" + peer,
-      "--initial-cluster=e=" + peer, "--log-outputs=stderr"});
+  const std::string folder = (folder_ / "etcd").string();
+  std::vector<std::string> command{"etcd",
+                                   "--name=e",
+                                   "--data-dir=" + folder,
+                                   "--listen-client-urls=" + client,
+                                   "--advertise-client-urls=" + client,
+                                   "--listen-peer-urls=" + peer,
+                                   "--initial-advertise-peer-urls=" + peer,
+                                   "--initial-cluster=e=" + peer,
+                                   "--log-outputs=stderr"};
+  if (model() != nullptr) command = {model(), std::to_string(port_), folder};
+  process_ = std::make_unique<Process>(command);
   if (!process_->wait_for_line("ready to serve client requests")) {
     throw std::runtime_error("etcd does not begin: " + process_->output());
   }

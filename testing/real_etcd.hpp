@@ -11,10 +11,11 @@
 
 namespace orbbuf::test {
 
-/// A real etcd of one member, on free loopback ports and in a folder of its own.
+/// A real etcd of one member, on free loopback ports and in a folder of its own; or, if the
+/// environment's ORBBUF_ETCD_MODEL names it, the simulator's model of it, which must not differ.
 class RealEtcd {
  public:
-  /// Whether etcd is installed.
+  /// Whether there is one.
   static bool is_installed();
 
   /// Throws std::runtime_error if it does not begin.

@@ -45,6 +45,9 @@ void note_line(int number, std::string_view line) {
           facts->most_held, number_after(text, "waiting ") + number_after(text, "in flight "));
       facts->most_in_flight = std::max(facts->most_in_flight, number_after(text, "in flight "));
     }
+    if (text.find("the server has lost frames that it had acknowledged") != std::string::npos) {
+      facts->was_forgotten = true;
+    }
     if (text.find("session ended: captured ") != std::string::npos) {
       facts->has_closed = true;
       facts->left += number_after(text, "waiting ") + number_after(text, "in flight ");

@@ -62,6 +62,7 @@ struct Descriptor {
   bool resets = false;
   Time user_timeout = 0;
   std::uint16_t port = 0;
+  int at = -1;              ///< bound to that machine's address; -1: its own
   std::uint64_t count = 0;  ///< eventfd
   std::uint32_t changes = 0;
   std::uint32_t news_read = 0;
@@ -126,7 +127,7 @@ std::uint32_t readiness(const Descriptor& one) {
     case Kind::kSocket:
       return socket_readiness(one);
     case Kind::kListener:
-      return world->queue_used > 0 ? kIn : 0;
+      return my_machine().listener.queue_used > 0 ? kIn : 0;
     case Kind::kNews:
       return my_machine().network_news != one.news_read ? kIn : 0;
     case Kind::kEvent:
@@ -144,7 +145,7 @@ std::uint32_t changes(const Descriptor& one) {
     case Kind::kSocket:
       return is_connected(one) ? endpoint(one).changes : 0;
     case Kind::kListener:
-      return world->listener_changes;
+      return my_machine().listener.changes;
     case Kind::kNews:
       return my_machine().network_news;
     case Kind::kEvent:
@@ -252,14 +253,21 @@ ssize_t read_event(int fd, void* into) {
   }
 }
 
-constexpr int kServerAddress = 0;  // of the machine that robots know, whoever listens there
-
 sockaddr_in address_of(int machine_number, std::uint16_t port) {
   sockaddr_in address{};
   address.sin_family = AF_INET;
   address.sin_port = htons(port);
   address.sin_addr.s_addr = htonl(0x0A000001U + (static_cast<std::uint32_t>(machine_number) << 8U));
   return address;
+}
+
+/// Whose address that is; -1: of none.
+int machine_at(const sockaddr_in& address) {
+  for (int i = 0; i < kMostMachines; ++i) {
+    if (address_of(i, 0).sin_addr.s_addr == address.sin_addr.s_addr && machine(i).name[0] != 0)
+      return i;
+  }
+  return -1;
 }
 
 int give_address(const sockaddr_in& from, sockaddr* address, socklen_t* length) {
@@ -386,8 +394,7 @@ void forget_descriptor(int fd) {
   const auto forgotten = std::move(descriptors()[static_cast<std::size_t>(fd)]);
   const Descriptor& one = *forgotten;
   if (one.kind == Kind::kSocket && is_connected(one)) close_end(one.connection, one.end);
-  if (one.kind == Kind::kListener && my_machine_number() == world->server)
-    world->is_listening = false;
+  if (one.kind == Kind::kListener) my_machine().listener.port = 0;
   for (const auto& other : descriptors()) {
     if (!other) continue;
     std::erase_if(other->watched, [fd](const Watched& watched) { return watched.fd == fd; });
@@ -415,7 +422,9 @@ ORBBUF_INTERPOSE(int, bind, int fd, const sockaddr* address, socklen_t length) {
   Descriptor* const one = find(fd);
   if (one == nullptr) return real_function(fd, address, length);
   if (address->sa_family == AF_INET) {
-    one->port = ntohs(reinterpret_cast<const sockaddr_in*>(address)->sin_port);
+    const auto& its = *reinterpret_cast<const sockaddr_in*>(address);
+    one->port = ntohs(its.sin_port);
+    one->at = machine_at(its);
   }
   return 0;
 }
@@ -424,8 +433,9 @@ ORBBUF_INTERPOSE(int, listen, int fd, int most) {
   Descriptor* const one = find(fd);
   if (one == nullptr) return real_function(fd, most);
   one->kind = Kind::kListener;
-  world->is_listening = true;
-  world->server = my_machine_number();
+  my_machine().listener.port = one->port;
+  const int at = one->at < 0 ? my_machine_number() : one->at;  // a stranger takes another's address
+  world->at_address[static_cast<std::size_t>(at)] = my_machine_number();
   return 0;
 }
 ORBBUF_INTERPOSE(int, accept4, int fd, sockaddr* address, socklen_t* length, int flags) {
@@ -454,10 +464,10 @@ ORBBUF_INTERPOSE(int, connect, int fd, const sockaddr* address, socklen_t length
   Descriptor* const one = find(fd);
   if (one == nullptr) return real_function(fd, address, length);
   interruption_point();
-  one->connection = open_connection();
   const auto& to = *reinterpret_cast<const sockaddr_in*>(address);
-  const bool is_server = to.sin_addr.s_addr == address_of(kServerAddress, 0).sin_addr.s_addr;
-  connection(one->connection).is_dead = !is_server;  // nothing answers
+  const int other = machine_at(to);
+  one->connection = open_connection(std::max(other, 0), ntohs(to.sin_port));
+  connection(one->connection).is_dead = other < 0;  // nothing answers
   one->generation = connection(one->connection).generation;
   apply_options(*one);
   if (one->is_non_blocking) return static_cast<int>(failed(EINPROGRESS));
@@ -481,8 +491,8 @@ ORBBUF_INTERPOSE(int, getsockname, int fd, sockaddr* address, socklen_t* length)
   ORBBUF_REAL(int (*)(int, sockaddr*, socklen_t*), "getsockname");
   Descriptor* const one = find(fd);
   if (one == nullptr) return real_function(fd, address, length);
-  const bool is_robots = one->kind == Kind::kSocket && is_connected(*one) && one->end == 0;
-  const auto port = is_robots ? connection(one->connection).port : one->port;
+  const bool is_opener = one->kind == Kind::kSocket && is_connected(*one) && one->end == 0;
+  const auto port = is_opener ? connection(one->connection).port : one->port;
   return give_address(address_of(my_machine_number(), port), address, length);
 }
 ORBBUF_INTERPOSE(int, getpeername, int fd, sockaddr* address, socklen_t* length) {
@@ -492,7 +502,7 @@ ORBBUF_INTERPOSE(int, getpeername, int fd, sockaddr* address, socklen_t* length)
   if (!is_connected(*one)) return static_cast<int>(failed(ENOTCONN));
   const Connection& its = connection(one->connection);
   return give_address(
-      one->end == 1 ? address_of(its.path, its.port) : address_of(world->server, 7722), address,
+      one->end == 1 ? address_of(its.path, its.port) : address_of(its.to, its.to_port), address,
       length);
 }
 ORBBUF_INTERPOSE(int, setsockopt, int fd, int level, int option, const void* value,

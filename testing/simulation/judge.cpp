@@ -11,6 +11,8 @@
 #include "common/crc32.hpp"
 #include "common/file_io.hpp"
 #include "server/dataset/check_session.hpp"
+#include "server/dataset/join_session.hpp"
+#include "server/fleet/fleet_keys.hpp"
 #include "server/session/session_lines.hpp"
 #include "server/session/session_reader.hpp"
 
@@ -33,7 +35,9 @@ constexpr std::uint64_t kMostDropRecords = 16384;  // of one outage, beyond that
 constexpr Time kAlone = 8 * kSecond;  // an outage, if nothing else happens so long before or after
 constexpr Time kLongWay = 250 * kMillisecond;  // beyond that a planner sees little of the link
 constexpr double kTwoFrames = 50e3;            // bytes, of large images: so much is written at once
-constexpr double kLiveAgain = 1;               // link.live_again
+constexpr Time kStandsStill = kSecond;         // then a robot leaves a server of a fleet
+constexpr Time kUnanswered = 5 * kSecond;  // an attempt there, if the other one refuses the first
+constexpr double kLiveAgain = 1;           // link.live_again
 constexpr double kLateness = 0.4;  // what a judge may not blame: a rounding, a repeated segment
 constexpr double kTransit = 0.3;   // of a frame, beyond what it took before
 
@@ -56,12 +60,13 @@ class SessionJudge {
         run_(run),
         facts_(facts),
         robot_(scenario.robots[static_cast<std::size_t>(facts.machine - 1)]),
-        folder_(fs::path(world_folder) / folder_name(kServer) / "data" /
-                fmt::format("robot{}", facts.machine) / facts.id.data()),
+        folder_((scenario.is_fleet() ? fs::path(world_folder) / "joined" : data_of(kServer)) /
+                facts.id.data()),
         verdict_(verdict) {}
 
   void run() {
     ++verdict_.sessions;
+    if (scenario_.is_fleet()) join();
     // What such a server loses of a session that is over nobody names.
     if (scenario_.sync != "ack" && facts_.ended < run_.server_power_cut()) return;
     find_old();
@@ -104,10 +109,59 @@ class SessionJudge {
            run_.server_power_cut() > facts_.began;
   }
 
+  fs::path data_of(int server) const {
+    return fs::path(world_folder) / folder_name(server) / "data" /
+           fmt::format("robot{}", facts_.machine);
+  }
+
+  /// As `orbbuf-server join` does with the paths of all servers.
+  void join() {
+    std::vector<fs::path> segments;
+    if (facts_.id[0] == '\0') return;
+    for (int i = 0; i < scenario_.servers; ++i) {
+      std::set<fs::path> found;
+      std::error_code none;
+      for (const auto& entry : fs::directory_iterator(data_of(scenario_.server(i)), none)) {
+        const auto folder = fleet::parse_folder(entry.path().filename().string());
+        if (folder.session_id == facts_.id.data()) found.insert(entry.path());
+      }
+      segments.insert(segments.end(), found.begin(), found.end());
+    }
+    fs::remove_all(folder_);
+    if (segments.empty()) return;
+    const auto joined = join_session(segments, folder_);
+    if (!joined) return problem("join: " + joined.error().text);
+    // A journal that no server has opened since its power cut may end in bytes that were not
+    // synced.
+    const bool may_be_torn = run_.server_power_cut() > facts_.began;
+    for (const std::string& found : joined.value().problems) {
+      if (may_be_torn && found.find(": journal: ") != std::string::npos) continue;
+      problem("join: " + found);
+    }
+    for (const fs::path& segment : segments) {
+      if (fs::exists(segment / "journal.000000")) check_segment(segment);
+    }
+  }
+
+  /// What is in it belongs to it, once.
+  void check_segment(const fs::path& folder) {
+    const auto session = read_session(folder);
+    if (!session) return problem(session.error().text);
+    const Sequence from = session.value().summary.info.segment.from[wire::kFrames];
+    std::set<std::uint64_t> there;
+    for (const RecordedFrame& frame : session.value().frames) {
+      if (is_live(frame)) live_.insert(frame.sequence);
+      if (there.insert(frame.sequence).second && (frame.is_late || frame.sequence >= from))
+        continue;
+      problem(fmt::format("frame {} is twice in {}, or below its first, {}", frame.sequence,
+                          folder.filename().string(), from));
+    }
+  }
+
   bool may_lose() const { return run_.server_power_cut() > 0 && scenario_.sync != "ack"; }
 
   /// What a sync of the server could not write is missing since its power cut.
-  bool has_lost_bytes() const { return run_.has_bad_disk(kServer) && run_.server_power_cut() > 0; }
+  bool has_lost_bytes() const { return run_.has_bad_server_disk() && run_.server_power_cut() > 0; }
 
   bool has_trouble_with_disk() const {
     return run_.has_bad_disk(facts_.machine) || robot_.has_small_disk;
@@ -131,12 +185,15 @@ class SessionJudge {
     if (!robot_.has_record()) old_ = 0;
   }
 
+  /// A join does not tell of a frame that it was replaced.
+  static bool is_live(const RecordedFrame& frame) { return !frame.is_late || frame.is_replacing; }
+
   void take(const RecordedSession& session) {
     for (const RecordedFrame& frame : session.frames) {
       if (!there_.insert(frame.sequence).second) {
         problem(fmt::format("frame {} is there twice", frame.sequence));
       }
-      live_ += frame.is_late && !frame.is_replacing ? 0 : 1;
+      if (is_live(frame)) live_.insert(frame.sequence);
       if (frame.sequence >= facts_.opened) {
         problem(fmt::format("frame {} was never captured", frame.sequence));
       }
@@ -153,6 +210,7 @@ class SessionJudge {
         }
       }
     }
+    std::erase_if(live_, [this](std::uint64_t number) { return !there_.contains(number); });
     verdict_.delivered += there_.size();
     verdict_.named += named_.size();
     if (has_lost_bytes() || was_left()) return;
@@ -173,11 +231,23 @@ class SessionJudge {
       problem(fmt::format("of {} frames {} are neither there nor named, from {} on",
                           surely_captured(), unnamed, first));
     }
-    if (facts_.acknowledged > live_ && !may_lose() && !run_.has_bad_disk(kServer)) {
-      problem(fmt::format("{} were acknowledged, {} are there", facts_.acknowledged, live_));
+    if (facts_.acknowledged > live_.size() && !may_lose() && !run_.has_bad_server_disk()) {
+      problem(fmt::format("{} were acknowledged, {} are there", facts_.acknowledged, live_.size()));
+    }
+    if (scenario_.is_fleet() && facts_.was_forgotten) {
+      problem("a server acknowledged what its successor does not know");
     }
     check_reasons();
     check_memory();
+  }
+
+  /// It could not deliver all in its last seconds, and there is no later start that tells of it.
+  bool is_left_to_next_start() const {
+    const auto later = world->sessions.begin() + (&facts_ - world->sessions.data()) + 1;
+    return facts_.left > 0 && std::none_of(later, world->sessions.begin() + world->sessions_used,
+                                           [this](const SessionFacts& other) {
+                                             return other.machine == facts_.machine;
+                                           });
   }
 
   /// A robot that has a record tells what became of its earlier sessions, as far as it knows.
@@ -196,7 +266,9 @@ class SessionJudge {
     if (!robot_.has_record() || facts_.began < run_.bad_disk_until(facts_.machine)) return;
     const SessionSummary& summary = session.summary;
     const bool is_told = summary.account && summary.account->is_final;
-    if (old_ > 0 && !is_told && !summary.has_ended()) problem("its end was never told");
+    if (old_ > 0 && !is_told && !summary.has_ended() && !is_left_to_next_start()) {
+      problem("its end was never told");
+    }
     if (!is_told) return;
     const std::uint64_t known = std::max(there_.empty() ? 0 : *there_.rbegin() + 1,
                                          named_.empty() ? 0 : named_.rbegin()->first + 1);
@@ -213,25 +285,55 @@ class SessionJudge {
     const double queue = to_seconds(robot_.path.queue) * robot_.path.bytes_per_second;
     if (robot_.has_large_images && queue < kTwoFrames) return;
     for (const Fault& outage : scenario_.faults) {
-      if (outage.kind != FaultKind::kCut || outage.machine != facts_.machine) continue;
       if (outage.length < kSecond || !is_alone(outage)) continue;
-      const Time back = outage.at + outage.length;
-      if (facts_.began > outage.at - kAlone || facts_.ended < back + kAlone) continue;
-      const double attempts = std::clamp(to_seconds(outage.length) / 600, 0.13, 1.0);
-      const double delay = to_seconds(robot_.path.delay);
-      const double limit = kLiveAgain + attempts + 1 / facts_.fps + 7 * delay + kLateness;
-      const Time usual = least_lateness(session, outage.at - kAlone, outage.at);
-      if (usual == kNever) continue;
-      const Time most = usual + static_cast<Time>((kTransit + 1 / facts_.fps) * 1e9);
-      Time soonest = kNever;
-      for (const RecordedFrame& frame : session.frames) {
-        const Time came = frame.arrived_ns - kWallBegin;
-        const bool is_live = !frame.is_late && came >= back && lateness(frame) <= most;
-        if (is_live) soonest = std::min(soonest, came - back);
+      const Time end = outage.at + outage.length;
+      if (outage.kind == FaultKind::kCut && outage.machine == facts_.machine) {
+        check_live_again(session, outage, {end, end, "the link was back"});
+      } else if (is_survived(outage)) {
+        const Time left = outage.at + kStandsStill + kUnanswered;
+        check_live_again(session, outage, {outage.at, left, "a server was left"});
       }
-      if (to_seconds(soonest) <= limit) continue;
-      problem(fmt::format("the link was back at {:.3f} s, and live {} s later: more than {:.2f} s",
-                          to_seconds(back), soonest == kNever ? 1e9 : to_seconds(soonest), limit));
+    }
+  }
+
+  struct Return {
+    Time first;  ///< frames that come from then on count
+    Time back;   ///< from then on it has so much time
+    std::string_view what;
+  };
+  void check_live_again(const RecordedSession& session, const Fault& outage, const Return& after) {
+    if (facts_.began > outage.at - kAlone || facts_.ended < after.back + kAlone) return;
+    const double attempts = std::clamp(to_seconds(outage.length) / 600, 0.13, 1.0);
+    const double delay = to_seconds(robot_.path.delay);
+    const double limit = kLiveAgain + attempts + 1 / facts_.fps + 7 * delay + kLateness;
+    const Time usual = least_lateness(session, outage.at - kAlone, outage.at);
+    if (usual == kNever) return;
+    const Time most = usual + static_cast<Time>((kTransit + 1 / facts_.fps) * 1e9);
+    Time soonest = kNever;
+    for (const RecordedFrame& frame : session.frames) {
+      const Time came = frame.arrived_ns - kWallBegin;
+      if (frame.is_late || came < after.first || lateness(frame) > most) continue;
+      soonest = std::min(soonest, came - after.back);
+    }
+    if (to_seconds(soonest) <= limit) return;
+    problem(fmt::format("{} at {:.3f} s, and live {} s later: more than {:.2f} s", after.what,
+                        to_seconds(after.back), soonest == kNever ? 1e9 : to_seconds(soonest),
+                        limit));
+  }
+
+  /// A server's, or of the way to one, when the robot knows another one.
+  bool is_survived(const Fault& fault) const {
+    if (!scenario_.is_fleet() || robot_.servers.size() == 1) return false;
+    switch (fault.kind) {
+      case FaultKind::kKill:
+      case FaultKind::kPowerCut:
+      case FaultKind::kFreeze:
+        return scenario_.is_server(fault.machine);
+      case FaultKind::kCutFrom:
+      case FaultKind::kCutOneWay:
+        return fault.machine == facts_.machine || static_cast<int>(fault.value) == facts_.machine;
+      default:
+        return false;
     }
   }
 
@@ -255,7 +357,7 @@ class SessionJudge {
     if (end > scenario_.length) return false;
     return std::ranges::all_of(scenario_.faults, [&](const Fault& other) {
       if (&other == &outage) return true;
-      if (other.machine != facts_.machine && other.machine != kServer) return true;
+      if (other.machine != facts_.machine && scenario_.is_robot(other.machine)) return true;
       const auto times = other.kind == FaultKind::kDieInARow ? other.value : 1;
       const Time lasts = static_cast<Time>(times) * (other.length + 5 * kSecond) + kAlone;
       return other.at > end || other.at + lasts < outage.at;
@@ -294,7 +396,7 @@ class SessionJudge {
       const bool is_giant = number % source.images.size() == source.giant;
       const bool is_kept = robot_.has_spool && !has_trouble_with_disk() && !is_giant;
       std::string why;
-      if (reason == DropReason::kLost && !may_lose() && !run_.has_bad_disk(kServer) &&
+      if (reason == DropReason::kLost && !may_lose() && !run_.has_bad_server_disk() &&
           !has_trouble_with_disk()) {
         why = "lost";
       }
@@ -350,7 +452,7 @@ class SessionJudge {
     for (const std::string& found : report.value().problems) {
       const bool is_end = found.starts_with("not ended");
       if (is_end && (has_died() || facts_.stops > 1)) continue;
-      if (is_end && (old_ == 0 || may_lose())) continue;
+      if (is_end && (old_ == 0 || may_lose() || is_left_to_next_start())) continue;
       // Without a record it is not told later that the bye met a fault.
       if (is_end && !robot_.has_record() && facts_.ended < scenario_.length) continue;
       if (was_left() && !is_end) continue;
@@ -372,7 +474,7 @@ class SessionJudge {
   const fs::path folder_;
   Verdict& verdict_;
   std::uint64_t old_ = 0;
-  std::uint64_t live_ = 0;
+  std::set<std::uint64_t> live_;  ///< those that came live
   std::set<std::uint64_t> there_;
   std::map<std::uint64_t, DropReason> named_;
   std::map<std::string, std::uint64_t> first_wrong_;
@@ -393,8 +495,9 @@ Verdict judge(const Scenario& scenario, const Run& run) {
   }
   const bool is_sent_elsewhere = std::ranges::any_of(
       scenario.faults, [](const Fault& fault) { return fault.kind == FaultKind::kImpostor; });
-  const std::uint64_t most = is_sent_elsewhere ? 2 * kMostAttempts : kMostAttempts;
   for (std::size_t i = 1; i <= scenario.robots.size(); ++i) {
+    const std::size_t known = scenario.robots[i - 1].servers.size() + (is_sent_elsewhere ? 1 : 0);
+    const std::uint64_t most = known * kMostAttempts;
     if (world->most_attempts[i] > most) {
       verdict.problems.push_back(
           fmt::format("robot{} tried to connect {} times in a second", i, world->most_attempts[i]));

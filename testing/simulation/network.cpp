@@ -29,14 +29,18 @@ constexpr Time kLeastRetransmission = 200 * kMillisecond;
 constexpr Time kMostRetransmission = 120 * kSecond;
 constexpr std::uint32_t kMostRetransmissions = 15;
 constexpr int kMostFirstPackets = 7;
-constexpr int kMostQueued = 128;
 constexpr Time kProbeInterval = 5 * kSecond;
 constexpr int kMostProbes = 3;
 
 Path& path_of(const Connection& one) { return world->paths[static_cast<std::size_t>(one.path)]; }
 
+/// The machine that answers at the address that a connection was opened to.
+int target_of(const Connection& one) { return world->at_address[static_cast<std::size_t>(one.to)]; }
+
 bool is_through(const Connection& one, int direction) {
-  return !one.is_dead && !path_of(one).is_down[static_cast<std::size_t>(direction)];
+  if (one.is_dead || path_of(one).is_down[static_cast<std::size_t>(direction)]) return false;
+  const auto opener = static_cast<std::size_t>(one.path), other = static_cast<std::size_t>(one.to);
+  return (direction == 0 ? world->cuts[opener][other] : world->cuts[other][opener]) == 0;
 }
 
 Time delay_of(const Connection& one) {
@@ -167,19 +171,21 @@ void first_packet(int number, const Event& event) {
 
 void first_arrives(int number) {
   Connection& one = connection(number);
-  if (!is_through(one, 0) || world->server < 0 || !machine(world->server).is_on) return;
+  const int target = target_of(one);
+  if (!is_through(one, 0) || !machine(target).is_on) return;
   Endpoint& server = end_of(one, 1);
   if (one.is_queued || server.is_open) {
     if (is_through(one, 1)) post(number, kAnswerArrives, 1, delay_of(one));
     return;
   }
-  if (!world->is_listening) return post(number, kRefusalArrives, 1, delay_of(one));
-  if (world->queue_used >= kMostQueued) return;
-  server.machine = world->server;
+  Listener& listener = machine(target).listener;
+  if (listener.port != one.to_port) return post(number, kRefusalArrives, 1, delay_of(one));
+  if (listener.queue_used >= kMostQueued) return;
+  server.machine = target;
   server.is_open = server.is_established = one.is_queued = true;
-  world->queue[static_cast<std::size_t>(world->queue_used++)] = number;
-  ++world->listener_changes;
-  wake_io(world->server);
+  listener.queue[static_cast<std::size_t>(listener.queue_used++)] = number;
+  ++listener.changes;
+  wake_io(target);
   if (is_through(one, 1)) post(number, kAnswerArrives, 1, delay_of(one));
 }
 
@@ -280,7 +286,7 @@ void probe(int number, const Event& event) {
 
 }  // namespace
 
-int open_connection() {
+int open_connection(int to, std::uint16_t port) {
   int number = 0;
   while (number < kMostConnections && connection(number).is_used) ++number;
   if (number == kMostConnections) fail("too many connections");
@@ -290,6 +296,8 @@ int open_connection() {
   one.is_dead = one.is_queued = false;
   one.generation = generation;
   one.path = my_machine_number();
+  one.to = to;
+  one.to_port = port;
   one.port = static_cast<std::uint16_t>(32768 + world->connects++ % 28000);
   one.opened = world->now;
   one.ends = {};
@@ -386,11 +394,12 @@ void close_end(int number, int end) {
     }
   }
   if (one.is_queued && end == 1) {
-    const auto begin = world->queue.begin();
-    const auto last = begin + world->queue_used;
+    Listener& listener = machine(mine.machine).listener;
+    const auto begin = listener.queue.begin();
+    const auto last = begin + listener.queue_used;
     if (const auto found = std::find(begin, last, number); found != last) {
       std::copy(found + 1, last, found);
-      --world->queue_used;
+      --listener.queue_used;
     }
     one.is_queued = false;
   }
@@ -406,7 +415,7 @@ void close_all(int number) {
       }
     }
   }
-  if (number == world->server) world->is_listening = false;
+  machine(number).listener.port = 0;
 }
 
 void abandon_all(int number) {
@@ -420,9 +429,8 @@ void abandon_all(int number) {
     }
     free_if_over(one);
   }
-  if (number != world->server) return;
-  world->is_listening = false;
-  world->queue_used = 0;
+  machine(number).listener.port = 0;
+  machine(number).listener.queue_used = 0;
 }
 
 void change_address(int number) {
@@ -442,11 +450,12 @@ void keep_alive(int number, int end) {
 }
 
 int accept_connection() {
-  if (world->queue_used == 0) return -1;
-  const int number = world->queue[0];
-  std::copy(world->queue.begin() + 1, world->queue.begin() + world->queue_used,
-            world->queue.begin());
-  --world->queue_used;
+  Listener& listener = my_machine().listener;
+  if (listener.queue_used == 0) return -1;
+  const int number = listener.queue[0];
+  std::copy(listener.queue.begin() + 1, listener.queue.begin() + listener.queue_used,
+            listener.queue.begin());
+  --listener.queue_used;
   connection(number).is_queued = false;
   return number;
 }
@@ -472,9 +481,7 @@ void handle(const Event& event) {
     case kRetransmit:
       return retransmit(number, event);
     case kReset:
-      if (!one.is_dead && !path_of(one).is_down[static_cast<std::size_t>(1 - event.half)]) {
-        break_end(end_of(one, event.half), ECONNRESET);
-      }
+      if (is_through(one, 1 - event.half)) break_end(end_of(one, event.half), ECONNRESET);
       return;
     case kKeepAlive:
       return probe(number, event);

@@ -6,12 +6,13 @@
 
 #include "testing/simulation/world.hpp"
 
-/// TCP between robots and the server, as its users see it: bytes that arrive late, in order, once,
+/// TCP between machines, as its users see it: bytes that arrive late, in order, once,
 /// or not at all.
 namespace orbbuf::simulation {
 
-/// A new connection of the calling machine, whose first packet is sent at once.
-int open_connection();
+/// A new connection of the calling machine to another one's address, whose first packet is sent at
+/// once.
+int open_connection(int to, std::uint16_t port);
 inline Connection& connection(int number) {
   return world->connections[static_cast<std::size_t>(number)];
 }
@@ -34,7 +35,7 @@ void change_address(int machine);
 /// After a path, or a machine, is back: nothing to do but for what waits.
 void keep_alive(int number, int end);
 
-/// The next connection in the listener's queue; -1: none.
+/// The next connection in the queue of the calling machine; -1: none.
 int accept_connection();
 
 }  // namespace orbbuf::simulation

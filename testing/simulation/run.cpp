@@ -13,12 +13,16 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr int kEtcdPort = 2379;
 constexpr std::uint64_t kLargeDisk = 1ULL << 40;
 constexpr std::uint64_t kSmallDisk = 6 << 20;
 constexpr std::uint64_t kFewFrames = 10;  // of a stream that is reduced some always wait
 constexpr Time kLongestEnd = 60 * kSecond;
 constexpr Time kLongestWay = 3 * kSecond;  // with its queue; what robots wrote last comes
 constexpr std::size_t kMostForged = 8;     // frames of a visit
+
+const Path kWire{
+    .delay = 300 * kMicrosecond, .jitter = 200 * kMicrosecond, .bytes_per_second = 1e8};
 
 /// Those of a session whose images are on the server's disk, from the oldest on, at most so many.
 std::vector<std::string> recorded(const SessionFacts& facts, const fs::path& folder,
@@ -33,6 +37,8 @@ std::vector<std::string> recorded(const SessionFacts& facts, const fs::path& fol
   numbers.resize(std::min<std::uint64_t>(numbers.size(), most));
   return numbers;
 }
+
+std::string address_text(int number) { return fmt::format("10.0.{}.1", number); }
 
 /// Until frames come again, of the slowest robot too.
 Time settling_of(const Scenario& scenario) {
@@ -49,50 +55,79 @@ Run::Run(const Scenario& scenario, Programs& programs, const std::vector<Source>
       sources_(sources),
       random_{scenario.seed ^ 0x5EEDU},
       settling_(settling_of(scenario)) {
-  world->server = kServer;
+  const auto give_name = [&scenario](int number) {
+    const std::string name = scenario.name_of(number);
+    name.copy(machine(number).name.data(), machine(number).name.size() - 1);
+  };
+  give_name(stranger());
   for (int i = 0; i < machines(); ++i) {
+    give_name(i);
     devices_.push_back(std::make_unique<Device>(i));
     fs::create_directories(fs::path(world_folder) / folder_name(i));
     machine(i).disk.capacity = kLargeDisk;
     machine(i).disk.sync_time = scenario.sync_time;
-    if (i == kServer) continue;
+    if (!scenario_.is_robot(i)) {
+      world->paths[static_cast<std::size_t>(i)] = kWire;
+      continue;
+    }
     world->paths[static_cast<std::size_t>(i)] = setup_of(i).path;
     if (setup_of(i).has_small_disk) machine(i).disk.capacity = kSmallDisk;
   }
 }
 
 Program& Run::program_of(int number) {
-  return number == kServer ? programs_.server : programs_.robot;
+  return scenario_.is_robot(number)    ? programs_.robot
+         : scenario_.is_server(number) ? programs_.server
+                                       : programs_.etcd;
 }
 
 const Source& Run::source_of(int number) const {
   return sources_[setup_of(number).has_large_images ? 1 : 0];
 }
 
+std::vector<std::string> Run::arguments_of_server(int number) const {
+  std::vector<std::string> all = {
+      "orbbuf-server",
+      "--set",
+      "listen.address=0.0.0.0:7722",
+      "--set",
+      "listen.insecure=true",
+      "--set",
+      "listen.max_frame=64 KiB",
+      "--set",
+      "status.socket=",
+      "--set",
+      "files.path=" + world_folder + "/" + folder_name(number) + "/data",
+      "--set",
+      "files.sync=" + scenario_.sync};
+  if (!scenario_.is_fleet()) return all;
+  for (const std::string& setting :
+       {fmt::format("fleet.etcd=[\"{}:{}\"]", address_text(scenario_.etcd()), kEtcdPort),
+        "fleet.name=" + scenario_.name_of(number),
+        fmt::format("fleet.address={}:7722", address_text(number))}) {
+    all.emplace_back("--set");
+    all.push_back(setting);
+  }
+  return all;
+}
+
 std::vector<std::string> Run::arguments_of(int number) const {
   const std::string folder = folder_name(number);
-  if (number == kServer) {
-    return {"orbbuf-server",
-            "--set",
-            "listen.address=0.0.0.0:7722",
-            "--set",
-            "listen.insecure=true",
-            "--set",
-            "listen.max_frame=64 KiB",
-            "--set",
-            "status.socket=",
-            "--set",
-            "files.path=" + world_folder + "/" + folder + "/data",
-            "--set",
-            "files.sync=" + scenario_.sync};
+  if (scenario_.is_server(number)) return arguments_of_server(number);
+  if (!scenario_.is_robot(number)) {
+    return {"orbbuf-etcd-model", std::to_string(kEtcdPort), world_folder + "/" + folder + "/log"};
   }
   const RobotSetup& robot = setup_of(number);
+  std::string servers;
+  for (const int server : robot.servers) {
+    servers += fmt::format("{}\"{}:7722\"", servers.empty() ? "" : ", ", address_text(server));
+  }
   std::vector<std::string> all = {
       "orbbufd",
       "--set",
       fmt::format("robot.id=robot{}", number),
       "--set",
-      "link.server=10.0.0.1:7722",
+      "link.server=[" + servers + "]",
       "--set",
       "source.kind=folder",
       "--set",
@@ -119,7 +154,7 @@ std::vector<std::string> Run::arguments_of(int number) const {
 void Run::begin(int number) {
   if (machine(number).is_running || machine(number).pid != 0) return;
   if (number == kServer && has_impostor_) return;
-  if (number != kServer) {
+  if (scenario_.is_robot(number)) {
     if (world->sessions_used == kMostSessions) return;
     if (setup_of(number).has_no_clock && !machine(number).is_on) {
       machine(number).clock_offset = -world->now;
@@ -147,10 +182,10 @@ void Run::die(int number, bool loses_power) {
   Machine& one = machine(number);
   if (one.pid == 0) return;
   ++world->deaths;
-  if (number == kServer) {
+  if (scenario_.is_server(number)) {
     has_server_crashed_ = true;
     if (loses_power) server_power_cut_ = world->now;
-  } else {
+  } else if (scenario_.is_robot(number)) {
     SessionFacts& facts = world->sessions[static_cast<std::size_t>(one.session)];
     facts.ended = world->now;
     facts.was_killed = !one.has_ended;
@@ -168,7 +203,8 @@ void Run::die(int number, bool loses_power) {
 }
 
 void Run::die_in_a_row(int number, std::uint64_t times, Time pause) {
-  die(number, setup_of(number).has_no_clock || random_.one_in(4));
+  const bool has_no_clock = scenario_.is_robot(number) && setup_of(number).has_no_clock;
+  die(number, has_no_clock || random_.one_in(4));
   begin_later(number, random_.between(kMillisecond, pause));
   if (times <= 1) return;
   after(pause + random_.between(10 * kMillisecond, 5 * kSecond),
@@ -179,7 +215,7 @@ void Run::signal(int number, int which) {
   Machine& one = machine(number);
   if (!one.is_running) return;
   one.signal = which;
-  if (number != kServer) ++world->sessions[static_cast<std::size_t>(one.session)].stops;
+  if (scenario_.is_robot(number)) ++world->sessions[static_cast<std::size_t>(one.session)].stops;
   wake_io(number);
 }
 
@@ -196,10 +232,8 @@ void Run::look_after_machines() {
       trace(i, "ENDS with status {}", one.status);
       const bool is_crash = one.status >= 128;
       if (is_crash)
-        problem(fmt::format("{} crashed: signal {}",
-                            i == kServer ? "the server" : fmt::format("robot{}", i),
-                            one.status - 128));
-      if (i != kServer) {
+        problem(fmt::format("{} crashed: signal {}", one.name.data(), one.status - 128));
+      if (scenario_.is_robot(i)) {
         world->sessions[static_cast<std::size_t>(one.session)].ended = world->now;
         if (is_crash) world->sessions[static_cast<std::size_t>(one.session)].was_killed = true;
       } else if (is_crash) {
@@ -239,6 +273,18 @@ void Run::set_down(int number, int direction, bool is_down) {
       count > 0;
 }
 
+void Run::cut_from(const Fault& fault) {
+  const auto one = static_cast<std::size_t>(fault.machine);
+  const auto other = static_cast<std::size_t>(fault.value);
+  const bool is_both_ways = fault.kind == FaultKind::kCutFrom;
+  const auto add = [one, other, is_both_ways](int count) {
+    world->cuts[one][other] += count;
+    if (is_both_ways) world->cuts[other][one] += count;
+  };
+  add(1);
+  after(fault.length, [add] { add(-1); });
+}
+
 void Run::apply_to_link(const Fault& fault) {
   Path& path = world->paths[static_cast<std::size_t>(fault.machine)];
   const Path usual = setup_of(fault.machine).path;
@@ -276,7 +322,7 @@ void Run::apply_to_disk(const Fault& fault) {
   if (fault.kind == FaultKind::kHangingSync) {  // until all is well again
     disk.syncs_hang_until = std::min(world->now + fault.length, scenario_.length);
   }
-  if (fault.kind == FaultKind::kHangingSync && fault.machine == kServer) return;
+  if (fault.kind == FaultKind::kHangingSync && scenario_.is_server(fault.machine)) return;
   const auto place = static_cast<std::size_t>(fault.machine);
   bad_disk_until_[place] =
       std::max(bad_disk_until_[place], world->now + fault.length + 5 * kSecond);
@@ -356,7 +402,7 @@ void Run::visit(const Fault& fault) {
 }
 
 void Run::apply(const Fault& fault) {
-  trace(-1, "FAULT {}", to_string(fault));
+  trace(-1, "FAULT {}", to_string(fault, scenario_));
   const auto place = static_cast<std::size_t>(fault.machine);
   Machine& one = machine(fault.machine);
   switch (fault.kind) {
@@ -384,6 +430,9 @@ void Run::apply(const Fault& fault) {
       return take_servers_place(fault);
     case FaultKind::kVisit:
       return visit(fault);
+    case FaultKind::kCutFrom:
+    case FaultKind::kCutOneWay:
+      return cut_from(fault);
     case FaultKind::kSlowDisk:
     case FaultKind::kHangingSync:
     case FaultKind::kFailingDisk:
@@ -398,6 +447,7 @@ void Run::heal() {
   trace(-1, "ALL IS WELL AGAIN");
   actions_.clear();
   downs_ = {};
+  world->cuts = {};
   end_stranger();
   has_impostor_ = false;
   for (int i = 0; i < machines(); ++i) {
@@ -405,9 +455,8 @@ void Run::heal() {
     one.frozen_until = 0;
     one.calls_until_death = -1;
     one.disk.slow_until = one.disk.fails_until = one.disk.syncs_hang_until = 0;
-    if (i != kServer && !setup_of(i).has_small_disk) one.disk.capacity = kLargeDisk;
-    if (i == kServer) one.disk.capacity = kLargeDisk;
-    if (i != kServer) {
+    if (!scenario_.is_robot(i) || !setup_of(i).has_small_disk) one.disk.capacity = kLargeDisk;
+    if (scenario_.is_robot(i)) {
       Path& path = world->paths[static_cast<std::size_t>(i)];
       path.is_down = {};
       path.loss_one_in = 0;
@@ -423,7 +472,7 @@ const SessionFacts& Run::facts_of(int robot) const {
 }
 
 void Run::await_late_frames() {
-  for (int i = 1; i < machines(); ++i) {
+  for (int i = 1; i < robots_end(); ++i) {
     while (facts_of(i).spooled > 0) {
       const std::uint64_t before = facts_of(i).spooled;
       advance(world->now + settling_);
@@ -435,53 +484,56 @@ void Run::await_late_frames() {
   }
 }
 
-void Run::run() {
-  const Time begun = world->now;
-  begin(kServer);
-  for (int i = 1; i < machines(); ++i) begin_later(i, random_.between(0, 3 * kSecond));
-  for (const Fault& fault : scenario_.faults) at(begun + fault.at, [this, fault] { apply(fault); });
-  advance(begun + scenario_.length);
-  look_after_machines();
-  // A server whose disk failed acknowledges nothing until it is started again.
-  if (has_bad_disk(kServer)) die(kServer, false);
-  heal();
-  advance(world->now + settling_);
-  std::array<std::uint64_t, kMostMachines> before{};
-  for (int i = 1; i < machines(); ++i)
-    before[static_cast<std::size_t>(i)] = facts_of(i).acknowledged;
-  advance(world->now + settling_);
-  for (int i = 1; i < machines(); ++i) {
-    if (facts_of(i).acknowledged <= before[static_cast<std::size_t>(i)]) {
-      problem(fmt::format("robot{}: no frame is acknowledged although all is well", i));
-    }
-  }
-  await_late_frames();
-  is_ending_ = true;
-  for (int i = 1; i < machines(); ++i) signal(i, SIGTERM);
-  const auto is_any_running = [this] {
-    for (int i = 1; i < machines(); ++i) {
+/// Those machines are told to.
+void Run::await_end(int begin, int end) {
+  for (int i = begin; i < end; ++i) signal(i, SIGTERM);
+  const auto is_any_running = [begin, end] {
+    for (int i = begin; i < end; ++i) {
       if (machine(i).is_running) return true;
     }
     return false;
   };
   const Time limit = world->now + kLongestEnd;
   while (is_any_running() && world->now < limit) advance(world->now + 100 * kMillisecond);
-  for (int i = 1; i < machines(); ++i) {
+  for (int i = begin; i < end; ++i) {
     if (!machine(i).is_running) continue;
-    problem(fmt::format("robot{} does not end", i));
+    problem(fmt::format("{} does not end", machine(i).name.data()));
     die(i, false);
   }
-  advance(world->now + kLongestWay);
-  signal(kServer, SIGTERM);
-  const Time server_limit = world->now + kLongestEnd;
-  while (machine(kServer).is_running && world->now < server_limit) {
-    advance(world->now + 100 * kMillisecond);
+}
+
+void Run::run() {
+  const Time begun = world->now;
+  begin(kServer);
+  for (int i = robots_end(); i < machines(); ++i) begin(i);
+  for (int i = 1; i < robots_end(); ++i) begin_later(i, random_.between(0, 3 * kSecond));
+  for (const Fault& fault : scenario_.faults) at(begun + fault.at, [this, fault] { apply(fault); });
+  advance(begun + scenario_.length);
+  look_after_machines();
+  // A server whose disk failed acknowledges nothing until it is started again.
+  for (int i = 0; i < scenario_.servers; ++i) {
+    if (has_bad_disk(scenario_.server(i))) die(scenario_.server(i), false);
   }
-  if (machine(kServer).is_running) {
-    problem("the server does not end");
-    die(kServer, false);
+  heal();
+  advance(world->now + settling_);
+  std::array<std::uint64_t, kMostMachines> before{};
+  for (int i = 1; i < robots_end(); ++i)
+    before[static_cast<std::size_t>(i)] = facts_of(i).acknowledged;
+  advance(world->now + settling_);
+  for (int i = 1; i < robots_end(); ++i) {
+    if (facts_of(i).acknowledged <= before[static_cast<std::size_t>(i)]) {
+      problem(fmt::format("robot{}: no frame is acknowledged although all is well", i));
+    }
+  }
+  await_late_frames();
+  is_ending_ = true;
+  await_end(1, robots_end());
+  advance(world->now + kLongestWay);
+  for (int i = 0; i < scenario_.servers; ++i) {
+    await_end(scenario_.server(i), scenario_.server(i) + 1);
   }
   look_after_machines();
+  if (scenario_.is_fleet()) die(scenario_.etcd(), false);
 }
 
 }  // namespace orbbuf::simulation

@@ -26,7 +26,8 @@ struct Programs {
   Programs(const std::filesystem::path& build, int memory, const std::vector<std::string>& emulator)
       : robot(build / "daemon/orbbufd", library(build), memory, emulator),
         server(build / "server/orbbuf-server", library(build), memory, emulator),
-        stranger(build / "testing/simulation/orbbuf-stranger", library(build), memory, emulator) {}
+        stranger(build / "testing/simulation/orbbuf-stranger", library(build), memory, emulator),
+        etcd(build / "testing/simulation/orbbuf-etcd-model", library(build), memory, emulator) {}
   static std::filesystem::path library(const std::filesystem::path& build) {
     return build / "testing/simulation/liborbbuf-simulated.so";
   }
@@ -34,6 +35,7 @@ struct Programs {
   Program robot;
   Program server;
   Program stranger;
+  Program etcd;
 };
 
 /// A scenario from its first second until all machines have stopped in good order.
@@ -54,6 +56,12 @@ class Run {
     return bad_disk_until_[static_cast<std::size_t>(machine)];
   }
   bool has_bad_disk(int machine) const { return bad_disk_until(machine) > 0; }
+  bool has_bad_server_disk() const {
+    for (int i = 0; i < scenario_.servers; ++i) {
+      if (has_bad_disk(scenario_.server(i))) return true;
+    }
+    return false;
+  }
 
  private:
   void at(Time time, std::function<void()> what) { actions_.emplace(time, std::move(what)); }
@@ -67,6 +75,7 @@ class Run {
   void signal(int machine, int signal);
   void apply(const Fault& fault);
   void apply_to_link(const Fault& fault);
+  void cut_from(const Fault& fault);
   void apply_to_disk(const Fault& fault);
   void take_servers_place(const Fault& fault);
   void visit(const Fault& fault);
@@ -76,13 +85,16 @@ class Run {
   void await_late_frames();
   const SessionFacts& facts_of(int robot) const;
   void set_down(int machine, int direction, bool is_down);
+  void await_end(int begin, int end);
   std::vector<std::string> arguments_of(int machine) const;
+  std::vector<std::string> arguments_of_server(int machine) const;
   Program& program_of(int machine);
   const RobotSetup& setup_of(int robot) const {
     return scenario_.robots[static_cast<std::size_t>(robot - 1)];
   }
   int stranger() const { return machines(); }  ///< its machine
-  int machines() const { return static_cast<int>(scenario_.robots.size()) + 1; }
+  int machines() const { return scenario_.machines(); }
+  int robots_end() const { return scenario_.robots_end(); }
   void problem(std::string text) { problems_.push_back(std::move(text)); }
 
   const Scenario& scenario_;

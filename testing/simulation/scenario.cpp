@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 namespace orbbuf::simulation {
 namespace {
@@ -14,7 +15,8 @@ constexpr std::array<std::string_view, kFaultKinds> kNames = {
     "kill-at-call", "die-in-a-row",  "power-cut",    "power-cut-at-call",
     "stop",         "freeze",        "slow-disk",    "hanging-sync",
     "failing-disk", "full-disk",     "clock-step",   "impostor",
-    "visit"};
+    "visit",        "cut-from",      "cut-one-way"};
+constexpr std::uint64_t kKindsOfOneServer = 21;
 
 constexpr double kSlowest = 2500;  // bytes a second
 
@@ -130,7 +132,7 @@ Fault draw_fault(Random& random, const Scenario& scenario) {
   constexpr std::array kPlain = {FaultKind::kCut,  FaultKind::kKill,       FaultKind::kPowerCut,
                                  FaultKind::kStop, FaultKind::kNewAddress, FaultKind::kDieInARow};
   fault.kind = random.one_in(2) ? kPlain[random.below(kPlain.size())]
-                                : static_cast<FaultKind>(random.below(kFaultKinds));
+                                : static_cast<FaultKind>(random.below(kKindsOfOneServer));
   fault.machine = draw_machine(random, scenario.robots.size());
   if (is_of_robots(fault.kind) && fault.machine == kServer) {
     fault.machine = static_cast<int>(1 + random.below(scenario.robots.size()));
@@ -298,15 +300,107 @@ void make_many_starts(Scenario& scenario, Random& random) {
   }
 }
 
+RobotSetup draw_robot_of_fleet(Random& random, const Scenario& scenario) {
+  RobotSetup robot = draw_robot(random, scenario.length);
+  // Its kept frames may not come (docs/simulation.md).
+  const double on_their_way = robot.fps * 2 * static_cast<double>(robot.path.delay) / 1e9;
+  if (robot.has_spool && on_their_way > 1) robot.path.jitter = 0;
+  std::vector<int> all;
+  for (int i = 0; i < scenario.servers; ++i) all.push_back(scenario.server(i));
+  robot.servers.clear();
+  const std::size_t known = random.one_in(6) ? 1 : 2 + random.below(all.size() - 1);
+  while (robot.servers.size() < known) {
+    const auto one = all.begin() + static_cast<std::ptrdiff_t>(random.below(all.size()));
+    robot.servers.push_back(*one);
+    all.erase(one);
+  }
+  return robot;
+}
+
+Fault draw_fault_of_server(Random& random, const Scenario& scenario) {
+  constexpr std::array kKinds = {
+      FaultKind::kKill,        FaultKind::kKill,           FaultKind::kPowerCut,
+      FaultKind::kKillAtCall,  FaultKind::kPowerCutAtCall, FaultKind::kFreeze,
+      FaultKind::kFreeze,      FaultKind::kStop,           FaultKind::kDieInARow,
+      FaultKind::kHangingSync, FaultKind::kCutFrom,        FaultKind::kCutFrom,
+      FaultKind::kCutOneWay,   FaultKind::kCutOneWay};
+  Fault fault;
+  fault.machine =
+      scenario.server(static_cast<int>(random.below(static_cast<std::uint64_t>(scenario.servers))));
+  fault.kind = kKinds[random.below(kKinds.size())];
+  fault.length = draw_length(random, 200 * kMillisecond, 40 * kSecond);
+  draw_value(fault, random, scenario);
+  if (fault.kind == FaultKind::kDieInARow) fault.value = 2 + random.below(8);
+  if (fault.kind != FaultKind::kCutFrom && fault.kind != FaultKind::kCutOneWay) return fault;
+  const int other = random.one_in(2) ? scenario.etcd()
+                                     : static_cast<int>(1 + random.below(scenario.robots.size()));
+  fault.value = static_cast<std::uint64_t>(other);
+  if (fault.kind == FaultKind::kCutOneWay && random.one_in(2)) {
+    fault.value = static_cast<std::uint64_t>(std::exchange(fault.machine, other));
+  }
+  return fault;
+}
+
+Fault draw_fault_of_fleet(Random& random, const Scenario& scenario) {
+  Fault fault;
+  switch (random.below(8)) {
+    case 0:
+      fault.machine = scenario.etcd();
+      fault.kind = random.one_in(2) ? FaultKind::kKill : FaultKind::kFreeze;
+      fault.length = draw_length(random, 200 * kMillisecond, 40 * kSecond);
+      break;
+    case 1:
+    case 2:
+      do {
+        fault = draw_fault(random, scenario);
+      } while (!scenario.is_robot(fault.machine) || fault.kind == FaultKind::kVisit);
+      fault.length = std::min(fault.length, 60 * kSecond);
+      break;
+    default:
+      fault = draw_fault_of_server(random, scenario);
+  }
+  fault.at = random.between(kSecond, scenario.length);
+  return fault;
+}
+
+/// Servers that share robots, and etcd, which stands for a cluster and so keeps what it has.
+void make_fleet(Scenario& scenario, Random& random) {
+  scenario.servers = 2 + static_cast<int>(random.below(2));
+  scenario.sync = "ack";
+  scenario.length = draw_length(random, 60 * kSecond, 1200 * kSecond);
+  for (RobotSetup& robot : scenario.robots) robot = draw_robot_of_fleet(random, scenario);
+  scenario.faults.clear();
+  const auto minutes = static_cast<std::uint64_t>(scenario.length / (60 * kSecond));
+  for (std::uint64_t i = 2 + random.below(4 + 2 * minutes); i > 0; --i) {
+    Fault fault = draw_fault_of_fleet(random, scenario);
+    if (!scenario.faults.empty() && random.one_in(2)) {  // more at a time
+      const Fault& other = scenario.faults[random.below(scenario.faults.size())];
+      const Time until = random.one_in(3) ? kSecond : other.length + 5 * kSecond;
+      fault.at = std::clamp(other.at + random.between(-kSecond, until), kSecond, scenario.length);
+    }
+    scenario.faults.push_back(fault);
+  }
+}
+
 }  // namespace
 
 std::string_view to_string(FaultKind kind) { return kNames[static_cast<std::size_t>(kind)]; }
 
-std::string to_string(const Fault& fault) {
-  const auto who = fault.machine == kServer ? "server" : fmt::format("robot{}", fault.machine);
-  return fmt::format("{:.3f} s: {} of {}, {:.3f} s, value {}", static_cast<double>(fault.at) / 1e9,
-                     to_string(fault.kind), who, static_cast<double>(fault.length) / 1e9,
-                     static_cast<std::int64_t>(fault.value));
+std::string Scenario::name_of(int machine) const {
+  if (is_robot(machine)) return fmt::format("robot{}", machine);
+  if (is_fleet() && machine == etcd()) return "etcd";
+  if (machine >= machines()) return "stranger";
+  if (!is_fleet()) return "server";
+  return fmt::format("server{}", machine == kServer ? 1 : machine - robots_end() + 2);
+}
+
+std::string to_string(const Fault& fault, const Scenario& scenario) {
+  const bool has_other = fault.kind == FaultKind::kCutFrom || fault.kind == FaultKind::kCutOneWay;
+  const auto value = static_cast<std::int64_t>(fault.value);
+  return fmt::format("{:.3f} s: {} of {}, {:.3f} s, {} {}", static_cast<double>(fault.at) / 1e9,
+                     to_string(fault.kind), scenario.name_of(fault.machine),
+                     static_cast<double>(fault.length) / 1e9, has_other ? "other" : "value",
+                     has_other ? scenario.name_of(static_cast<int>(value)) : std::to_string(value));
 }
 
 Scenario draw_scenario(std::uint64_t seed) {
@@ -340,6 +434,8 @@ Scenario draw_scenario(std::uint64_t seed) {
     make_many_starts(scenario, random);
   } else if (kind % 5 == 3) {
     make_outages(scenario, random);
+  } else if (kind % 10 == 1) {
+    make_fleet(scenario, random);
   }
   std::sort(scenario.faults.begin(), scenario.faults.end(),
             [](const Fault& a, const Fault& b) { return a.at < b.at; });
@@ -347,9 +443,10 @@ Scenario draw_scenario(std::uint64_t seed) {
 }
 
 std::string to_string(const Scenario& scenario) {
-  auto text = fmt::format("seed {}: {:.0f} s, {} robots, sync {}\n", scenario.seed,
-                          static_cast<double>(scenario.length) / 1e9, scenario.robots.size(),
-                          scenario.sync);
+  auto text =
+      fmt::format("seed {}: {:.0f} s, {} robots, sync {}{}\n", scenario.seed,
+                  static_cast<double>(scenario.length) / 1e9, scenario.robots.size(), scenario.sync,
+                  scenario.is_fleet() ? fmt::format(", {} servers", scenario.servers) : "");
   for (std::size_t i = 0; i < scenario.robots.size(); ++i) {
     const RobotSetup& robot = scenario.robots[i];
     text += fmt::format(
@@ -362,9 +459,13 @@ std::string to_string(const Scenario& scenario) {
                                : "large",
         robot.path.bytes_per_second, static_cast<double>(robot.path.delay) / 1e6,
         static_cast<double>(robot.path.queue) / 1e6);
+    if (!scenario.is_fleet()) continue;
+    text += "    knows";
+    for (const int server : robot.servers) text += " " + scenario.name_of(server);
+    text += '\n';
   }
   for (std::size_t i = 0; i < scenario.faults.size(); ++i) {
-    text += fmt::format("  fault {} at {}\n", i, to_string(scenario.faults[i]));
+    text += fmt::format("  fault {} at {}\n", i, to_string(scenario.faults[i], scenario));
   }
   return text;
 }

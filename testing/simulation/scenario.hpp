@@ -12,7 +12,7 @@
 namespace orbbuf::simulation {
 
 inline constexpr std::uint64_t kBufferBytes = 1 << 20;
-inline constexpr int kServer = 0;  ///< its machine; the robots follow
+inline constexpr int kServer = 0;  ///< its machine; the robots follow, then what else a fleet has
 
 enum class FaultKind : std::uint8_t {
   kCut,  ///< of the link, both ways
@@ -36,8 +36,10 @@ enum class FaultKind : std::uint8_t {
   kClockStep,  ///< value: seconds, as a signed number
   kImpostor,   ///< in the server's place for `length`; value: what it answers
   kVisit,      ///< by a stranger that says it is that robot; value: what it does
+  kCutFrom,    ///< of a fleet's machine; value: the other one, nothing gets through
+  kCutOneWay,  ///< likewise, what it sends the other one
 };
-inline constexpr int kFaultKinds = 21;
+inline constexpr int kFaultKinds = 23;
 std::string_view to_string(FaultKind kind);
 
 struct Fault {
@@ -47,8 +49,6 @@ struct Fault {
   Time length = 0;
   std::uint64_t value = 0;
 };
-std::string to_string(const Fault& fault);
-
 struct RobotSetup {
   double fps = 5;
   std::string policy = "catch-up";
@@ -58,6 +58,7 @@ struct RobotSetup {
   bool has_small_disk = false;
   bool has_no_clock = false;  ///< each start after a power cut begins at the same time
   Path path;
+  std::vector<int> servers{kServer};  ///< those that it knows, in that order
 
   bool has_record() const { return has_spool || has_drop_log; }
 };
@@ -69,7 +70,20 @@ struct Scenario {
   Time sync_time = 0;
   std::vector<RobotSetup> robots;
   std::vector<Fault> faults;
+  int servers = 1;  ///< more: a fleet, with etcd
+
+  bool is_fleet() const { return servers > 1; }
+  int robots_end() const { return static_cast<int>(robots.size()) + 1; }
+  bool is_robot(int machine) const { return machine > kServer && machine < robots_end(); }
+  int server(int number) const { return number == 0 ? kServer : robots_end() + number - 1; }
+  bool is_server(int machine) const {
+    return machine == kServer || (machine >= robots_end() && machine < server(servers));
+  }
+  int etcd() const { return server(servers); }  ///< of a fleet
+  int machines() const { return is_fleet() ? etcd() + 1 : robots_end(); }
+  std::string name_of(int machine) const;
 };
+std::string to_string(const Fault& fault, const Scenario& scenario);
 
 Scenario draw_scenario(std::uint64_t seed);
 std::string to_string(const Scenario& scenario);

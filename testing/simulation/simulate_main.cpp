@@ -36,6 +36,7 @@ constexpr int kSecondsASeed = 300;  // of this machine's time; beyond that it ha
 struct Options {
   std::uint64_t seed = 1;
   std::uint64_t seeds = 1;
+  std::uint64_t step = 1;
   double hours = 0;
   double minutes = 0;
   bool has_trace = false;
@@ -215,7 +216,8 @@ void work(const Options& options, Progress& progress, const std::vector<std::uin
   while (!is_enough(options, progress, begun)) {
     const bool is_of_corpus = progress.seeds < corpus.size();
     if (!corpus.empty() && !is_of_corpus) break;
-    progress.seed = is_of_corpus ? corpus[progress.seeds] : options.seed + progress.seeds;
+    progress.seed =
+        is_of_corpus ? corpus[progress.seeds] : options.seed + options.step * progress.seeds;
     ++progress.seeds;
     Scenario scenario = draw_scenario(progress.seed);
     Outcome outcome = worker.run(scenario);
@@ -316,6 +318,8 @@ int main(int argc, char** argv) try {
       std::filesystem::canonical("/proc/self/exe").parent_path().parent_path().parent_path();
   app.add_option("--seed", options.seed, "The first seed").value_name("N");
   app.add_option("--seeds", options.seeds, "So many seeds").value_name("N");
+  app.add_option("--step", options.step, "From a seed to the next one; 10: seeds of one kind")
+      .value_name("N");
   app.add_option("--hours", options.hours, "Seeds until that much virtual time").value_name("N");
   app.add_option("--minutes", options.minutes, "Seeds for that much time of this machine")
       .value_name("N");

@@ -152,6 +152,7 @@ void make_world(int memory, std::uint64_t seed) {
   map_world(memory);
   new (world) World;  // the bytes of connections are zero, and are not touched
   world->random.state = seed;
+  for (int i = 0; i < kMostMachines; ++i) world->at_address[static_cast<std::size_t>(i)] = i;
   this_thread = kController;
   world->threads[kController].state = State::kRunnable;
 }
@@ -288,8 +289,7 @@ void trace_line(int number, std::string_view text) {
     world->hash = (world->hash ^ static_cast<unsigned char>(c)) * 0x100000001B3U;
   world->hash = (world->hash ^ static_cast<std::uint64_t>(world->now)) * 0x100000001B3U;
   if (world->trace < 0) return;
-  std::string name = "world";
-  if (number >= 0) name = number == world->server ? "server" : fmt::format("robot{}", number);
+  const std::string_view name = number < 0 ? "world" : machine(number).name.data();
   const auto line =
       fmt::format("{:>14.6f} {:<7} {}\n", static_cast<double>(world->now) / 1e9, name, text);
   raw_call(SYS_write, world->trace, reinterpret_cast<long>(line.data()),

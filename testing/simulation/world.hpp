@@ -103,21 +103,23 @@ struct Endpoint {
   Time user_timeout = 0;
 };
 
-/// End 0 is the robot's.
+/// End 0 is of the machine that opened it: a robot, or a server that asks etcd.
 struct Connection {
   bool is_used = false;
-  bool is_dead = false;  ///< the robot's address has changed: nothing gets through any more
+  bool is_dead = false;  ///< the first end's address has changed: nothing gets through any more
   bool is_queued = false;
   std::uint32_t generation = 0;
   std::uint32_t attempt = 0;  ///< of the first packet
-  int path = 0;               ///< the robot's machine
+  int path = 0;               ///< the machine that opened it, whose path it goes
+  int to = 0;                 ///< the machine whose address it was opened to
+  std::uint16_t to_port = 0;
   std::uint16_t port = 0;
   Time opened = 0;
   std::array<Endpoint, 2> ends;
   std::array<Half, 2> halves;  ///< by who writes
 };
 
-/// Between a robot and the server; 0: to the server.
+/// Between a machine and those that it connects to; 0: from it.
 struct Path {
   std::array<bool, 2> is_down{};
   std::array<Time, 2> busy_until{};
@@ -140,7 +142,18 @@ struct Disk {
   Time sync_time = 0;  ///< of each sync
 };
 
+inline constexpr int kMostQueued = 128;
+
+/// Where a program waits for connections.
+struct Listener {
+  std::uint16_t port = 0;  ///< 0: it does not
+  int queue_used = 0;
+  std::uint32_t changes = 0;
+  std::array<int, kMostQueued> queue{};
+};
+
 struct Machine {
+  std::array<char, 16> name{};
   bool is_on = false;       ///< has power
   bool is_running = false;  ///< its program runs
   bool has_ended = false;   ///< by itself, since its last start
@@ -156,6 +169,7 @@ struct Machine {
   int signal = 0;         ///< to be handled
   int mutex_waiters = 0;  ///< of its threads
   std::uint32_t network_news = 0;
+  Listener listener;
   Disk disk;
 };
 
@@ -174,10 +188,11 @@ struct SessionFacts {
   Time ended = kNever;
   bool was_killed = false;
   bool lost_power = false;
-  bool has_closed = false;   ///< by itself
-  std::uint64_t left = 0;    ///< frames that it had not delivered then
-  int stops = 0;             ///< signals; the second one ends it at once
-  bool was_visited = false;  ///< by a stranger, in its name
+  bool has_closed = false;     ///< by itself
+  std::uint64_t left = 0;      ///< frames that it had not delivered then
+  int stops = 0;               ///< signals; the second one ends it at once
+  bool was_visited = false;    ///< by a stranger, in its name
+  bool was_forgotten = false;  ///< a server knew less than had been acknowledged
 };
 
 struct Event {
@@ -209,15 +224,13 @@ struct World {
   std::array<Thread, kMostThreads> threads;
   std::array<Machine, kMostMachines> machines;
   std::array<Path, kMostMachines> paths;
+  std::array<std::array<int, kMostMachines>, kMostMachines>
+      cuts;                                   ///< what one sends another is lost
+  std::array<int, kMostMachines> at_address;  ///< who answers there, but for a stranger the machine
   std::array<Event, kMostEvents> events;
   int sessions_used = 0;
   std::array<SessionFacts, kMostSessions> sessions;
   std::array<Connection, kMostConnections> connections;
-  bool is_listening = false;
-  int server = -1;  ///< the machine that listens
-  int queue_used = 0;
-  std::uint32_t listener_changes = 0;
-  std::array<int, kMostConnections> queue;
   std::array<std::array<Time, 64>, kMostMachines> attempts;  ///< the last ones, a ring
   std::array<std::uint64_t, kMostMachines> attempts_made;
   std::array<std::uint64_t, kMostMachines> most_attempts;  ///< in a second

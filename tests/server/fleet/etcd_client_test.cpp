@@ -154,6 +154,75 @@ TEST_F(EtcdClientTest, KeysGoWithTheirLease) {
   EXPECT_FALSE(keep().value());
 }
 
+TEST_F(EtcdClientTest, KeysGoWhenTheirLeaseIsNotKeptAlive) {
+  const auto lease =
+      await<std::int64_t>([&](auto done) { client_->async_grant(std::chrono::seconds(1), done); });
+  ASSERT_TRUE(lease) << lease.error().text;
+  const auto put = txn({{}, {{"/l", "x", lease.value()}}, {}});
+  EXPECT_THAT(range("/l"), ElementsAre(KeyValue{"/l", "x", put.revision}));
+  while (!range("/l").empty()) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  EXPECT_FALSE(
+      await<bool>([&](auto done) { client_->async_keep_alive(lease.value(), done); }).value());
+  EXPECT_EQ(txn({}).revision, put.revision + 1);
+}
+
+TEST_F(EtcdClientTest, AKeyWithoutItsLeaseStays) {
+  const auto lease =
+      await<std::int64_t>([&](auto done) { client_->async_grant(std::chrono::seconds(60), done); });
+  ASSERT_TRUE(lease) << lease.error().text;
+  txn({{}, {{"/l", "x", lease.value()}}, {}});
+  txn({{}, {{"/l", "y"}}, {}});
+  EXPECT_TRUE(await<bool>([&](auto done) { client_->async_revoke(lease.value(), done); }));
+  EXPECT_EQ(range("/l").at(0).value, "y");
+  const auto refused = txns({{{}, {{"/m", "x", lease.value()}}, {}}});
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().text, HasSubstr("requested lease not found"));
+}
+
+TEST_F(EtcdClientTest, TheChangesOfARequestHaveOneRevision) {
+  const auto first = txn({{}, {{"/a", "1"}, {"/b", "1"}}, {}});
+  EXPECT_THAT(range("/"), ElementsAre(KeyValue{"/a", "1", first.revision},
+                                      KeyValue{"/b", "1", first.revision}));
+  EXPECT_EQ(txn({{{"/a", 99}}, {{"/a", "2"}}, {}}).revision, first.revision);
+  EXPECT_EQ(txn({{}, {{"/a", "3"}}, {}}).revision, first.revision + 1);
+}
+
+TEST_F(EtcdClientTest, AllComparisonsOfARequestAreMadeBeforeItsChanges) {
+  const auto outcomes = txns({{{}, {{"/a", "1"}}, {}}, {{{"/a", 0}}, {{"/b", "1"}}, {"/a"}}});
+  ASSERT_TRUE(outcomes) << outcomes.error().text;
+  EXPECT_TRUE(outcomes.value()[1].is_done);
+  EXPECT_NE(outcomes.value()[1].find("/a"), nullptr);
+}
+
+TEST_F(EtcdClientTest, ARangeIsInOrderAndMayBeginLaterAndEndSooner) {
+  for (const std::string key : {"/r/b", "/r/\xff", "/r/a", "/r/c", "/s"})
+    txn({{}, {{key, ""}}, {}});
+  const auto keys = [this](KeyRange which) {
+    const auto found = await<std::vector<KeyValue>>(
+        [&](auto done) { client_->async_range(std::move(which), done); });
+    std::vector<std::string> names;
+    for (const KeyValue& key : found.value()) names.push_back(key.key);
+    return names;
+  };
+  EXPECT_THAT(keys(KeyRange("/r/")), ElementsAre("/r/a", "/r/b", "/r/c", "/r/\xff"));
+  EXPECT_THAT(keys(KeyRange("/r/", "b", 2)), ElementsAre("/r/b", "/r/c"));
+}
+
+TEST_F(EtcdClientTest, AnEtcdThatIsStartedAgainHasWhatItHad) {
+  const auto lease =
+      await<std::int64_t>([&](auto done) { client_->async_grant(std::chrono::seconds(60), done); });
+  ASSERT_TRUE(lease) << lease.error().text;
+  const auto put = txn({{}, {{"/a", "1", lease.value()}, {"/b", "2"}}, {}});
+  etcd_->kill();
+  etcd_->start();
+  EXPECT_THAT(range("/"),
+              ElementsAre(KeyValue{"/a", "1", put.revision}, KeyValue{"/b", "2", put.revision}));
+  EXPECT_TRUE(
+      await<bool>([&](auto done) { client_->async_keep_alive(lease.value(), done); }).value());
+  EXPECT_TRUE(await<bool>([&](auto done) { client_->async_revoke(lease.value(), done); }));
+  EXPECT_THAT(range("/"), ElementsAre(KeyValue{"/b", "2", put.revision}));
+}
+
 TEST_F(EtcdClientTest, TheNextEndpointIsAskedWhenOneDoesNotAnswer) {
   make({*parse("127.0.0.1:" + std::to_string(test::free_ports(1)[0])), *parse(etcd_->endpoint())});
   EXPECT_TRUE(txn({{}, {{"/x", "1"}}, {}}).is_done);
