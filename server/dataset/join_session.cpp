@@ -222,6 +222,10 @@ Result<JoinReport> join_session(const std::vector<fs::path>& segments, const fs:
     if (!outline) return std::move(outline).error();
     parts.push_back({folder, std::move(outline).value()});
   }
+  if (parts.empty()) {
+    return Error{fmt::format("cannot join {}: no journal in any of the {} folders", out.string(),
+                             segments.size())};
+  }
   if (parts.empty()) return Error{"no segment of the session was found"};
   // A server that has only late frames made a folder of the first epoch, whatever was there before.
   std::ranges::stable_sort(parts, {}, [](const Part& part) {

@@ -237,6 +237,16 @@ TEST_F(JoinSession, AFrameWhoseImageAPowerCutTookIsNotThere) {
   }
 }
 
+TEST_F(JoinSession, WithoutAnyJournalThereIsNoSession) {
+  for (const char* name : {"a", "b"}) {
+    segments_.push_back(folder_ / name);
+    std::filesystem::create_directories(segments_.back());
+  }
+  const auto joined = join_session(segments_, folder_ / "out");
+  ASSERT_FALSE(joined);
+  EXPECT_THAT(joined.error().text, HasSubstr("no journal in any of the 2 folders"));
+}
+
 TEST_F(JoinSession, FramesWithDifferentBytesAreAProblem) {
   record("a", {}, {0, 1}, {});
   EncodedFrame other = *test::jpeg_frame_ptr(7, 16, 16);
