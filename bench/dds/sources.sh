@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # A camera by its topic of ROS 2 against one that orbbufd captures itself (the generated scene), 25 images of 320x240 a
 # second each, through the same link in the same run, with cuts of 2 s, as ROS 2 readers at the server see them. And what
-# a TurtleBot3's other topics cost: one orbbufd has the camera alone, one has them too. In a network namespace of its own.
+# a TurtleBot3's other topics cost: one orbbufd has the camera alone, one has them too. The topic's images are the first 50
+# of the camera, so that all are of a size. In a network namespace of its own.
 # --device: a V4L2 camera, with 320x180, instead of the scene.
 # Usage: bench/dds/sources.sh BUILD_FOLDER [--cuts N] [--device FILE]
 set -euo pipefail
@@ -27,9 +28,7 @@ until_true 'the server listens' says server 'listening on'
 address=$(sed -n 's/.*listening on //p' "$work/server.log" | head -n 1)
 mode=(--set source.width=320 --set "source.height=$height" --set source.fps=25)
 scene=(--set source.kind=generated "${mode[@]}")
-"$build/daemon/orbbufd" --set robot.id=pictures --set "link.server=$address" "${scene[@]}" --set source.realtime=false \
-  --set source.frames=50 >"$work/pictures.log" 2>&1 || fail "the pictures ended with $?"
-
+images_of_pictures() { [ "$(cat "$work"/data/pictures/*/times.txt 2>/dev/null | wc -l)" -ge "$1" ]; } # COUNT
 robots=(captured topic all)
 declare -A pid_of
 for robot in "${robots[@]}"; do
@@ -39,6 +38,17 @@ run_robot() { # NAME SETTING...
   start "$1" "$build/daemon/orbbufd" --set "robot.id=$1" --set "link.server=$address" "${@:2}"
   pid_of[$1]=${pids[-1]}
 }
+run_captured() { # NAME: frames of the camera
+  if [ -n "$device" ]; then
+    run_robot "$1" --set source.kind=v4l2 --set "source.device=$device" --set source.format=YUYV "${mode[@]}"
+  else
+    run_robot "$1" "${scene[@]}" --set source.frames=100000
+  fi
+}
+run_captured pictures # which the topic has, too
+until_true 'there are pictures' images_of_pictures 50
+kill -TERM "${pid_of[pictures]}"
+wait "${pid_of[pictures]}" || fail "the pictures ended with $?"
 camera=(--set source.kind=ros2 --set source.topic=/image_raw/compressed)
 streams=()
 for topic in imu odom tf tf_static scan; do
@@ -47,11 +57,7 @@ done
 run_robot topic "${camera[@]}"
 run_robot all "${camera[@]}" "${streams[@]}"
 start writer "$build/bench/orbbuf-dds-topic-writer" $((cuts * 10 + 10)) 1 "$work"/data/pictures/*/images/*.jpg
-if [ -n "$device" ]; then
-  run_robot captured --set source.kind=v4l2 --set "source.device=$device" --set source.format=YUYV "${mode[@]}"
-else
-  run_robot captured "${scene[@]}" --set source.frames=100000
-fi
+run_captured captured
 for robot in "${robots[@]}"; do until_true "images of $robot" grep -q '^[0-9]' "$work/by-$robot.log"; done
 ticks() { awk '{ print $14 + $15 }' "/proc/${pid_of[$1]}/stat"; }
 declare -A before
