@@ -72,7 +72,7 @@ void SampleQueue::make_room() {
   give_up(victim);
 }
 
-SampleQueue::Entries::iterator SampleQueue::give_up(Entries::iterator victim) {
+SampleQueue::Entries::iterator SampleQueue::give_up(const Entries::iterator& victim) {
   const std::uint64_t number = victim->number;
   bytes_ -= kBytesPerSample + message_bytes(victim->sample);
   const auto next = waiting_.erase(victim);

@@ -106,7 +106,7 @@ class SampleQueue {
 
   static bool add(const Entry& entry, Batch& batch);
   void make_room();
-  Entries::iterator give_up(Entries::iterator victim);
+  Entries::iterator give_up(const Entries::iterator& victim);
   bool is_of_sent_frame(const Entry& entry) const;
   void give_up_between(std::int64_t first_ns, std::int64_t last_ns);
   void give_up_passed();
