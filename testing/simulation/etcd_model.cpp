@@ -231,8 +231,7 @@ class Etcd {
     std::int64_t count = 0;
     json kvs = json::array();
     for (auto at = items_.lower_bound(first); at != behind && at != items_.end(); ++at) {
-      if (limit > 0 && count++ >= limit) continue;
-      if (limit == 0) ++count;
+      if (++count > limit && limit > 0) continue;
       const auto& [key, item] = *at;
       kvs.push_back({{"key", to_base64(key)},
                      {"value", item.value},

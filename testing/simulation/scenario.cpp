@@ -16,7 +16,7 @@ constexpr std::array<std::string_view, kFaultKinds> kNames = {
     "stop",         "freeze",        "slow-disk",    "hanging-sync",
     "failing-disk", "full-disk",     "clock-step",   "impostor",
     "visit",        "cut-from",      "cut-one-way"};
-constexpr std::uint64_t kKindsOfOneServer = 21;
+constexpr auto kKindsOfOneServer = static_cast<std::uint64_t>(FaultKind::kCutFrom);
 
 constexpr double kSlowest = 2500;  // bytes a second
 

@@ -49,6 +49,7 @@ struct Fault {
   Time length = 0;
   std::uint64_t value = 0;
 };
+
 struct RobotSetup {
   double fps = 5;
   std::string policy = "catch-up";
