@@ -134,7 +134,7 @@ void Listener::on_accepted(tcp::socket socket) {
   if (gone) return;
   if (const std::string why = make_room(address); !why.empty()) return turn_away(socket, why);
   auto connection = std::make_shared<Connection>(std::move(socket), tls_, settings_.listen, *this);
-  connections_.insert(connection);
+  connections_.push_back(connection);
   connection->start();
 }
 
@@ -183,11 +183,13 @@ void Listener::on_hello(const std::shared_ptr<Connection>& connection, const wir
     if (wait_for(key, connection)) enter(key, info);
     return;
   }
-  if (known != sessions_.end()) {
-    if (known->second->is_closing()) return connection->refuse("the session is being closed");
-    return connection->join(known->second);
+  if (known == sessions_.end()) {
+    if (wait_for(key, connection)) open(key, info, {});
+  } else if (known->second->is_closing()) {
+    if (wait_for(key, connection)) reopen_[key] = [this, key, info] { open(key, info, {}); };
+  } else {
+    connection->join(known->second);
   }
-  if (wait_for(key, connection)) open(key, info, {});
 }
 
 /// It will go on trying, several times a second.
@@ -228,15 +230,17 @@ void Listener::on_entered(const SessionKey& key, SessionInfo info,
     info.segment = granted->segment;
     return open(key, info, *granted);
   }
+  const bool is_stale = granted != nullptr && known->second->claim() != granted->claim;
+  if (is_stale || (granted != nullptr && known->second->is_closing())) {
+    reopen_[key] = [this, key, info] { enter(key, info); };
+    return known->second->close(SessionEnd::kMoved);
+  }
   const auto connection = take_waiting(key);
   if (!connection) return;
   if (!outcome) return refuse(*connection, outcome.error().text);
   if (granted == nullptr) {
     return connection->move(std::get<SessionClaims::Moved>(outcome.value()).address);
   }
-  const bool is_stale = known->second->claim() != granted->claim;
-  if (is_stale) known->second->close(SessionEnd::kMoved);
-  if (known->second->is_closing()) return connection->refuse("the session is being closed");
   connection->join(known->second);
 }
 
@@ -261,7 +265,14 @@ void Listener::on_session_closed(const SessionKey& key) {
   sessions_.erase(key);
   if (moved_) asio::post(main_, [this] { move_next(); });
   if (stores_) stores_->on_closed(key.first, key.second);
+  if (reopen_.contains(key)) asio::post(main_, [this, key] { reopen(key); });
   check_stopped();
+}
+
+void Listener::reopen(const SessionKey& key) {
+  const auto next = reopen_.extract(key);
+  if (opening_.at(key)) return next.mapped()();
+  take_waiting(key);
 }
 
 /// Empty if there is none.
@@ -336,7 +347,7 @@ void Listener::on_opened(const SessionKey& key, SessionInfo info, SessionClaims:
 }
 
 void Listener::on_closed(const std::shared_ptr<Connection>& connection) {
-  connections_.erase(connection);
+  std::erase(connections_, connection);
   for (auto& [key, waiting] : opening_) {
     if (waiting == connection) waiting = nullptr;
   }

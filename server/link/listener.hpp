@@ -11,7 +11,6 @@
 #include <map>
 #include <memory>
 #include <optional>
-#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -106,6 +105,7 @@ class Listener final : public ConnectionOwner {
   void on_entered(const SessionKey& key, SessionInfo info, const SessionClaims::Outcome& outcome);
   void move_next();
   void on_session_closed(const SessionKey& key);
+  void reopen(const SessionKey& key);
   std::shared_ptr<Connection> take_waiting(const SessionKey& key);
   void refuse(Connection& connection, const std::string& why);
   void open(const SessionKey& key, const SessionInfo& info, SessionClaims::Granted granted);
@@ -125,11 +125,12 @@ class Listener final : public ConnectionOwner {
   boost::asio::steady_timer beat_;
   bool is_accept_failing_ = false;
   LogLimit crowding_{std::chrono::seconds{10}};
-  std::vector<std::string> allowed_;  // robots; empty: all
-  std::set<std::shared_ptr<Connection>> connections_;
-  /// The sessions that `pool` reads from the disk at the moment, and the newest connection that
-  /// waits for each; null: none does any more.
+  std::vector<std::string> allowed_;                      // robots; empty: all
+  std::vector<std::shared_ptr<Connection>> connections_;  // in the order in which they came
+  /// The sessions that are not open yet: the claims are asked, `pool` reads the disk, or an earlier
+  /// one ends; and the newest connection that waits for each; null: none does any more.
   std::map<SessionKey, std::shared_ptr<Connection>> opening_;
+  std::map<SessionKey, std::function<void()>> reopen_;  // of these, what follows that end
   std::map<SessionKey, std::shared_ptr<Session>> sessions_;
   SessionClaims* claims_ = nullptr;                     // null: this server is alone
   std::function<void(std::vector<SessionKey>)> moved_;  // set: moving all

@@ -10,6 +10,7 @@
 #include <memory>
 #include <optional>
 #include <stdexcept>
+#include <utility>
 
 #include "tests/server/frames.hpp"
 #include "tests/server/link/listener_fixture.hpp"
@@ -57,6 +58,15 @@ class HeldClaims final : public SessionClaims {
   std::function<void(Outcome)> entered_;
 };
 
+/// Allows nothing to be acknowledged.
+class SilentClaim final : public SessionClaim {
+ public:
+  void async_may_acknowledge(const wire::Position& /*position*/, Answer /*answer*/) override {}
+  void hurry() override {}
+  void leave(bool /*has_ended*/) override {}
+  wire::Position acknowledged_before() const override { return {}; }
+};
+
 /// A listener whose `main` is the test's thread, and a robot whose hello waits for the claims.
 class HeldHelloTest : public ListenerTest {
  protected:
@@ -98,6 +108,23 @@ TEST_F(HeldHelloTest, OneThatIsNotAllowedAnyMoreWhenItsSessionIsOpenIsRefused) {
   const auto error = robot_->error();
   ASSERT_TRUE(error);
   EXPECT_EQ(error->text, "r is not among listen.robots any more");
+}
+
+TEST_F(HeldHelloTest, ARobotThatComesBackToASessionThatAnotherServerHadMeanwhileIsServedAtOnce) {
+  std::exchange(claims_.entered_, nullptr)(SessionClaims::Granted{});
+  while (!held_.has_session("r", "s") || !has_answer(*robot_, 0)) main_.run_one();
+  EXPECT_TRUE(robot_->welcome());
+  const RobotClient again(held_.endpoint().port());
+  again.send_hello("r", "s");
+  while (!claims_.entered_) main_.run_one();
+  // It is asked once more when the session from before is closed.
+  const auto claim = std::make_shared<SilentClaim>();
+  std::exchange(claims_.entered_, nullptr)(SessionClaims::Granted{claim, {}, {}});
+  while (!claims_.entered_ && !has_answer(again, 0)) main_.run_one();
+  ASSERT_TRUE(claims_.entered_);
+  claims_.entered_(SessionClaims::Granted{claim, {}, {}});
+  while (!has_answer(again, 0)) main_.run_one();
+  EXPECT_TRUE(again.welcome());
 }
 
 TEST_F(ListenerTest, TwoRobotsAreServedAtOnce) {
