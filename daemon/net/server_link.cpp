@@ -468,10 +468,13 @@ bool ServerLink::is_silent() const {
          ack_watch_.silent_for() >= std::max(kSilence, 4 * pace_.round_trip());
 }
 
+/// A candidate that the same server has is no better.
 void ServerLink::on_silence() {
   const auto silent = connection_;
+  const Address& from = silent->way().to.server;
   silent->close();
-  leave(silent->way().to.server, Clock::now());
+  if (addresses_.count() > 1 && candidate_ && candidate_->way().to.server == from) end_stall();
+  leave(from, Clock::now());
   on_connection_lost(*silent, {fmt::format("the server has acknowledged no frame for {:.1f} s",
                                            to_seconds(ack_watch_.silent_for()))});
 }
@@ -480,11 +483,16 @@ void ServerLink::on_silence() {
 /// through, and the server says which of the two it has left.
 void ServerLink::on_recovered() {
   if (state_ != State::kStalled || (candidate_ && candidate_->has_said_hello())) return;
+  end_stall();
+  log_info("link: connection to {} recovered", to_string(server()));
+}
+
+/// No other connection is begun any more.
+void ServerLink::end_stall() {
   state_ = State::kConnected;
   close_attempts();
   if (candidate_) candidate_->close();
   candidate_.reset();
-  log_info("link: connection to {} recovered", to_string(server()));
 }
 
 }  // namespace orbbuf

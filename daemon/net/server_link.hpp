@@ -213,6 +213,7 @@ class ServerLink final : private ServerConnection::Owner {
   void check_connection();
   void on_silence();
   void on_recovered();
+  void end_stall();
 
   boost::asio::io_context& io_;
   const LinkSettings settings_;

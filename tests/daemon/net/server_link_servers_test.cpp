@@ -19,9 +19,9 @@ using test::LinkRig;
 using test::ScriptedServer;
 using wire::ErrorCode;
 
-class ServerLinkServers : public ::testing::Test, protected LinkRig {
+class TwoServersRig : protected LinkRig {
  protected:
-  ~ServerLinkServers() override { stop(); }  // before the log and the other server
+  ~TwoServersRig() { stop(); }  // before the log and the other server
   /// Attempts that nothing but the next interval would begin do not come within the test.
   void only_at_once() { settings_.attempt_interval = std::chrono::hours(1); }
   void start_with_both() { start({address_of(a_), address_of(b_)}); }
@@ -65,6 +65,8 @@ class ServerLinkServers : public ::testing::Test, protected LinkRig {
   ScriptedServer& a_ = server_;
   ScriptedServer b_;
 };
+
+class ServerLinkServers : public ::testing::Test, protected TwoServersRig {};
 
 TEST_F(ServerLinkServers, TheFirstIsTriedFirst) {
   only_at_once();
@@ -244,6 +246,29 @@ TEST_F(ServerLinkServers, AServerThatStandsStillIsLeftForAnother) {
   b_.welcome({});
   expect_connected_to(b_);
   EXPECT_EQ(log_.lines("has acknowledged no frame for 1.").size(), 1U);
+}
+
+/// The link stalls, too: another connection to that server is begun, and says hello.
+TEST(ServerLinkInNetwork, NeitherIsAServerThatStandsStillAndWhoseKernelAnswers) {
+  struct Rig : TwoServersRig {
+    void run() {
+      start_on_a_of_a_fleet();
+      ASSERT_EQ(test::run({"ip", "link", "set", "lo", "down"}).status, 0);
+      ask([](ServerLink& link) { return link.write(one_frame()), true; });
+      log_.wait_for(" stalled, nothing acknowledged ");
+      ASSERT_EQ(test::run({"ip", "link", "set", "lo", "up"}).status, 0);
+      EXPECT_EQ(owner_.next(), "writable 0 0");
+      EXPECT_EQ(owner_.next(), "disconnected 0 0");
+      b_.welcome({});
+      expect_connected_to(b_);
+      EXPECT_EQ(log_.lines("has acknowledged no frame for 1.").size(), 1U);
+      EXPECT_EQ(log_.lines("no answer").size(), 0U);
+    }
+  };
+  test::in_own_network([] {
+    ASSERT_EQ(test::run({"ip", "link", "set", "lo", "up"}).status, 0);
+    Rig().run();
+  });
 }
 
 TEST(ServerLinkInNetwork, AServerThatDoesNotAnswerIsNotWaitedFor) {
