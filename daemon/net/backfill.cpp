@@ -48,9 +48,11 @@ void BackfillPace::on_written(Time now, std::size_t bytes, double bytes_per_s) {
   const Seconds service(static_cast<double>(bytes) / or_unknown(bytes_per_s));
   const Seconds busy = std::max(now, busy_until_) - now + service;
   busy_until_ = after(now, std::min(busy, kLongestBusy));
+  bytes_since_part_ += bytes;
 }
 
 BackfillPace::Turn BackfillPace::next(Time now, double bytes_per_s, Time busy_until) const {
+  if (bytes_since_part_ >= kMostBetween) return {kLeastBytes, {}};
   busy_until = std::max(busy_until, busy_until_);
   if (busy_until > after(now, kAheadOfFree)) return {0, busy_until};
   const Time free = std::max(now, busy_until);
@@ -132,6 +134,7 @@ std::vector<std::uint8_t> Backfill::take_part(Time now, double bytes_per_s, Time
     wake_at(turn.again);
     return {};
   }
+  pace_.on_part();
   const auto rest = std::span(late_record_).subspan(sent_);
   const auto bytes = rest.first(std::min(turn.bytes, rest.size()));
   const wire::LatePart part{static_cast<std::uint32_t>(sent_),

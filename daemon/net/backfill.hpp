@@ -24,9 +24,12 @@ namespace orbbuf {
 /// live frame is expected one mean interval after the last, and earlier by twice the mean
 /// deviation, at least by a tenth of the interval. A part that would not end before that is made
 /// smaller or waits. So a live frame waits for late ones only where rate or capture are other than
-/// they were, and a link that live frames fill to nine tenths carries no late ones. What is in the
-/// link's queue beside that, as after an outage, the acknowledgements tell (LinkRate::served_at()
-/// and is_overdue()). Knows no clock and no socket. Reentrant.
+/// they were. What is in the link's queue beside that, as after an outage, the acknowledgements
+/// tell (LinkRate::served_at() and is_overdue()).
+///
+/// A link that live frames fill to nine tenths has no such room. Where the path has much jitter it
+/// may only seem to be so full, and it may seem so for good. So the smallest part goes whenever 32
+/// times as many bytes have gone without one. Knows no clock and no socket. Reentrant.
 class BackfillPace {
  public:
   using Clock = std::chrono::steady_clock;
@@ -37,6 +40,8 @@ class BackfillPace {
   /// is all headers.
   static constexpr std::size_t kMostBytes = 16U << 10;
   static constexpr std::size_t kLeastBytes = 512;
+  /// After so many bytes without a part it is time for one, however full the link may be.
+  static constexpr std::size_t kMostBetween = 32 * kLeastBytes;
   /// The rate in bytes a second as long as no live frame has shown it.
   static constexpr double kUnknownRate = 64U << 10;
 
@@ -44,6 +49,8 @@ class BackfillPace {
   void on_captured(Time now);
   /// bytes_per_s: of the link, as measured; 0: not known. So in the following.
   void on_written(Time now, std::size_t bytes, double bytes_per_s);
+  /// What is written is a part of a late frame.
+  void on_part() { bytes_since_part_ = 0; }
 
   struct Turn {
     std::size_t bytes = 0;  ///< 0: nothing may be written now
@@ -58,6 +65,7 @@ class BackfillPace {
   Seconds deviation_{0};  // mean, of the interval
   bool has_captured_ = false;
   Time busy_until_;
+  std::size_t bytes_since_part_ = 0;
 };
 
 /// Brings what the record has to the server, beside the live stream: accounts of its sessions, and

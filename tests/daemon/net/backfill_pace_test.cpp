@@ -27,6 +27,12 @@ class BackfillPaceTest : public ::testing::Test {
     return pace_.next(now_ + later, rate).bytes;
   }
 
+  /// A part of a late frame.
+  void write(std::size_t bytes) {
+    pace_.on_written(now_, bytes, kRate);
+    pace_.on_part();
+  }
+
   Time now_{1h};
   BackfillPace pace_;
 };
@@ -41,12 +47,12 @@ TEST_F(BackfillPaceTest, APartEndsBeforeTheNextFrameIsExpected) {
 }
 
 TEST_F(BackfillPaceTest, WhatWasWrittenKeepsTheLinkBusy) {
-  pace_.on_written(now_, 30'000, kRate);
+  write(30'000);
   EXPECT_EQ(bytes_at(0us), 0U);
   EXPECT_EQ(pace_.next(now_, kRate).again, now_ + 30ms);
   EXPECT_NEAR(static_cast<double>(bytes_at(29'000us)), 6'000, 10);  // behind it
   EXPECT_NEAR(static_cast<double>(bytes_at(31'000us)), 5'000, 10);
-  pace_.on_written(now_, 30'000, kRate);
+  write(30'000);
   EXPECT_EQ(bytes_at(35'000us), 0U);
   EXPECT_EQ(pace_.next(now_ + 35ms, kRate).again, now_ + 60ms);
 }
@@ -55,9 +61,30 @@ TEST_F(BackfillPaceTest, WhatWasWrittenKeepsTheLinkBusy) {
 TEST_F(BackfillPaceTest, ARateThatWasFarTooLowCountsForASecond) {
   constexpr double kFarTooLow = 50;
   for (int i = 0; i < 25; ++i) pace_.on_written(capture(), 1'800, kFarTooLow);
+  pace_.on_part();
   EXPECT_EQ(pace_.next(now_, kRate).again, now_ + 1s);
   for (int i = 0; i < 26; ++i) capture();
   EXPECT_EQ(bytes_at(0us), BackfillPace::kMostBytes);
+}
+
+/// Frames take longer than the time between them, all of them jitter. The measured rate cannot tell
+/// that from a link that they fill.
+TEST_F(BackfillPaceTest, ALinkThatSeemsToBeFullCarriesLateFramesToo) {
+  constexpr std::size_t kLive = 2'500;
+  constexpr double kSeeming = kLive / 0.05;
+  std::size_t live = 0;
+  std::size_t late = 0;
+  for (int i = 0; i < 1000; ++i) {
+    pace_.on_written(capture(), kLive, kSeeming);
+    live += kLive;
+    const auto bytes = pace_.next(now_, kSeeming, now_ + 100ms).bytes;
+    if (bytes == 0) continue;
+    pace_.on_part();
+    pace_.on_written(now_, bytes, kSeeming);
+    late += bytes;
+  }
+  EXPECT_GT(late, live / 50);
+  EXPECT_LT(late, live / 30);
 }
 
 TEST_F(BackfillPaceTest, AnUnsteadyCameraIsGivenMoreTime) {
