@@ -36,8 +36,7 @@ constexpr Time kAlone = 8 * kSecond;  // an outage, if nothing else happens so l
 constexpr Time kLongWay = 250 * kMillisecond;  // beyond that a planner sees little of the link
 constexpr double kTwoFrames = 50e3;            // bytes, of large images: so much is written at once
 constexpr Time kStandsStill = kSecond;         // then a robot leaves a server of a fleet
-constexpr Time kUnanswered = 5 * kSecond;  // an attempt there, if the other one refuses the first
-constexpr double kLiveAgain = 1;           // link.live_again
+constexpr double kLiveAgain = 1;               // link.live_again
 constexpr double kLateness = 0.4;  // what a judge may not blame: a rounding, a repeated segment
 constexpr double kTransit = 0.3;   // of a frame, beyond what it took before
 
@@ -290,8 +289,8 @@ class SessionJudge {
       if (outage.kind == FaultKind::kCut && outage.machine == facts_.machine) {
         check_live_again(session, outage, {end, end, "the link was back"});
       } else if (is_survived(outage)) {
-        const Time left = outage.at + kStandsStill + kUnanswered;
-        check_live_again(session, outage, {outage.at, left, "a server was left"});
+        check_live_again(session, outage,
+                         {outage.at, outage.at + kStandsStill, "a server was left"});
       }
     }
   }
@@ -311,6 +310,11 @@ class SessionJudge {
     const Time most = usual + static_cast<Time>((kTransit + 1 / facts_.fps) * 1e9);
     Time soonest = kNever;
     for (const RecordedFrame& frame : session.frames) {
+      if (frame.is_replacing) {  // when the reduced one came is not recorded
+        const Time earliest = frame.capture_time_ns + usual;
+        if (earliest >= after.first) soonest = std::min(soonest, earliest - after.back);
+        continue;
+      }
       const Time came = frame.arrived_ns - kWallBegin;
       if (frame.is_late || came < after.first || lateness(frame) > most) continue;
       soonest = std::min(soonest, came - after.back);

@@ -11,7 +11,9 @@ for word; do other+=(--emulator "$word"); done
 [ -z "$build" ] || other+=(--build "$build")
 work=$(mktemp -d "${TMPDIR:-/tmp}/orbbuf-trace.XXXXXX")
 trap 'rm -rf "$work"' EXIT
-"$simulate" --seed "$seed" --trace "$work/1" > /dev/null
-"$simulate" --seed "$seed" --trace "$work/2" "${other[@]}" > /dev/null
+outcome() { "$simulate" --seed "$seed" "$@" | grep '^sessions '; }
+outcome --trace "$work/1" > "$work/outcome"
+outcome --trace "$work/2" "${other[@]}" > /dev/null
 [ -s "$work/1" ]
 cmp "$work/1" "$work/2"
+outcome | cmp - "$work/outcome" # without a trace, too

@@ -302,9 +302,6 @@ void make_many_starts(Scenario& scenario, Random& random) {
 
 RobotSetup draw_robot_of_fleet(Random& random, const Scenario& scenario) {
   RobotSetup robot = draw_robot(random, scenario.length);
-  // Its kept frames may not come (docs/simulation.md).
-  const double on_their_way = robot.fps * 2 * static_cast<double>(robot.path.delay) / 1e9;
-  if (robot.has_spool && on_their_way > 1) robot.path.jitter = 0;
   std::vector<int> all;
   for (int i = 0; i < scenario.servers; ++i) all.push_back(scenario.server(i));
   robot.servers.clear();

@@ -108,6 +108,7 @@ class Worker {
       const int file = ::open(options.trace.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_APPEND, 0644);
       if (file < 0) throw std::runtime_error("cannot create " + options.trace);
       ::dup2(file, kTraceDescriptor);
+      ::close(file);  // else the programs' descriptors have other numbers than without a trace
     }
     fs::create_directories(folder_);
     world_folder = folder_.string();
