@@ -65,6 +65,7 @@ void Listener::start() {
 
 void Listener::beat() {
   for (const auto& connection : connections_) connection->beat();
+  move_paused();
   beat_.expires_after(wire::kHeartbeat);
   beat_.async_wait([this](const error_code& aborted) {
     if (!aborted && !stopped_) beat();
@@ -247,6 +248,15 @@ void Listener::on_entered(const SessionKey& key, SessionInfo info,
 void Listener::move_all(std::function<void(std::vector<SessionKey>)> moved) {
   moved_ = std::move(moved);
   move_next();
+}
+
+/// What this server's disk does not take, another one's may.
+void Listener::move_paused() {
+  const auto sessions = sessions_;  // one that ends removes itself from the original
+  for (const auto& [key, session] : sessions) {
+    if (!session->is_paused() || session->is_closing()) continue;
+    if (auto refuge = claims_->refuge(); !refuge.empty()) session->move(std::move(refuge));
+  }
 }
 
 void Listener::move_next() {

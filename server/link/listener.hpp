@@ -104,6 +104,7 @@ class Listener final : public ConnectionOwner {
   void enter(const SessionKey& key, const SessionInfo& info);
   void on_entered(const SessionKey& key, SessionInfo info, const SessionClaims::Outcome& outcome);
   void move_next();
+  void move_paused();
   void on_session_closed(const SessionKey& key);
   void reopen(const SessionKey& key);
   std::shared_ptr<Connection> take_waiting(const SessionKey& key);

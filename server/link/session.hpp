@@ -113,6 +113,8 @@ class Session : public std::enable_shared_from_this<Session> {
   void move(std::string address);
 
   bool is_closing() const { return life_ != Life::kOpen; }
+  /// The last try to write or to sync failed.
+  bool is_paused() const { return is_failing_; }
   /// A robot is connected.
   bool has_peer() const { return !peer_.expired(); }
   /// Up to where the sinks have taken all.

@@ -127,6 +127,15 @@ TEST_F(HeldHelloTest, ARobotThatComesBackToASessionThatAnotherServerHadMeanwhile
   EXPECT_TRUE(again.welcome());
 }
 
+TEST_F(HeldHelloTest, ARobotWhoseFramesTheDiskDoesNotTakeIsSentToAnotherServer) {
+  claims_.entered_(SessionClaims::Granted{});
+  while (!held_.has_session("r", "s")) main_.run_one();
+  const test::ResourceLimit full(RLIMIT_FSIZE, 1000);
+  robot_->send_frame(plain_frame(0, 5000));
+  while (log_.lines(": sent to b:7722").empty()) main_.run_one();
+  while (held_.has_session("r", "s")) main_.run_one();
+}
+
 TEST_F(ListenerTest, TwoRobotsAreServedAtOnce) {
   const auto a = connect();
   const auto b = connect();
