@@ -113,6 +113,10 @@ class SessionJudge {
            fmt::format("robot{}", facts_.machine);
   }
 
+  static bool has_journal(const fs::path& segment) {
+    return fs::exists(segment / "journal.000000");
+  }
+
   /// As `orbbuf-server join` does with the paths of all servers.
   void join() {
     std::vector<fs::path> segments;
@@ -127,7 +131,7 @@ class SessionJudge {
       segments.insert(segments.end(), found.begin(), found.end());
     }
     fs::remove_all(folder_);
-    if (segments.empty()) return;
+    if (std::ranges::none_of(segments, has_journal)) return;
     const auto joined = join_session(segments, folder_);
     if (!joined) return problem("join: " + joined.error().text);
     // A journal that no server has opened since its power cut may end in bytes that were not
@@ -138,7 +142,7 @@ class SessionJudge {
       problem("join: " + found);
     }
     for (const fs::path& segment : segments) {
-      if (fs::exists(segment / "journal.000000")) check_segment(segment);
+      if (has_journal(segment)) check_segment(segment);
     }
   }
 
@@ -332,6 +336,8 @@ class SessionJudge {
       case FaultKind::kKill:
       case FaultKind::kPowerCut:
       case FaultKind::kFreeze:
+      case FaultKind::kFullDisk:
+      case FaultKind::kFailingDisk:
         return scenario_.is_server(fault.machine);
       case FaultKind::kCutFrom:
       case FaultKind::kCutOneWay:
@@ -497,8 +503,11 @@ Verdict judge(const Scenario& scenario, const Run& run) {
     verdict.problems.push_back(fmt::format("robot{}, start {} has the session of another, {}",
                                            facts.machine, facts.start, facts.id.data()));
   }
-  const bool is_sent_elsewhere = std::ranges::any_of(
-      scenario.faults, [](const Fault& fault) { return fault.kind == FaultKind::kImpostor; });
+  const bool is_sent_elsewhere = std::ranges::any_of(scenario.faults, [&](const Fault& fault) {
+    return fault.kind == FaultKind::kImpostor ||
+           (scenario.is_fleet() &&
+            (fault.kind == FaultKind::kFullDisk || fault.kind == FaultKind::kFailingDisk));
+  });
   for (std::size_t i = 1; i <= scenario.robots.size(); ++i) {
     const std::size_t known = scenario.robots[i - 1].servers.size() + (is_sent_elsewhere ? 1 : 0);
     const std::uint64_t most = known * kMostAttempts;

@@ -360,6 +360,21 @@ Fault draw_fault_of_fleet(Random& random, const Scenario& scenario) {
   return fault;
 }
 
+/// The session is at another server, or goes there, while this one cannot write.
+void add_bad_disk_of_fleet(Scenario& scenario, Random& random) {
+  constexpr std::array kKinds = {FaultKind::kSlowDisk, FaultKind::kFailingDisk,
+                                 FaultKind::kFullDisk};
+  Fault fault;
+  fault.machine =
+      scenario.server(static_cast<int>(random.below(static_cast<std::uint64_t>(scenario.servers))));
+  fault.kind = kKinds[random.below(kKinds.size())];
+  fault.length = draw_length(random, kSecond, 40 * kSecond);
+  const Fault& other = scenario.faults[random.below(scenario.faults.size())];
+  fault.at =
+      std::clamp(other.at + random.between(-20 * kSecond, 20 * kSecond), kSecond, scenario.length);
+  scenario.faults.push_back(fault);
+}
+
 /// Servers that share robots, and etcd, which stands for a cluster and so keeps what it has.
 void make_fleet(Scenario& scenario, Random& random) {
   scenario.servers = 2 + static_cast<int>(random.below(2));
@@ -377,6 +392,9 @@ void make_fleet(Scenario& scenario, Random& random) {
     }
     scenario.faults.push_back(fault);
   }
+  const bool has_bad_disks = scenario.seed % 40 == 11 || scenario.seed % 40 == 21;
+  for (std::uint64_t i = has_bad_disks ? 1 + random.below(3) : 0; i > 0; --i)
+    add_bad_disk_of_fleet(scenario, random);
 }
 
 }  // namespace
