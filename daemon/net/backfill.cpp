@@ -134,7 +134,6 @@ std::vector<std::uint8_t> Backfill::take_part(Time now, double bytes_per_s, Time
     wake_at(turn.again);
     return {};
   }
-  pace_.on_part();
   const auto rest = std::span(late_record_).subspan(sent_);
   const auto bytes = rest.first(std::min(turn.bytes, rest.size()));
   const wire::LatePart part{static_cast<std::uint32_t>(sent_),

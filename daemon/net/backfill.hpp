@@ -23,13 +23,14 @@ namespace orbbuf {
 /// rate, at most for a second: the rate is an estimate, and the acknowledgements come. The next
 /// live frame is expected one mean interval after the last, and earlier by twice the mean
 /// deviation, at least by a tenth of the interval. A part that would not end before that is made
-/// smaller or waits. So a live frame waits for late ones only where rate or capture are other than
-/// they were. What is in the link's queue beside that, as after an outage, the acknowledgements
-/// tell (LinkRate::served_at() and is_overdue()).
+/// smaller or waits. So a live frame waits for late ones where rate or capture are other than they
+/// were. What is in the link's queue beside that, as after an outage, the acknowledgements tell
+/// (LinkRate::served_at() and is_overdue()).
 ///
 /// A link that live frames fill to nine tenths has no such room. Where the path has much jitter it
 /// may only seem to be so full, and it may seem so for good. So the smallest part goes whenever 32
-/// times as many bytes have gone without one. Knows no clock and no socket. Reentrant.
+/// times as many bytes have gone without one: on a full link a frame then waits for 512 bytes more,
+/// which is 3 % of the stream. Knows no clock and no socket. Reentrant.
 class BackfillPace {
  public:
   using Clock = std::chrono::steady_clock;
@@ -49,8 +50,8 @@ class BackfillPace {
   void on_captured(Time now);
   /// bytes_per_s: of the link, as measured; 0: not known. So in the following.
   void on_written(Time now, std::size_t bytes, double bytes_per_s);
-  /// What is written is a part of a late frame.
-  void on_part() { bytes_since_part_ = 0; }
+  /// What was written last is a part of a late frame.
+  void on_part_written() { bytes_since_part_ = 0; }
 
   struct Turn {
     std::size_t bytes = 0;  ///< 0: nothing may be written now
@@ -95,6 +96,8 @@ class Backfill {
   void on_written(Time now, std::size_t bytes, double bytes_per_s) {
     pace_.on_written(now, bytes, bytes_per_s);
   }
+  /// That was what take_part() returned.
+  void on_part_written() { pace_.on_part_written(); }
 
   /// The next account, if one is to be told now; else empty. final: before a bye, whenever the last
   /// was told.

@@ -148,11 +148,13 @@ void Sender::write_chosen() {
 /// Nothing live waits for the link.
 void Sender::write_late(std::chrono::nanoseconds round_trip) {
   const auto now = Clock::now();
-  auto message = backfill_.take_account(now);
-  if (message.empty() && is_live(now, round_trip)) {
-    message = backfill_.take_part(now, rate_.bytes_per_s(), rate_.served_at(round_trip));
-  }
-  if (!message.empty()) write(std::move(message));
+  if (auto account = backfill_.take_account(now); !account.empty())
+    return write(std::move(account));
+  if (!is_live(now, round_trip)) return;
+  auto part = backfill_.take_part(now, rate_.bytes_per_s(), rate_.served_at(round_trip));
+  if (part.empty()) return;
+  write(std::move(part));
+  backfill_.on_part_written();
 }
 
 /// A frame that is overdue waits in the link's queue: a late one would hold up the next.

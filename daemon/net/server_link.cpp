@@ -468,12 +468,14 @@ bool ServerLink::is_silent() const {
          ack_watch_.silent_for() >= std::max(kSilence, 4 * pace_.round_trip());
 }
 
-/// A candidate that the same server has is no better.
+/// Where there is another server to go to, a second connection to the silent one would only be
+/// waited for.
 void ServerLink::on_silence() {
   const auto silent = connection_;
   const Address& from = silent->way().to.server;
   silent->close();
-  if (addresses_.count() > 1 && candidate_ && candidate_->way().to.server == from) end_stall();
+  const bool has_another = candidate_ && candidate_->way().to.server != from;
+  if (addresses_.count() > 1 && !has_another) end_stall();
   leave(from, Clock::now());
   on_connection_lost(*silent, {fmt::format("the server has acknowledged no frame for {:.1f} s",
                                            to_seconds(ack_watch_.silent_for()))});
@@ -487,7 +489,7 @@ void ServerLink::on_recovered() {
   log_info("link: connection to {} recovered", to_string(server()));
 }
 
-/// No other connection is begun any more.
+/// Ends all that was begun beside the connection.
 void ServerLink::end_stall() {
   state_ = State::kConnected;
   close_attempts();

@@ -279,13 +279,13 @@ void Fleet::send_away(const SessionName& session, const std::string& server,
   entered(Moved{found->second.address});
 }
 
-void Fleet::async_drain(Membership::Done done) {
-  membership_.async_refresh([this, done = std::move(done)](const auto& error) {
+void Fleet::drain_until(Clock::time_point end, const Membership::Done& done) {
+  membership_.async_refresh([this, end, done](const auto& error) {
     if (error) return done(error);
     if (!membership_.least_loaded_other()) {
       return done(Error{"no other server of the fleet can take the robots"});
     }
-    membership_.async_drain(done);
+    membership_.async_drain(end, done);
   });
 }
 

@@ -90,9 +90,12 @@ class Fleet final : public SessionClaims {
     return parse_folder(folder).session_id;
   }
   std::string refuge() const override;
+  void async_step_aside(Membership::Done done) override {
+    drain_until(Clock::now() + kAside, done);
+  }
 
   /// From here on no session begins. `done` when the others know; an error if there is none.
-  void async_drain(Membership::Done done);
+  void async_drain(Membership::Done done) { drain_until(Clock::time_point::max(), done); }
   /// Waits until another server has each of these, or their robot has ended it, for kInsistence at
   /// most. `done` with those that are still this server's.
   void async_leave(std::vector<SessionName> sessions,
@@ -106,7 +109,9 @@ class Fleet final : public SessionClaims {
   using Clock = std::chrono::steady_clock;
   using Entered = std::function<void(Outcome)>;
   class OwnClaim;
+  static constexpr std::chrono::seconds kAside{30};
 
+  void drain_until(Clock::time_point end, const Membership::Done& done);
   std::optional<std::string> better() const;
   void acquire(const SessionName& session, const std::optional<OnDisk>& latest, bool is_fresh,
                Entered entered);

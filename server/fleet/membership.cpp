@@ -3,6 +3,7 @@
 
 #include <fmt/core.h>
 
+#include <algorithm>
 #include <stdexcept>
 #include <utility>
 
@@ -25,6 +26,7 @@ Membership::Membership(boost::asio::io_context& main, KeyStore& store, ServerEnt
 
 void Membership::beat() {
   self_.robots = robots_();
+  self_.is_draining = std::chrono::steady_clock::now() < drain_end_;
   if (lease_ == 0) return join();
   store_.async_keep_alive(lease_, [this](const Result<bool>& alive) {
     if (is_stopped_) return;
@@ -121,8 +123,9 @@ void Membership::async_refresh(Done done) {
   });
 }
 
-void Membership::async_drain(Done done) {
+void Membership::async_drain(std::chrono::steady_clock::time_point end, Done done) {
   self_.is_draining = true;
+  drain_end_ = std::max(drain_end_, end);
   write(std::move(done));
 }
 

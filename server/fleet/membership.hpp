@@ -32,8 +32,9 @@ class Membership {
   void start() { beat(); }
   /// Gives up the lease, so that others need not wait for its end; takes at most a second.
   void async_stop(std::function<void()> stopped);
-  /// From here on others may take this server's sessions. `done` when they can know.
-  void async_drain(Done done);
+  /// From here on others may take this server's sessions, until `end`, or the end of an earlier
+  /// drain if that is later. `done` when they can know.
+  void async_drain(std::chrono::steady_clock::time_point end, Done done);
   /// Reads the others' keys now.
   void async_refresh(Done done);
 
@@ -62,6 +63,7 @@ class Membership {
   std::optional<ServerEntry> written_;
   std::int64_t revision_ = 0;  // of the key; 0: it is not there
   bool has_ever_joined_ = false;
+  std::chrono::steady_clock::time_point drain_end_{};  // of self_, if it drains
   std::optional<std::chrono::steady_clock::time_point> doubled_since_;
   Servers servers_;
   bool is_failing_ = false;

@@ -65,7 +65,7 @@ void Listener::start() {
 
 void Listener::beat() {
   for (const auto& connection : connections_) connection->beat();
-  move_paused();
+  step_aside();
   beat_.expires_after(wire::kHeartbeat);
   beat_.async_wait([this](const error_code& aborted) {
     if (!aborted && !stopped_) beat();
@@ -184,13 +184,11 @@ void Listener::on_hello(const std::shared_ptr<Connection>& connection, const wir
     if (wait_for(key, connection)) enter(key, info);
     return;
   }
-  if (known == sessions_.end()) {
-    if (wait_for(key, connection)) open(key, info, {});
-  } else if (known->second->is_closing()) {
-    if (wait_for(key, connection)) reopen_[key] = [this, key, info] { open(key, info, {}); };
-  } else {
-    connection->join(known->second);
+  if (known != sessions_.end() && !known->second->is_closing()) {
+    return connection->join(known->second);
   }
+  if (!wait_for(key, connection)) return;
+  known == sessions_.end() ? open(key, info, {}) : reopen_later(key, info);
 }
 
 /// It will go on trying, several times a second.
@@ -203,6 +201,7 @@ void Listener::refuse(Connection& connection, const std::string& why) {
 bool Listener::wait_for(const SessionKey& key, const std::shared_ptr<Connection>& connection) {
   const auto [waiting, is_new] = opening_.try_emplace(key);
   if (const auto old = std::exchange(waiting->second, connection)) old->on_replaced();
+  if (reopening_.contains(key)) limit_wait(key);
   return is_new;
 }
 
@@ -233,7 +232,7 @@ void Listener::on_entered(const SessionKey& key, SessionInfo info,
   }
   const bool is_stale = granted != nullptr && known->second->claim() != granted->claim;
   if (is_stale || (granted != nullptr && known->second->is_closing())) {
-    reopen_[key] = [this, key, info] { enter(key, info); };
+    reopen_later(key, info);
     return known->second->close(SessionEnd::kMoved);
   }
   const auto connection = take_waiting(key);
@@ -250,13 +249,22 @@ void Listener::move_all(std::function<void(std::vector<SessionKey>)> moved) {
   move_next();
 }
 
-/// What this server's disk does not take, another one's may.
-void Listener::move_paused() {
-  const auto sessions = sessions_;  // one that ends removes itself from the original
-  for (const auto& [key, session] : sessions) {
-    if (!session->is_paused() || session->is_closing()) continue;
-    if (auto refuge = claims_->refuge(); !refuge.empty()) session->move(std::move(refuge));
-  }
+/// What this server's disk does not take, another one's may. A session without a robot stays: the
+/// robot comes back when the link does.
+void Listener::step_aside() {
+  const auto is_stuck = [](const auto& entry) {
+    const Session& session = *entry.second;
+    return session.is_paused() && session.has_peer() && !session.is_closing();
+  };
+  const auto now = std::chrono::steady_clock::now();
+  if (moved_ || now < step_aside_at_ || std::ranges::none_of(sessions_, is_stuck)) return;
+  step_aside_at_ = now + std::chrono::seconds(1);
+  claims_->async_step_aside([this, is_stuck](const std::optional<Error>& error) {
+    if (error || moved_) return;
+    auto sessions = sessions_;  // one that ends removes itself from the original
+    std::erase_if(sessions, std::not_fn(is_stuck));
+    for (const auto& [key, session] : sessions) session->move(claims_->refuge());
+  });
 }
 
 void Listener::move_next() {
@@ -275,14 +283,36 @@ void Listener::on_session_closed(const SessionKey& key) {
   sessions_.erase(key);
   if (moved_) asio::post(main_, [this] { move_next(); });
   if (stores_) stores_->on_closed(key.first, key.second);
-  if (reopen_.contains(key)) asio::post(main_, [this, key] { reopen(key); });
+  if (reopening_.contains(key)) asio::post(main_, [this, key] { reopen(key); });
   check_stopped();
 }
 
+/// When the earlier one of `key` has ended.
+void Listener::reopen_later(const SessionKey& key, const SessionInfo& info) {
+  reopening_.try_emplace(key, info, main_);
+  limit_wait(key);
+}
+
+/// The robot should rather try another server than wait for a disk.
+void Listener::limit_wait(const SessionKey& key) {
+  auto& limit = reopening_.at(key).limit;
+  limit.expires_after(kLongestWait);
+  limit.async_wait([this, key](const error_code& aborted) {
+    if (aborted || !reopening_.contains(key)) return;
+    const auto connection = std::exchange(opening_.at(key), nullptr);
+    if (connection) refuse(*connection, "the session is being closed");
+  });
+}
+
 void Listener::reopen(const SessionKey& key) {
-  const auto next = reopen_.extract(key);
-  if (opening_.at(key)) return next.mapped()();
-  take_waiting(key);
+  const auto reopening = reopening_.extract(key);
+  if (!opening_.at(key)) {
+    take_waiting(key);
+  } else if (claims_ != nullptr) {
+    enter(key, reopening.mapped().info);
+  } else {
+    open(key, reopening.mapped().info, {});
+  }
 }
 
 /// Empty if there is none.
@@ -294,8 +324,11 @@ std::string Listener::reason_to_refuse(const SessionKey& key) const {
                        key.second);
   }
   const auto is_other = [&](const auto& entry) { return entry.first.first != robot; };
+  const auto is_opening = [&](const auto& entry) {
+    return is_other(entry) && !sessions_.contains(entry.first);
+  };
   const auto others =
-      std::ranges::count_if(sessions_, is_other) + std::ranges::count_if(opening_, is_other);
+      std::ranges::count_if(sessions_, is_other) + std::ranges::count_if(opening_, is_opening);
   if (static_cast<std::size_t>(others) < settings_.listen.max_robots) return "";
   return fmt::format("all {} robots' places are taken", settings_.listen.max_robots);
 }

@@ -85,6 +85,15 @@ class Listener final : public ConnectionOwner {
 
  private:
   static constexpr std::chrono::milliseconds kRetry{200};
+  static constexpr std::chrono::seconds kLongestWait{1};
+
+  struct Reopening {
+    Reopening(SessionInfo asked, boost::asio::io_context& main)
+        : info(std::move(asked)), limit(main) {}
+
+    SessionInfo info;
+    boost::asio::steady_timer limit;  // of the wait
+  };
 
   void on_hello(const std::shared_ptr<Connection>& connection, const wire::Hello& hello) override;
   /// Where the robot has another server to go to.
@@ -104,8 +113,10 @@ class Listener final : public ConnectionOwner {
   void enter(const SessionKey& key, const SessionInfo& info);
   void on_entered(const SessionKey& key, SessionInfo info, const SessionClaims::Outcome& outcome);
   void move_next();
-  void move_paused();
+  void step_aside();
   void on_session_closed(const SessionKey& key);
+  void reopen_later(const SessionKey& key, const SessionInfo& info);
+  void limit_wait(const SessionKey& key);
   void reopen(const SessionKey& key);
   std::shared_ptr<Connection> take_waiting(const SessionKey& key);
   void refuse(Connection& connection, const std::string& why);
@@ -131,13 +142,14 @@ class Listener final : public ConnectionOwner {
   /// The sessions that are not open yet: the claims are asked, `pool` reads the disk, or an earlier
   /// one ends; and the newest connection that waits for each; null: none does any more.
   std::map<SessionKey, std::shared_ptr<Connection>> opening_;
-  std::map<SessionKey, std::function<void()>> reopen_;  // of these, what follows that end
+  std::map<SessionKey, Reopening> reopening_;  // keys of opening_ of which an earlier one ends
   std::map<SessionKey, std::shared_ptr<Session>> sessions_;
-  SessionClaims* claims_ = nullptr;                     // null: this server is alone
-  std::function<void(std::vector<SessionKey>)> moved_;  // set: moving all
-  std::vector<SessionKey> told_;                        // to go elsewhere
-  std::deque<SessionKey> superseded_;                   // the last thousand
-  std::string last_refusal_;                            // logged already
+  SessionClaims* claims_ = nullptr;                      // null: this server is alone
+  std::chrono::steady_clock::time_point step_aside_at_;  // not sooner
+  std::function<void(std::vector<SessionKey>)> moved_;   // set: moving all
+  std::vector<SessionKey> told_;                         // to go elsewhere
+  std::deque<SessionKey> superseded_;                    // the last thousand
+  std::string last_refusal_;                             // logged already
   std::function<void()> sink_failed_;
   std::function<void()> stopped_;  // set: stopping
 };

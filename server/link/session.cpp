@@ -273,6 +273,7 @@ void Session::on_sink_done(const std::optional<Error>& error) {
   }
   note_failure(error);
   if (error) {
+    ++job_->failures;
     if (events_.sink_failed) events_.sink_failed();
     if (const auto peer = peer_.lock()) peer->on_kept();  // a sign of life
     retry_.expires_after(kRetry);

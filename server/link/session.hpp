@@ -113,8 +113,8 @@ class Session : public std::enable_shared_from_this<Session> {
   void move(std::string address);
 
   bool is_closing() const { return life_ != Life::kOpen; }
-  /// The last try to write or to sync failed.
-  bool is_paused() const { return is_failing_; }
+  /// A sync has failed, or two tries in a row to write something.
+  bool is_paused() const { return keeping_ == Keeping::kFailed || (job_ && job_->failures > 1); }
   /// A robot is connected.
   bool has_peer() const { return !peer_.expired(); }
   /// Up to where the sinks have taken all.
@@ -136,6 +136,7 @@ class Session : public std::enable_shared_from_this<Session> {
     Taken taken;          // empty: no connection waits for it
     std::size_t sink = 0;
     bool is_in_sink = false;  // else it waits for retry_
+    int failures = 0;
   };
 
   /// What was taken is brought onto the device, and allowed by the claim.

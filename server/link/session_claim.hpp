@@ -3,6 +3,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <variant>
@@ -58,6 +59,9 @@ class SessionClaims {
   virtual std::string session_in(const std::string& folder) const = 0;
   /// Where robots can go; empty: nowhere.
   virtual std::string refuge() const = 0;
+  /// This server cannot write what robots send: for a while others are to take them. `done` when
+  /// the others know; an error if there is no other that takes robots.
+  virtual void async_step_aside(std::function<void(const std::optional<Error>&)> done) = 0;
 };
 
 }  // namespace orbbuf

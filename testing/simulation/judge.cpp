@@ -36,6 +36,7 @@ constexpr Time kAlone = 8 * kSecond;  // an outage, if nothing else happens so l
 constexpr Time kLongWay = 250 * kMillisecond;  // beyond that a planner sees little of the link
 constexpr double kTwoFrames = 50e3;            // bytes, of large images: so much is written at once
 constexpr Time kStandsStill = kSecond;         // then a robot leaves a server of a fleet
+constexpr Time kIsPaused = 2 * kSecond;        // then a server has tried twice
 constexpr double kLiveAgain = 1;               // link.live_again
 constexpr double kLateness = 0.4;  // what a judge may not blame: a rounding, a repeated segment
 constexpr double kTransit = 0.3;   // of a frame, beyond what it took before
@@ -234,7 +235,7 @@ class SessionJudge {
       problem(fmt::format("of {} frames {} are neither there nor named, from {} on",
                           surely_captured(), unnamed, first));
     }
-    if (facts_.acknowledged > live_.size() && !may_lose() && !run_.has_bad_server_disk()) {
+    if (facts_.acknowledged > live_.size() && !may_lose() && !has_lost_bytes()) {
       problem(fmt::format("{} were acknowledged, {} are there", facts_.acknowledged, live_.size()));
     }
     if (scenario_.is_fleet() && facts_.was_forgotten) {
@@ -293,8 +294,10 @@ class SessionJudge {
       if (outage.kind == FaultKind::kCut && outage.machine == facts_.machine) {
         check_live_again(session, outage, {end, end, "the link was back"});
       } else if (is_survived(outage)) {
-        check_live_again(session, outage,
-                         {outage.at, outage.at + kStandsStill, "a server was left"});
+        const bool is_disk =
+            outage.kind == FaultKind::kFullDisk || outage.kind == FaultKind::kFailingDisk;
+        const Time left = outage.at + (is_disk ? kIsPaused : kStandsStill);
+        check_live_again(session, outage, {outage.at, left, "a server was left"});
       }
     }
   }
@@ -406,7 +409,7 @@ class SessionJudge {
       const bool is_giant = number % source.images.size() == source.giant;
       const bool is_kept = robot_.has_spool && !has_trouble_with_disk() && !is_giant;
       std::string why;
-      if (reason == DropReason::kLost && !may_lose() && !run_.has_bad_server_disk() &&
+      if (reason == DropReason::kLost && !may_lose() && !has_lost_bytes() &&
           !has_trouble_with_disk()) {
         why = "lost";
       }

@@ -30,7 +30,7 @@ class BackfillPaceTest : public ::testing::Test {
   /// A part of a late frame.
   void write(std::size_t bytes) {
     pace_.on_written(now_, bytes, kRate);
-    pace_.on_part();
+    pace_.on_part_written();
   }
 
   Time now_{1h};
@@ -61,7 +61,7 @@ TEST_F(BackfillPaceTest, WhatWasWrittenKeepsTheLinkBusy) {
 TEST_F(BackfillPaceTest, ARateThatWasFarTooLowCountsForASecond) {
   constexpr double kFarTooLow = 50;
   for (int i = 0; i < 25; ++i) pace_.on_written(capture(), 1'800, kFarTooLow);
-  pace_.on_part();
+  pace_.on_part_written();
   EXPECT_EQ(pace_.next(now_, kRate).again, now_ + 1s);
   for (int i = 0; i < 26; ++i) capture();
   EXPECT_EQ(bytes_at(0us), BackfillPace::kMostBytes);
@@ -79,8 +79,8 @@ TEST_F(BackfillPaceTest, ALinkThatSeemsToBeFullCarriesLateFramesToo) {
     live += kLive;
     const auto bytes = pace_.next(now_, kSeeming, now_ + 100ms).bytes;
     if (bytes == 0) continue;
-    pace_.on_part();
     pace_.on_written(now_, bytes, kSeeming);
+    pace_.on_part_written();
     late += bytes;
   }
   EXPECT_GT(late, live / 50);

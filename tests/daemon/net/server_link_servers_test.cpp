@@ -249,7 +249,7 @@ TEST_F(ServerLinkServers, AServerThatStandsStillIsLeftForAnother) {
 }
 
 /// The link stalls, too: another connection to that server is begun, and says hello.
-TEST(ServerLinkInNetwork, NeitherIsAServerThatStandsStillAndWhoseKernelAnswers) {
+TEST(ServerLinkInNetwork, AConnectionBegunAtASilentServerEndsWithTheOneBefore) {
   struct Rig : TwoServersRig {
     void run() {
       start_on_a_of_a_fleet();

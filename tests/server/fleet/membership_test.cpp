@@ -95,10 +95,23 @@ TEST_F(MembershipTest, ADrainIsWrittenAtOnce) {
   start();
   for (int i = 0; i < 3; ++i) deliver();
   bool is_known = false;
-  member_->async_drain([&](const auto& error) { is_known = !error; });
+  const auto for_ever = std::chrono::steady_clock::time_point::max();
+  member_->async_drain(for_ever, [&](const auto& error) { is_known = !error; });
   ASSERT_FALSE(is_known);
   while (!is_known) store_.deliver();
   EXPECT_TRUE(written()->is_draining);
+}
+
+TEST_F(MembershipTest, ADrainMayEnd) {
+  start();
+  for (int i = 0; i < 3; ++i) deliver();
+  bool is_known = false;
+  const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(300);
+  member_->async_drain(end, [&](const auto& error) { is_known = !error; });
+  while (!is_known) store_.deliver();
+  EXPECT_TRUE(written()->is_draining);
+  while (written()->is_draining) deliver();
+  EXPECT_GE(std::chrono::steady_clock::now(), end);
 }
 
 /// B3

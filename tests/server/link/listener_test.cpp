@@ -54,8 +54,14 @@ class HeldClaims final : public SessionClaims {
   }
   std::string session_in(const std::string& folder) const override { return folder; }
   std::string refuge() const override { return "b:7722"; }
+  void async_step_aside(std::function<void(const std::optional<Error>&)> done) override {
+    has_stepped_aside_ = true;
+    done(has_refuge_ ? std::nullopt : std::optional<Error>("no other server"));
+  }
 
   std::function<void(Outcome)> entered_;
+  bool has_refuge_ = true;
+  bool has_stepped_aside_ = false;
 };
 
 /// Allows nothing to be acknowledged.
@@ -129,11 +135,24 @@ TEST_F(HeldHelloTest, ARobotThatComesBackToASessionThatAnotherServerHadMeanwhile
 
 TEST_F(HeldHelloTest, ARobotWhoseFramesTheDiskDoesNotTakeIsSentToAnotherServer) {
   claims_.entered_(SessionClaims::Granted{});
-  while (!held_.has_session("r", "s")) main_.run_one();
+  while (!has_answer(*robot_, 0)) main_.run_one();
   const test::ResourceLimit full(RLIMIT_FSIZE, 1000);
   robot_->send_frame(plain_frame(0, 5000));
   while (log_.lines(": sent to b:7722").empty()) main_.run_one();
   while (held_.has_session("r", "s")) main_.run_one();
+}
+
+TEST_F(HeldHelloTest, ItStaysWhereNoOtherServerTakesIt) {
+  claims_.has_refuge_ = false;
+  claims_.entered_(SessionClaims::Granted{});
+  while (!has_answer(*robot_, 0)) main_.run_one();
+  EXPECT_TRUE(robot_->welcome());
+  {
+    const test::ResourceLimit full(RLIMIT_FSIZE, 1000);
+    robot_->send_frame(plain_frame(0, 5000));
+    while (!claims_.has_stepped_aside_) main_.run_one();
+  }
+  while (frames_kept("r/s") == 0) main_.run_one();
 }
 
 TEST_F(ListenerTest, TwoRobotsAreServedAtOnce) {
@@ -361,6 +380,11 @@ TEST_F(ListenerTest, WhoHasSaidByeIsNotIdleWhileAReaderIsWaitedFor) {
     EXPECT_FALSE(has_answer(robot, 100));
   }
   robot.send(wire::encode(wire::Bye{{1, 0}}));
+  const auto again = connect();
+  again.send_hello("r", "s");
+  const auto error = again.error();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->text, "the session is being closed");
   EXPECT_EQ(robot.bye(), (wire::Position{1, 0}));
 }
 
