@@ -95,7 +95,7 @@ class Fleet final : public SessionClaims {
   }
 
   /// From here on no session begins. `done` when the others know; an error if there is none.
-  void async_drain(Membership::Done done) { drain_until(Clock::time_point::max(), done); }
+  void async_drain(const Membership::Done& done) { drain_until(Clock::time_point::max(), done); }
   /// Waits until another server has each of these, or their robot has ended it, for kInsistence at
   /// most. `done` with those that are still this server's.
   void async_leave(std::vector<SessionName> sessions,
