@@ -230,8 +230,10 @@ void Listener::on_entered(const SessionKey& key, SessionInfo info,
     info.segment = granted->segment;
     return open(key, info, *granted);
   }
-  const bool is_stale = granted != nullptr && known->second->claim() != granted->claim;
-  if (is_stale || (granted != nullptr && known->second->is_closing())) {
+  const auto is_over = [granted](const Session& session) {
+    return session.is_closing() || session.claim() != granted->claim;
+  };
+  if (granted != nullptr && is_over(*known->second)) {
     reopen_later(key, info);
     return known->second->close(SessionEnd::kMoved);
   }
