@@ -51,8 +51,8 @@ for name; do # one tree for all, so that only what a patch touches is compiled
   fi
   simulate "$copy" > "$copy.found" || true
   took=$(sed -n 's/^RESULT simulation.minutes //p' "$copy.found")
-  if grep -a '^  FOUND the simulator ended' "$copy.found"; then # that is no finding
-    status=1
+  if grep -aq '^  FOUND the simulator ended' "$copy.found"; then # that is no finding
+    echo "$name: the simulator ended" && status=1
   elif grep -aq '^  FOUND' "$copy.found"; then
     found=$((found + 1)) times+=("$took")
     echo "$name: found after $took minutes: $(grep -am1 '^  FOUND' "$copy.found")"

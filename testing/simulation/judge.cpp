@@ -41,6 +41,11 @@ constexpr double kLiveAgain = 1;               // link.live_again
 constexpr double kLateness = 0.4;  // what a judge may not blame: a rounding, a repeated segment
 constexpr double kTransit = 0.3;   // of a frame, beyond what it took before
 
+/// A disk of that fault: a server of a fleet sends its robots away.
+bool takes_no_frames(FaultKind kind) {
+  return kind == FaultKind::kFullDisk || kind == FaultKind::kFailingDisk;
+}
+
 double to_seconds(Time time) { return static_cast<double>(time) / 1e9; }
 
 bool is_content(const fs::path& file, const std::string& expected) {
@@ -294,9 +299,7 @@ class SessionJudge {
       if (outage.kind == FaultKind::kCut && outage.machine == facts_.machine) {
         check_live_again(session, outage, {end, end, "the link was back"});
       } else if (is_survived(outage)) {
-        const bool is_disk =
-            outage.kind == FaultKind::kFullDisk || outage.kind == FaultKind::kFailingDisk;
-        const Time left = outage.at + (is_disk ? kIsPaused : kStandsStill);
+        const Time left = outage.at + (takes_no_frames(outage.kind) ? kIsPaused : kStandsStill);
         check_live_again(session, outage, {outage.at, left, "a server was left"});
       }
     }
@@ -317,13 +320,11 @@ class SessionJudge {
     const Time most = usual + static_cast<Time>((kTransit + 1 / facts_.fps) * 1e9);
     Time soonest = kNever;
     for (const RecordedFrame& frame : session.frames) {
-      if (frame.is_replacing) {  // when the reduced one came is not recorded
-        const Time earliest = frame.capture_time_ns + usual;
-        if (earliest >= after.first) soonest = std::min(soonest, earliest - after.back);
-        continue;
-      }
-      const Time came = frame.arrived_ns - kWallBegin;
-      if (frame.is_late || came < after.first || lateness(frame) > most) continue;
+      // When a reduced one came that was replaced is not recorded: at the earliest then.
+      const Time came =
+          frame.is_replacing ? frame.capture_time_ns + usual : frame.arrived_ns - kWallBegin;
+      const bool is_new = came - frame.capture_time_ns <= most;
+      if (!is_live(frame) || came < after.first || !is_new) continue;
       soonest = std::min(soonest, came - after.back);
     }
     if (to_seconds(soonest) <= limit) return;
@@ -335,12 +336,11 @@ class SessionJudge {
   /// A server's, or of the way to one, when the robot knows another one.
   bool is_survived(const Fault& fault) const {
     if (!scenario_.is_fleet() || robot_.servers.size() == 1) return false;
+    if (takes_no_frames(fault.kind)) return scenario_.is_server(fault.machine);
     switch (fault.kind) {
       case FaultKind::kKill:
       case FaultKind::kPowerCut:
       case FaultKind::kFreeze:
-      case FaultKind::kFullDisk:
-      case FaultKind::kFailingDisk:
         return scenario_.is_server(fault.machine);
       case FaultKind::kCutFrom:
       case FaultKind::kCutOneWay:
@@ -508,8 +508,7 @@ Verdict judge(const Scenario& scenario, const Run& run) {
   }
   const bool is_sent_elsewhere = std::ranges::any_of(scenario.faults, [&](const Fault& fault) {
     return fault.kind == FaultKind::kImpostor ||
-           (scenario.is_fleet() &&
-            (fault.kind == FaultKind::kFullDisk || fault.kind == FaultKind::kFailingDisk));
+           (scenario.is_fleet() && takes_no_frames(fault.kind));
   });
   for (std::size_t i = 1; i <= scenario.robots.size(); ++i) {
     const std::size_t known = scenario.robots[i - 1].servers.size() + (is_sent_elsewhere ? 1 : 0);

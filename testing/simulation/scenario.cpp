@@ -314,6 +314,11 @@ RobotSetup draw_robot_of_fleet(Random& random, const Scenario& scenario) {
   return robot;
 }
 
+int draw_server(Random& random, const Scenario& scenario) {
+  return scenario.server(
+      static_cast<int>(random.below(static_cast<std::uint64_t>(scenario.servers))));
+}
+
 Fault draw_fault_of_server(Random& random, const Scenario& scenario) {
   constexpr std::array kKinds = {
       FaultKind::kKill,        FaultKind::kKill,           FaultKind::kPowerCut,
@@ -322,8 +327,7 @@ Fault draw_fault_of_server(Random& random, const Scenario& scenario) {
       FaultKind::kHangingSync, FaultKind::kCutFrom,        FaultKind::kCutFrom,
       FaultKind::kCutOneWay,   FaultKind::kCutOneWay};
   Fault fault;
-  fault.machine =
-      scenario.server(static_cast<int>(random.below(static_cast<std::uint64_t>(scenario.servers))));
+  fault.machine = draw_server(random, scenario);
   fault.kind = kKinds[random.below(kKinds.size())];
   fault.length = draw_length(random, 200 * kMillisecond, 40 * kSecond);
   draw_value(fault, random, scenario);
@@ -365,8 +369,7 @@ void add_bad_disk_of_fleet(Scenario& scenario, Random& random) {
   constexpr std::array kKinds = {FaultKind::kSlowDisk, FaultKind::kFailingDisk,
                                  FaultKind::kFullDisk};
   Fault fault;
-  fault.machine =
-      scenario.server(static_cast<int>(random.below(static_cast<std::uint64_t>(scenario.servers))));
+  fault.machine = draw_server(random, scenario);
   fault.kind = kKinds[random.below(kKinds.size())];
   fault.length = draw_length(random, kSecond, 40 * kSecond);
   const Fault& other = scenario.faults[random.below(scenario.faults.size())];
