@@ -30,6 +30,7 @@ class ListenerTest : public testing::Test {
   ListenerTest() {
     settings_.sinks.files_path = folder_ / "data";
     settings_.sinks.files_sync = Durability::kSecond;
+    settings_.listen.address.port = 0;
     settings_.listen.hello_timeout = settings_.listen.idle_timeout = std::chrono::minutes(10);
   }
 

@@ -56,7 +56,7 @@ class HeldClaims final : public SessionClaims {
   std::string refuge() const override { return "b:7722"; }
   void async_step_aside(std::function<void(const std::optional<Error>&)> done) override {
     has_stepped_aside_ = true;
-    done(has_refuge_ ? std::nullopt : std::optional<Error>("no other server"));
+    done(has_refuge_ ? std::nullopt : std::optional(Error{"no other server"}));
   }
 
   std::function<void(Outcome)> entered_;
