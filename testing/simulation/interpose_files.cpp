@@ -46,7 +46,7 @@ OpenFile* find(int fd) {
 /// Below the machine's folder; nothing: it is elsewhere.
 std::optional<std::string> name_of(int folder, const char* path) {
   if (!is_in_machine() || path == nullptr) return std::nullopt;
-  const std::string root = world_folder + "/" + folder_name(my_machine_number());
+  static const std::string root = world_folder + "/" + folder_name(my_machine_number());
   std::string whole = path;
   if (whole.empty() || whole[0] != '/') {
     const OpenFile* const base = folder == AT_FDCWD ? nullptr : find(folder);
@@ -95,7 +95,8 @@ int open_file(int folder, const char* path, int flags, unsigned mode) {
   if (may_write) interruption_point();
   if (may_write && is_failing()) return failed(EIO);
   struct stat before {};
-  const bool was_there = ::fstatat(folder, path, &before, 0) == 0;
+  const bool may_change = (flags & (O_CREAT | O_TRUNC)) != 0;
+  const bool was_there = !may_change || ::fstatat(folder, path, &before, 0) == 0;
   const int fd =
       static_cast<int>(raw_call(SYS_openat, folder, reinterpret_cast<long>(path), flags, mode));
   if (fd < 0) return fd;
@@ -112,7 +113,8 @@ int open_file(int folder, const char* path, int flags, unsigned mode) {
 
 /// `offset`: -1: where the descriptor is.
 ssize_t write_file(int fd, const void* bytes, std::size_t count, off_t offset) {
-  const OpenFile file = *find(fd);
+  const std::uint64_t inode = find(fd)->inode;
+  const bool is_appending = find(fd)->is_appending;
   interruption_point();
   if (world->now < disk().slow_until) {
     block(Wait::kSleep, nullptr,
@@ -121,8 +123,7 @@ ssize_t write_file(int fd, const void* bytes, std::size_t count, off_t offset) {
   if (is_failing()) return failed(EIO);
   const std::uint64_t size = size_of(fd);
   std::uint64_t at = static_cast<std::uint64_t>(offset);
-  if (offset < 0)
-    at = file.is_appending ? size : static_cast<std::uint64_t>(::lseek(fd, 0, SEEK_CUR));
+  if (offset < 0) at = is_appending ? size : static_cast<std::uint64_t>(::lseek(fd, 0, SEEK_CUR));
   const std::uint64_t growth = at + count > size ? at + count - size : 0;
   const std::uint64_t room = disk().capacity > disk().used ? disk().capacity - disk().used : 0;
   if (growth > room) {
@@ -136,7 +137,7 @@ ssize_t write_file(int fd, const void* bytes, std::size_t count, off_t offset) {
   if (written <= 0) return written;
   const std::uint64_t end = at + static_cast<std::uint64_t>(written);
   if (end > size) disk().used += end - size;
-  log_operation(DiskOperation::kWrite, file.inode, at, {}, {},
+  log_operation(DiskOperation::kWrite, inode, at, {}, {},
                 {static_cast<const char*>(bytes), static_cast<std::size_t>(written)});
   return written;
 }

@@ -14,6 +14,8 @@
 #include <time.h>
 
 #include <algorithm>
+#include <array>
+#include <cstdio>
 #include <set>
 #include <utility>
 
@@ -26,10 +28,16 @@ namespace {
 
 using Start = void* (*)(void*);
 
+using Name = std::array<char, 16>;
+
+/// The kernel's is that of the one kernel thread. The first thread's is never asked for.
+thread_local Name this_name{};
+
 struct Beginning {
   Start start = nullptr;
   void* value = nullptr;
   int thread = -1;
+  Name name;
 };
 
 /// Those that have ended, and that no other has joined.
@@ -56,11 +64,11 @@ pthread_key_t end_key() {
   return key;
 }
 
-void* begin_thread(void* argument) {
+void* run_thread(void* argument) {
   const Beginning beginning = *static_cast<Beginning*>(argument);
   delete static_cast<Beginning*>(argument);
-  this_thread = beginning.thread;
-  await_turn(this_thread);
+  this_name = beginning.name;
+  begin_thread(beginning.thread);
   pthread_setspecific(end_key(), &this_thread);
   return beginning.start(beginning.value);
 }
@@ -195,8 +203,9 @@ ORBBUF_INTERPOSE(int, pthread_create, pthread_t* made, const pthread_attr_t* att
   if (!is_in_machine()) return real_function(made, attributes, start, value);
   const int thread = add_thread(my_machine_number());
   const int failed =
-      real_function(made, attributes, begin_thread, new Beginning{start, value, thread});
+      real_function(made, attributes, run_thread, new Beginning{start, value, thread, this_name});
   if (failed != 0) fail("cannot create a thread");
+  await_beginning(thread);
   ended().erase(*made);
   return 0;
 }
@@ -319,8 +328,19 @@ ORBBUF_INTERPOSE(pid_t, getpid) {
 }
 ORBBUF_INTERPOSE(pid_t, gettid) {
   if (!is_in_machine()) return static_cast<pid_t>(raw_call(SYS_gettid));
-  // The first one's is the process's.
-  return raw_call(SYS_gettid) == raw_call(SYS_getpid) ? simulated_getpid() : 100'000 + this_thread;
+  return is_first_thread() ? simulated_getpid() : 100'000 + this_thread;
+}
+ORBBUF_INTERPOSE(int, pthread_setname_np, pthread_t thread, const char* name) {
+  ORBBUF_REAL(int (*)(pthread_t, const char*), "pthread_setname_np");
+  if (!is_in_machine() || thread != pthread_self()) return real_function(thread, name);
+  std::snprintf(this_name.data(), this_name.size(), "%s", name);
+  return 0;
+}
+ORBBUF_INTERPOSE(int, pthread_getname_np, pthread_t thread, char* name, size_t bytes) {
+  ORBBUF_REAL(int (*)(pthread_t, char*, size_t), "pthread_getname_np");
+  if (!is_in_machine() || thread != pthread_self()) return real_function(thread, name, bytes);
+  std::snprintf(name, bytes, "%s", this_name.data());
+  return 0;
 }
 ORBBUF_INTERPOSE(void, exit, int status) {
   if (is_in_machine()) end_machine(status);

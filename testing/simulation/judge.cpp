@@ -294,7 +294,7 @@ class SessionJudge {
     const double queue = to_seconds(robot_.path.queue) * robot_.path.bytes_per_second;
     if (robot_.has_large_images && queue < kTwoFrames) return;
     for (const Fault& outage : scenario_.faults) {
-      if (outage.length < kSecond || !is_alone(outage)) continue;
+      if (outage.length < kSecond || !is_alone(outage) || is_clock_wrong(outage)) continue;
       const Time end = outage.at + outage.length;
       if (outage.kind == FaultKind::kCut && outage.machine == facts_.machine) {
         check_live_again(session, outage, {end, end, "the link was back"});
@@ -362,6 +362,15 @@ class SessionJudge {
       least = std::min(least, lateness(frame));
     }
     return least;
+  }
+
+  /// Of a server: when frames came is not known then.
+  bool is_clock_wrong(const Fault& outage) const {
+    const Time end = outage.at + outage.length + kAlone;
+    return std::ranges::any_of(scenario_.faults, [&](const Fault& step) {
+      return step.kind == FaultKind::kClockStep && scenario_.is_server(step.machine) &&
+             step.at <= end;
+    });
   }
 
   /// No other fault within some seconds, of this robot or of the server.

@@ -24,7 +24,6 @@ constexpr std::uint64_t kMostSegmentBytes = 8192;
 constexpr std::uint64_t kLeastSegmentBytes = 536;
 constexpr std::uint64_t kFirstWindow = 14'600;
 constexpr std::uint32_t kRepeats = 3;  // of an acknowledgement: a segment is lost
-constexpr std::uint64_t kWindowBytes = 96 << 10;
 constexpr Time kLeastRetransmission = 200 * kMillisecond;
 constexpr Time kMostRetransmission = 120 * kSecond;
 constexpr std::uint32_t kMostRetransmissions = 15;

@@ -16,7 +16,7 @@ namespace fs = std::filesystem;
 constexpr int kEtcdPort = 2379;
 constexpr std::uint64_t kLargeDisk = 1ULL << 40;
 constexpr std::uint64_t kSmallDisk = 6 << 20;
-constexpr std::uint64_t kFewFrames = 10;  // of a stream that is reduced some always wait
+constexpr double kFewFrames = 10;  // of a stream that is reduced some always wait
 constexpr Time kLongestEnd = 60 * kSecond;
 constexpr Time kLongestWay = 3 * kSecond;  // with its queue; what robots wrote last comes
 constexpr std::size_t kMostForged = 8;     // frames of a visit
@@ -473,11 +473,13 @@ const SessionFacts& Run::facts_of(int robot) const {
 
 void Run::await_late_frames() {
   for (int i = 1; i < robots_end(); ++i) {
+    // What is on its way for long is kept, too.
+    const double few = kFewFrames + 2 * setup_of(i).path.way_s() * setup_of(i).fps;
     while (facts_of(i).spooled > 0) {
       const std::uint64_t before = facts_of(i).spooled;
       advance(world->now + settling_);
       if (facts_of(i).spooled < before) continue;
-      if (before < kFewFrames) break;
+      if (static_cast<double>(before) < few) break;
       return problem(
           fmt::format("robot{}: {} kept frames do not come although all is well", i, before));
     }

@@ -29,7 +29,7 @@ Time draw_length(Random& random, Time least, Time most) {
 
 /// So that a robot has some 60 to 3000 frames: a day costs what its frames cost.
 double draw_rate(Random& random, Time length) {
-  constexpr double kLeast = 0.02, kMost = 30, kMostFrames = 3000, kSpan = 50;
+  constexpr double kLeast = 0.01, kMost = 30, kMostFrames = 3000, kSpan = 50;
   const double most = std::min(kMost, kMostFrames * kSecond / static_cast<double>(length));
   const double least = std::max(kLeast, most / kSpan);
   const double share = static_cast<double>(random.below(1001)) / 1000;
@@ -51,10 +51,11 @@ RobotSetup draw_robot(Random& random, Time length) {
   robot.path.jitter = random.one_in(2) ? robot.path.delay / 2 : 0;
   robot.path.queue = draw_length(random, 50 * kMillisecond, kSecond);
   const double needed = robot.fps * (robot.has_large_images ? 20000 : 2500);
-  // A stream that nearly fills the window of its connection has no room for kept frames. Nor has
+  // A stream that fills half of the window of its connection has no room for kept frames. Nor has
   // one over so long a way with jitter (docs/simulation.md).
-  const auto way = static_cast<double>(robot.path.delay + robot.path.jitter) / 1e9;
-  if (needed * 2 * way > 48e3 || (robot.path.jitter > 0 && way > 0.5)) robot.has_spool = false;
+  const double way = robot.path.way_s();
+  const bool has_room = needed * 2 * way < static_cast<double>(kWindowBytes) / 2;
+  if (!has_room || (robot.path.jitter > 0 && way > 0.5)) robot.has_spool = false;
   robot.path.bytes_per_second =
       std::max(kSlowest, needed * static_cast<double>(2 + random.below(30)));
   return robot;
@@ -121,8 +122,7 @@ void draw_value(Fault& fault, Random& random, const Scenario& scenario) {
 }
 
 bool is_of_robots(FaultKind kind) {
-  return kind <= FaultKind::kLoss || kind == FaultKind::kDieInARow ||
-         kind == FaultKind::kClockStep || kind == FaultKind::kVisit;
+  return kind <= FaultKind::kLoss || kind == FaultKind::kDieInARow || kind == FaultKind::kVisit;
 }
 
 Fault draw_fault(Random& random, const Scenario& scenario) {
@@ -325,7 +325,7 @@ Fault draw_fault_of_server(Random& random, const Scenario& scenario) {
       FaultKind::kKillAtCall,  FaultKind::kPowerCutAtCall, FaultKind::kFreeze,
       FaultKind::kFreeze,      FaultKind::kStop,           FaultKind::kDieInARow,
       FaultKind::kHangingSync, FaultKind::kCutFrom,        FaultKind::kCutFrom,
-      FaultKind::kCutOneWay,   FaultKind::kCutOneWay};
+      FaultKind::kCutOneWay,   FaultKind::kCutOneWay,      FaultKind::kClockStep};
   Fault fault;
   fault.machine = draw_server(random, scenario);
   fault.kind = kKinds[random.below(kKinds.size())];
@@ -364,7 +364,7 @@ Fault draw_fault_of_fleet(Random& random, const Scenario& scenario) {
   return fault;
 }
 
-/// The session is at another server, or goes there, while this one cannot write.
+/// Half of them while the session is at another server, or goes there.
 void add_bad_disk_of_fleet(Scenario& scenario, Random& random) {
   constexpr std::array kKinds = {FaultKind::kSlowDisk, FaultKind::kFailingDisk,
                                  FaultKind::kFullDisk};
@@ -373,8 +373,9 @@ void add_bad_disk_of_fleet(Scenario& scenario, Random& random) {
   fault.kind = kKinds[random.below(kKinds.size())];
   fault.length = draw_length(random, kSecond, 40 * kSecond);
   const Fault& other = scenario.faults[random.below(scenario.faults.size())];
-  fault.at =
-      std::clamp(other.at + random.between(-20 * kSecond, 20 * kSecond), kSecond, scenario.length);
+  const Time near = other.at + random.between(-20 * kSecond, 20 * kSecond);
+  fault.at = random.one_in(2) ? random.between(kSecond, scenario.length)
+                              : std::clamp(near, kSecond, scenario.length);
   scenario.faults.push_back(fault);
 }
 
@@ -425,7 +426,7 @@ Scenario draw_scenario(std::uint64_t seed) {
   Random random{Random{seed}.next()};  // far from those of the seeds beside it
   Scenario scenario;
   scenario.seed = seed;
-  scenario.length = draw_length(random, 60 * kSecond, 24 * 3600 * kSecond);
+  scenario.length = draw_length(random, 60 * kSecond, 72 * 3600 * kSecond);
   if (random.one_in(4)) scenario.sync = "1 s";
   scenario.sync_time = draw_length(random, 100 * kMicrosecond, 30 * kMillisecond);
   const std::uint64_t robots = 1 + random.below(3);

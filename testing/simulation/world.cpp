@@ -16,6 +16,7 @@
 #include <string>
 #include <utility>
 
+#include "testing/simulation/fibers.hpp"
 #include "testing/simulation/network.hpp"
 #include "testing/simulation/real.hpp"
 
@@ -26,8 +27,6 @@ std::array<char*, kMostMachines> disk_logs{};
 constinit thread_local int this_thread = -1;
 
 namespace {
-
-constexpr std::uint64_t kMostTurnsInARow = 3'000'000;  // in which no time passes but a turn's
 
 constexpr std::size_t kWorldBytes = (sizeof(World) + 4095) / 4096 * 4096;
 
@@ -104,12 +103,47 @@ int choose() {
   }
 }
 
+// Of the calling process.
+int this_machine = -1;
+int first_thread = kController;
+std::array<Fiber*, kMostThreads> fibers;  // never deleted: kernel threads that end still use them
+Fiber* ended = nullptr;
+
+Fiber*& fiber(int thread) { return fibers[static_cast<std::size_t>(thread)]; }
+int machine_of(int thread) { return world->threads[static_cast<std::size_t>(thread)].machine; }
+
+/// Of all processes that wait for the turn, that of one machine.
+long bit_of(int machine) { return 1L << static_cast<unsigned>(machine + 1); }
+
 void give_turn(int thread) {
-  world->current = thread;
   ++world->switches;
-  auto& turn = world->threads[static_cast<std::size_t>(thread)].turn;
-  turn.store(1, std::memory_order_release);
-  raw_call(SYS_futex, reinterpret_cast<long>(&turn), FUTEX_WAKE, 1);
+  const int machine = machine_of(thread);
+  world->current.store(thread, std::memory_order_release);
+  if (machine == this_machine) return;
+  // That machine may run from here on.
+  raw_call(SYS_futex, reinterpret_cast<long>(&world->current), FUTEX_WAKE_BITSET, 1, 0, 0,
+           bit_of(machine));
+}
+
+/// A fiber cannot give back the stack that it stands on: the next one does.
+void give_back_ended() {
+  if (ended != nullptr) give_back(*std::exchange(ended, nullptr));
+}
+
+/// Asks for the machine of a thread without having the turn. A place among the threads becomes this
+/// machine's only while this machine has it, so that the answer is right in what counts.
+void await_turn(int self) {
+  for (;;) {
+    const int next = world->current.load(std::memory_order_acquire);
+    if (next == self) return;
+    if (machine_of(next) == this_machine) {
+      orbbuf_switch(fiber(self), fiber(next));
+      give_back_ended();
+    } else {
+      raw_call(SYS_futex, reinterpret_cast<long>(&world->current), FUTEX_WAIT_BITSET, next, 0, 0,
+               bit_of(this_machine));
+    }
+  }
 }
 
 void handle_signals() {
@@ -161,9 +195,24 @@ void make_world(int memory, std::uint64_t seed) {
 
 void join_world(int memory, int thread) {
   map_world(memory);
-  this_thread = thread;
+  this_thread = first_thread = thread;
+  this_machine = my_machine_number();
+  fiber(thread) = new Fiber;
   await_turn(thread);
 }
+
+bool is_first_thread() { return this_thread == first_thread; }
+
+void begin_thread(int thread) {
+  this_thread = thread;
+  sigset_t all;
+  ::sigfillset(&all);
+  ::pthread_sigmask(SIG_SETMASK, &all, nullptr);  // a handler would run on the stack that is lent
+  orbbuf_lend(fiber(thread));
+  give_back_ended();
+}
+
+void await_beginning(int thread) { await_loan(*fiber(thread)); }
 
 int add_thread(int machine) {
   int place = 1;
@@ -176,16 +225,9 @@ int add_thread(int machine) {
   thread.state = State::kRunnable;
   thread.machine = machine;
   thread.deadline = kNever;
-  thread.turn = 0;
+  if (is_in_machine()) fiber(place) = new Fiber;
   world->threads_used = std::max(world->threads_used, place + 1);
   return place;
-}
-
-void await_turn(int thread) {
-  auto& turn = world->threads[static_cast<std::size_t>(thread)].turn;
-  while (turn.exchange(0, std::memory_order_acquire) == 0) {
-    raw_call(SYS_futex, reinterpret_cast<long>(&turn), FUTEX_WAIT, 0);
-  }
 }
 
 void pass_turn() {
@@ -251,10 +293,13 @@ void forget_threads(int machine) {
 }
 
 void end_thread() {
-  myself().state = State::kFree;
-  this_thread = -1;
+  const int self = std::exchange(this_thread, -1);
+  world->threads[static_cast<std::size_t>(self)].state = State::kFree;
   ++world->turns;
-  give_turn(choose());
+  const int next = choose();
+  give_turn(next);
+  ended = fiber(self);
+  orbbuf_switch(ended, fiber(machine_of(next) == this_machine ? next : first_thread));
 }
 
 void end_machine(int status) {

@@ -15,9 +15,9 @@
 /// *controller*, the process that makes the world, is one World in shared memory. A library that is
 /// preloaded into the programs replaces the functions of the C library through which they meet
 /// time, threads, network and disk (interpose_*.cpp). Of all threads of all machines exactly
-/// one runs: it has the *turn*. At each point where a thread would wait, or may be interrupted, the
-/// world's random numbers choose which thread goes on. When none can, the clock moves to the next
-/// deadline or event.
+/// one runs: it has the *turn* (fibers.hpp). At each point where a thread would wait, or may be
+/// interrupted, the world's random numbers choose which thread goes on. When none can, the clock
+/// moves to the next deadline or event.
 namespace orbbuf::simulation {
 
 using Time = std::int64_t;  ///< virtual, in ns since the world began
@@ -32,7 +32,9 @@ inline constexpr int kMostThreads = 512;
 inline constexpr int kMostConnections = 256;
 inline constexpr int kMostEvents = 8192;
 inline constexpr int kMostSessions = 1024;
-inline constexpr std::uint32_t kRingBytes = 128 << 10;
+inline constexpr std::uint32_t kRingBytes = 512 << 10;
+inline constexpr std::uint64_t kWindowBytes = 384 << 10;  ///< of a connection, at most
+static_assert(kWindowBytes < kRingBytes);
 inline constexpr std::uint64_t kDiskLogBytes = 64 << 20;
 inline constexpr int kController = 0;  ///< its thread
 
@@ -65,7 +67,6 @@ struct Thread {
   int machine = -1;        ///< -1: the controller
   const void* key = nullptr;
   Time deadline = kNever;
-  std::atomic<std::uint32_t> turn{0};
 };
 
 /// One direction of a connection; positions count bytes since it opened. The end counts as a byte.
@@ -128,6 +129,8 @@ struct Path {
   Time queue = 300 * kMillisecond;  ///< that much waits at the bottleneck, the rest is lost
   double bytes_per_second = 1e6;
   std::uint32_t loss_one_in = 0;  ///< 0: none
+
+  double way_s() const { return static_cast<double>(delay + jitter) / 1e9; }
 };
 
 struct Disk {
@@ -214,8 +217,8 @@ struct World {
   std::uint64_t orders = 0;
   Random random;
   bool is_stuck = false;
-  bool has_news = false;  ///< for the controller
-  int current = kController;
+  bool has_news = false;                  ///< for the controller
+  std::atomic<int> current{kController};  ///< who has the turn
   int threads_used = 1;
   int events_used = 0;
   int trace = -1;          ///< a descriptor
@@ -253,6 +256,7 @@ inline Time my_wall_time() { return kWallBegin + world->now + my_machine().clock
 void make_world(int memory, std::uint64_t seed);
 /// The calling process is a machine's, and its thread that one. Returns when it has the turn.
 void join_world(int memory, int thread);
+bool is_first_thread();  ///< of its process
 
 /// A place for a new thread of a machine, which may run at once. A crash of the simulator if there
 /// is none left.
@@ -281,7 +285,10 @@ void call_controller();
 /// The controller waits for a time, or for news of a machine.
 void run_until(Time time);
 
-void await_turn(int thread);
+/// A new thread of the calling machine begins: returns when it has the turn.
+void begin_thread(int thread);
+/// Blocks until its kernel thread has begun.
+void await_beginning(int thread);
 
 // Events of the network; see network.cpp.
 void add_event(Event event);
