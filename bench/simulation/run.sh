@@ -1,26 +1,29 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Seeds for some minutes; with --defects, how soon the simulation finds the defects that the project had, one at a time;
-# with --chaos, also which of them bench chaos finds.
+# 120 seeds, since so many in a row have their share of each kind, or seeds for some minutes; with --defects, also how
+# soon the simulation finds the defects that the project had, in 2 minutes each or so many; with --chaos, which of them
+# bench chaos finds.
 # Usage: bench/simulation/run.sh BUILD_FOLDER [--minutes N] [--seed N] [--chaos] [--defects [NAME ...]]
 # The defects are built in a work tree of its own, build/simulation-defects, which stays for the next time.
 set -euo pipefail
 build=$(cd "$1" && pwd)
 shift
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
-minutes=2 seed=$(date +%s) chaos='' defects=''
+minutes='' seed=$(date +%s) chaos='' defects='' measure=(--seeds 120)
 while [ $# -gt 0 ]; do
   case $1 in
     --minutes) minutes=$2 && shift 2 ;;
     --seed) seed=$2 && shift 2 ;;
     --chaos) chaos=1 && shift ;;
     --defects) defects=1 && shift && break ;;
-    *) sed -n '5s/^# //p' "$0" >&2 && exit 2 ;;
+    *) sed -n '6s/^# //p' "$0" >&2 && exit 2 ;;
   esac
 done
-simulate() { "$1/testing/simulation/orbbuf-simulate" --seed "$seed" --minutes "$minutes" "${@:2}"; }
+simulate() { "$1/testing/simulation/orbbuf-simulate" --seed "$seed" "${@:2}"; }
+[ -n "$defects" ] || [ -z "$chaos" ] || { echo "bench simulation: --chaos goes with --defects" >&2 && exit 2; }
+[ -n "$defects" ] || [ -z "$minutes" ] || measure=(--minutes "$minutes")
 status=0
-simulate "$build" --go-on || status=$?
+simulate "$build" "${measure[@]}" --go-on || status=$?
 [ -n "$defects" ] || exit $status
 
 patches=$PWD/testing/simulation/defects tree=$PWD/build/simulation-defects
@@ -49,7 +52,7 @@ for name; do # one tree for all, so that only what a patch touches is compiled
     for program in "${programs[@]}"; do install -D "$tree/build/dev/$program" "$copy/$program"; done
     echo "$stamp" > "$copy/stamp"
   fi
-  simulate "$copy" > "$copy.found" || true
+  simulate "$copy" --minutes "${minutes:-2}" > "$copy.found" || true
   took=$(sed -n 's/^RESULT simulation.minutes //p' "$copy.found")
   if grep -aq '^  FOUND the simulator ended' "$copy.found"; then # that is no finding
     echo "$name: the simulator ended" && status=1
