@@ -254,9 +254,10 @@ void Listener::move_all(std::function<void(std::vector<SessionKey>)> moved) {
 /// What this server's disk does not take, another one's may. A session without a robot stays: the
 /// robot comes back when the link does.
 void Listener::step_aside() {
-  const auto is_stuck = [](const auto& entry) {
+  const auto is_stuck = [this](const auto& entry) {
     const Session& session = *entry.second;
-    return session.is_paused() && session.has_peer() && !session.is_closing();
+    const bool is_paused = session.is_paused() || (commit_ && commit_->has_failed());
+    return is_paused && session.has_peer() && !session.is_closing();
   };
   const auto now = std::chrono::steady_clock::now();
   if (moved_ || now < step_aside_at_ || std::ranges::none_of(sessions_, is_stuck)) return;

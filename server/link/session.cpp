@@ -273,7 +273,7 @@ void Session::on_sink_done(const std::optional<Error>& error) {
   }
   note_failure(error);
   if (error) {
-    ++job_->failures;
+    ++failures_;
     if (events_.sink_failed) events_.sink_failed();
     if (const auto peer = peer_.lock()) peer->on_kept();  // a sign of life
     retry_.expires_after(kRetry);
@@ -282,6 +282,7 @@ void Session::on_sink_done(const std::optional<Error>& error) {
     });
     return;
   }
+  failures_ = 0;
   job_->sink = next_sink(job_->sink + 1);
   if (job_->sink < sinks_.size()) return call_sink();
   const Taken taken = std::move(job_->taken);

@@ -114,7 +114,7 @@ class Session : public std::enable_shared_from_this<Session> {
 
   bool is_closing() const { return life_ != Life::kOpen; }
   /// A sync has failed, or two tries in a row to write something.
-  bool is_paused() const { return keeping_ == Keeping::kFailed || (job_ && job_->failures > 1); }
+  bool is_paused() const { return keeping_ == Keeping::kFailed || (job_ && failures_ > 1); }
   /// A robot is connected.
   bool has_peer() const { return !peer_.expired(); }
   /// Up to where the sinks have taken all.
@@ -136,7 +136,6 @@ class Session : public std::enable_shared_from_this<Session> {
     Taken taken;          // empty: no connection waits for it
     std::size_t sink = 0;
     bool is_in_sink = false;  // else it waits for retry_
-    int failures = 0;
   };
 
   /// What was taken is brought onto the device, and allowed by the claim.
@@ -205,6 +204,7 @@ class Session : public std::enable_shared_from_this<Session> {
   Life life_ = Life::kOpen;
   SessionEnd end_ = SessionEnd::kStopping;  // since kClosing
   bool is_failing_ = false;                 // logged
+  int failures_ = 0;                        // in a row, over whichever connections
   bool has_no_jpeg_ = false;                // a frame, logged
   std::map<wire::StreamId, LogLimit> gaps_;
   SessionClosing closing_;

@@ -40,6 +40,8 @@ class GroupCommit {
   /// done: runs on `main`, never from within the call, when all that was written before the call is
   /// on the device, or cannot be brought there.
   void async_commit(Done done);
+  /// Nothing gets onto the device any more.
+  bool has_failed() const { return failed_.has_value(); }
 
  private:
   void schedule();

@@ -237,6 +237,25 @@ TEST_F(SessionTest, EachFailedTryOfASinkIsReported) {
   EXPECT_EQ(failures_, 2);
 }
 
+/// Over a slow link a robot may try another connection before a second has passed: seed 150051 of
+/// the simulation.
+TEST_F(SessionTest, IsPausedAfterTwoFailedTriesAlsoOfTwoConnections) {
+  const test::CapturedLog log;
+  make({sink_});
+  write(0);
+  sink_->answer(Error{"the disk is full"});
+  EXPECT_FALSE(session_->is_paused());
+  const auto second = std::make_shared<FakePeer>();
+  session_->attach(second);
+  EXPECT_EQ(second->welcome, wire::Position{});
+  write(0);
+  sink_->answer(Error{"the disk is full"});
+  EXPECT_TRUE(session_->is_paused());
+  ASSERT_TRUE(run_until_busy(*sink_));
+  sink_->answer();
+  EXPECT_FALSE(session_->is_paused());
+}
+
 TEST_F(SessionTest, AWelcomeWaitsUntilWhatIsThereIsKept) {
   sink_ = std::make_shared<FakeSink>(wire::Position{12, 3});
   sink_->holds_commits = true;

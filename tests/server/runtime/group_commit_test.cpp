@@ -73,7 +73,9 @@ TEST_F(GroupCommitTest, ADeviceThatFailedIsNotTrustedAgain) {
     count(error);
     commit.async_commit(count);
   });
+  EXPECT_FALSE(commit.has_failed());
   main_.run();
+  EXPECT_TRUE(commit.has_failed());
   EXPECT_EQ(errors, 2);
   EXPECT_EQ(syncs, 1);
   EXPECT_EQ(log_.lines("error "),
