@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # 120 seeds, since so many in a row have their share of each kind, or seeds for some minutes; with --defects, also how
-# soon the simulation finds the defects that the project had, in 2 minutes each or so many; with --chaos, which of them
+# soon the simulation finds the defects that the project had, in 3 minutes each or so many; with --chaos, which of them
 # bench chaos finds.
 # Usage: bench/simulation/run.sh BUILD_FOLDER [--minutes N] [--seed N] [--chaos] [--defects [NAME ...]]
 # The defects are built in a work tree of its own, build/simulation-defects, which stays for the next time.
@@ -52,7 +52,7 @@ for name; do # one tree for all, so that only what a patch touches is compiled
     for program in "${programs[@]}"; do install -D "$tree/build/dev/$program" "$copy/$program"; done
     echo "$stamp" > "$copy/stamp"
   fi
-  simulate "$copy" --minutes "${minutes:-2}" > "$copy.found" || true
+  simulate "$copy" --minutes "${minutes:-3}" > "$copy.found" || true
   took=$(sed -n 's/^RESULT simulation.minutes //p' "$copy.found")
   if grep -aq '^  FOUND the simulator ended' "$copy.found"; then # that is no finding
     echo "$name: the simulator ended" && status=1
