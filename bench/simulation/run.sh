@@ -20,8 +20,10 @@ while [ $# -gt 0 ]; do
   esac
 done
 simulate() { "$1/testing/simulation/orbbuf-simulate" --seed "$seed" "${@:2}"; }
-[ -n "$defects" ] || [ -z "$chaos" ] || { echo "bench simulation: --chaos goes with --defects" >&2 && exit 2; }
-[ -n "$defects" ] || [ -z "$minutes" ] || measure=(--minutes "$minutes")
+if [ -z "$defects" ]; then
+  [ -z "$chaos" ] || { echo "bench simulation: --chaos goes with --defects" >&2 && exit 2; }
+  [ -z "$minutes" ] || measure=(--minutes "$minutes")
+fi
 status=0
 simulate "$build" "${measure[@]}" --go-on || status=$?
 [ -n "$defects" ] || exit $status

@@ -217,7 +217,6 @@ struct World {
   std::uint64_t orders = 0;
   Random random;
   bool is_stuck = false;
-  bool has_news = false;                  ///< for the controller
   std::atomic<int> current{kController};  ///< who has the turn
   int threads_used = 1;
   int events_used = 0;
