@@ -2,9 +2,11 @@
 #include "testing/simulation/fibers.hpp"
 
 #include <linux/futex.h>
+#include <sys/auxv.h>
 #include <sys/syscall.h>
 
 #include <cstddef>
+#include <cstdlib>
 
 #include "testing/simulation/real.hpp"
 
@@ -15,6 +17,11 @@ static_assert(offsetof(orbbuf::simulation::Fiber, is_lent) == 8);
 static_assert(offsetof(orbbuf::simulation::Fiber, is_returned) == 12);
 
 #if defined(__x86_64__)
+/// Whether a program may set its thread pointer itself: a processor with FSGSBASE, and Linux 5.9
+/// (HWCAP2_FSGSBASE). Elsewhere arch_prctl() sets it, which takes a system call each switch.
+extern "C" __attribute__((visibility("hidden"))) const int orbbuf_has_fsgsbase =
+    (::getauxval(AT_HWCAP2) & 2) != 0 && ::getenv("ORBBUF_NO_FSGSBASE") == nullptr ? 1 : 0;
+
 asm(R"(
 .macro orbbuf_save
   pushq %rbp
@@ -23,8 +30,7 @@ asm(R"(
   pushq %r13
   pushq %r14
   pushq %r15
-  rdfsbase %rax
-  pushq %rax
+  pushq %fs:0                   # the thread pointer, which points to itself
   movq %rsp, (%rdi)
 .endm
 
@@ -61,8 +67,16 @@ orbbuf_switch:
   orbbuf_save
   movq (%rsi), %rsp
 orbbuf_resume:
-  popq %rax
-  wrfsbase %rax
+  popq %rsi
+  cmpl $0, orbbuf_has_fsgsbase(%rip)
+  je 1f
+  wrfsbase %rsi
+  jmp 2f
+1:
+  movl $0x1002, %edi            # ARCH_SET_FS
+  movl $158, %eax
+  syscall                       # arch_prctl
+2:
   popq %r15
   popq %r14
   popq %r13

@@ -2,16 +2,12 @@
 // Runs seeds: of each the scenario, in virtual time, and then the judge.
 #include <fcntl.h>
 #include <sched.h>
-#include <sys/auxv.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/time.h>
 #include <sys/wait.h>
 #include <unistd.h>
-#ifdef __x86_64__
-#include <asm/hwcap2.h>
-#endif
 
 #include <algorithm>
 #include <chrono>
@@ -250,20 +246,7 @@ void work(const Options& options, Progress& progress, const std::vector<std::uin
   }
 }
 
-/// Throws if threads cannot be switched here (fibers.hpp).
-void require_processor(const Options& options) {
-#ifdef __x86_64__
-  if (!options.emulator.empty() || (::getauxval(AT_HWCAP2) & HWCAP2_FSGSBASE) != 0) return;
-  throw std::runtime_error(
-      "a program may not set its thread pointer here: it takes a processor with FSGSBASE, and "
-      "Linux 5.9");
-#else
-  static_cast<void>(options);
-#endif
-}
-
 int simulate(const Options& options) {
-  require_processor(options);
   void* const shared =
       ::mmap(nullptr, sizeof(Progress), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
   auto& progress = *new (shared) Progress();
