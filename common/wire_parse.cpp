@@ -3,6 +3,7 @@
 #include <zlib.h>
 
 #include <algorithm>
+#include <array>
 #include <cassert>
 #include <limits>
 #include <optional>
@@ -227,6 +228,11 @@ Parsed<Header> parse_header(std::span<const std::uint8_t, kHeaderBytes> bytes,
                             std::uint32_t max_jpeg_bytes) {
   Reader in(bytes);
   if (in.take<std::uint32_t>() != kMagic) {
+    constexpr std::array<std::uint8_t, 2> kTlsHandshake = {0x16, 3};
+    if (std::ranges::equal(bytes.first(2), kTlsHandshake)) {
+      return malformed(
+          "the peer speaks TLS, and this end does not: set [tls] here, or remove it there");
+    }
     return malformed("not an ORBBuf peer: first bytes " + quote(bytes.first(4)));
   }
   if (const auto format = in.take<std::uint8_t>(); format != kHeaderFormat) {

@@ -77,7 +77,7 @@ void Stream::read_some(const Buffers<boost::asio::mutable_buffer>& buffers, Done
 }
 
 void Stream::write_some(const Buffers<boost::asio::const_buffer>& buffers, Done done) {
-  if (tls_) {
+  if (tls_ && !is_bare_) {
     tls_->stream.async_write_some(buffers, std::move(done));
   } else {
     socket_.async_write_some(buffers, std::move(done));
@@ -110,21 +110,25 @@ std::string Stream::peer_name() {
   return certificate ? common_name(certificate.get()) : "";
 }
 
+bool Stream::is_peer_plain(const error_code& failed) {
+  if (failed.category() != boost::asio::error::get_ssl_category()) return false;
+  const int reason = ERR_GET_REASON(static_cast<unsigned long>(failed.value()));
+  return reason == SSL_R_WRONG_VERSION_NUMBER || reason == SSL_R_HTTP_REQUEST;
+}
+
 std::string Stream::explain(const error_code& failed) const {
   if (!refused_.empty()) return refused_;
   if (failed == boost::asio::error::eof || failed == boost::asio::ssl::error::stream_truncated) {
     return "the peer closed the connection";
   }
   if (failed.category() != boost::asio::error::get_ssl_category()) return failed.message();
+  if (is_peer_plain(failed)) return failed.message() + ": the peer does not use TLS";
   // Numbers of alerts that come from the other end: RFC 8446, Sec. 6.
   const int reason = ERR_GET_REASON(static_cast<unsigned long>(failed.value()));
   if (reason >= SSL_AD_REASON_OFFSET) {
     return "the peer rejected the handshake: " + failed.message();
   }
   switch (reason) {
-    case SSL_R_WRONG_VERSION_NUMBER:
-    case SSL_R_HTTP_REQUEST:
-      return failed.message() + ": the peer does not use TLS";
     case SSL_R_UNSUPPORTED_PROTOCOL:
       return failed.message() + ": the peer does not support TLS 1.3";
     case SSL_R_PEER_DID_NOT_RETURN_A_CERTIFICATE:

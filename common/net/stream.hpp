@@ -50,9 +50,12 @@ class Stream {
     write_some(first_of<boost::asio::const_buffer>(buffers), Done(std::forward<Handler>(handler)));
   }
 
-  /// From now on reads return the raw bytes of the socket, without TLS: to drain what the peer
-  /// still sends before the connection is closed.
-  void read_bare() { is_bare_ = true; }
+  /// From now on reads and writes are the raw bytes of the socket, without TLS: to drain what the
+  /// peer still sends before the connection is closed, or to answer one that does not use TLS.
+  void go_bare() { is_bare_ = true; }
+
+  /// Whether a handshake failed with that because the peer does not use TLS.
+  static bool is_peer_plain(const boost::system::error_code& failed);
 
   /// The common name in the peer's certificate; empty if there is no certificate, or if it has no
   /// common name or several. Valid after the handshake.

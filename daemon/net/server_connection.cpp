@@ -134,9 +134,15 @@ void ServerConnection::read_header() {
                      if (!self->owner_) return;
                      if (error) return self->fail("read failed", error);
                      const auto header = wire::parse_header(self->header_, 0);
-                     if (!header) return self->fail({"the server sent " + header.error().text});
+                     if (!header) return self->on_no_header(header.error());
                      self->read_body(header.value());
                    });
+}
+
+/// What has never sent a welcome is no orbbuf-server.
+void ServerConnection::on_no_header(const wire::Fault& fault) {
+  was_refused_ = !welcome_;
+  fail({"the server sent no message of this protocol: " + fault.text});
 }
 
 void ServerConnection::read_body(const wire::Header& header) {

@@ -102,6 +102,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   void wait_writable();
   void on_written(const boost::system::error_code& error);
   void read_header();
+  void on_no_header(const wire::Fault& fault);
   void read_body(const wire::Header& header);
   void dispatch(const wire::Header& header);
   template <class Message>

@@ -182,7 +182,7 @@ class HttpServer::Connection final : public std::enable_shared_from_this<Connect
   void part() {
     error_code ignored;  // then it is gone, which reading shows
     stream_->socket().shutdown(tcp::socket::shutdown_send, ignored);
-    stream_->read_bare();
+    stream_->go_bare();
     limit(kPartingTime);
     discard();
   }

@@ -65,7 +65,14 @@ void Connection::on_handshake_failed(const error_code& failed) {
   const bool has_left = failed == asio::error::eof || failed == asio::error::connection_reset ||
                         failed == asio::ssl::error::stream_truncated;
   if (has_left) return on_read_failed(failed);
-  fail({ErrorCode::kRefused, stream_.explain(failed)});
+  if (!Stream::is_peer_plain(failed)) return fail({ErrorCode::kRefused, stream_.explain(failed)});
+  // A robot without [tls] can read the answer, and tries less often after a refusal.
+  log_warn("{}: {}", name(), stream_.explain(failed));
+  stream_.go_bare();
+  state_ = State::kHello;
+  part(encode(wire::ErrorMessage{
+      ErrorCode::kRefused,
+      "this server speaks TLS: set [tls] on the robot (orbbuf-server add-robot makes its keys)"}));
 }
 
 void Connection::join(std::shared_ptr<Session> session) {
@@ -381,7 +388,7 @@ void Connection::part(std::vector<std::uint8_t> last_words) {
   if (state_ == State::kParting || state_ == State::kClosed) return;
   if (state_ == State::kHandshake) {  // there is no talking to it, but OpenSSL may have told it why
     last_words.clear();
-    stream_.read_bare();
+    stream_.go_bare();
   }
   state_ = State::kParting;
   if (const auto session = std::exchange(session_, nullptr)) session->detach(*this);

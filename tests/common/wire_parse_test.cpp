@@ -40,7 +40,8 @@ TEST(WireParse, StrangersFirstBytesAreQuoted) {
   EXPECT_EQ(http.code, ErrorCode::kMalformed);
   const Fault tls =
       header_fault(Bytes{0x16, 3, 1, 0x02, 0, 1, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0});
-  EXPECT_EQ(tls.text, "not an ORBBuf peer: first bytes \"....\" (16 03 01 02)");
+  EXPECT_EQ(tls.text,
+            "the peer speaks TLS, and this end does not: set [tls] here, or remove it there");
 }
 
 TEST(WireParse, EverySingleBitOfAHeaderMatters) {

@@ -21,7 +21,7 @@ class Tls : public testing::Test {
   }
   static std::unique_ptr<Process> robot(const TlsSettings& tls, const std::string& address,
                                         const std::string& id = "turtlebot1") {
-    Overrides overrides = Certificates::overrides(tls);
+    Overrides overrides = tls.is_on() ? Certificates::overrides(tls) : Overrides{};
     for (const char* one : {"source.frames=50", "source.realtime=false", "source.width=160",
                             "source.height=120", "link.drain_timeout=0 s"}) {
       overrides.emplace_back(one);
@@ -123,10 +123,17 @@ TEST_F(Tls, ReloadedCertificatesAreForNewConnections) {
   EXPECT_TRUE(sender.wait_for_line("the certificate is for \"turtlebot2\", not for this robot"));
 }
 
+TEST_F(Tls, APlainRobotHearsThatTheServerSpeaksTls) {
+  const auto open = server();
+  const auto sender = robot({}, open->address());
+  EXPECT_TRUE(sender->wait_for_line("the server says: this server speaks TLS")) << sender->output();
+}
+
 TEST_F(Tls, APlainServerIsNotTrusted) {
-  const Server plain(folder_ / "out");
+  Server plain(folder_ / "out");
   const auto sender = robot(keys_.robot(), plain.address());
   EXPECT_TRUE(sender->wait_for_line("no TLS: "));
+  EXPECT_TRUE(plain.process().wait_for_line("the peer speaks TLS"));
   EXPECT_FALSE(std::filesystem::exists(folder_ / "out" / "turtlebot1"));
 }
 

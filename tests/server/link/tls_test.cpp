@@ -104,7 +104,12 @@ TEST_F(TlsServer, WhoeverShowsNoCertificateIsRefused) {
 
 TEST_F(TlsServer, APlainRobotIsRefused) {
   const RobotClient robot(server_->port());
-  EXPECT_FALSE(robot.hello("turtlebot1", "s"));
+  robot.send_hello("turtlebot1", "s");
+  const auto told = robot.error();
+  ASSERT_TRUE(told) << "the robot got no message that it can read";
+  EXPECT_EQ(told->code, wire::ErrorCode::kRefused);
+  EXPECT_THAT(told->text, HasSubstr("this server speaks TLS"));
+  EXPECT_TRUE(robot.is_closed());
   const auto said = warnings();
   ASSERT_THAT(said, SizeIs(1));
   EXPECT_THAT(said[0], HasSubstr("the peer does not use TLS"));
