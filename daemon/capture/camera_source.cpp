@@ -129,6 +129,7 @@ std::optional<RawFrame> CameraSource::take() {
   }
   auto frame = frame_of(*buffer.value());
   if (is_lost_) greet();
+  opened_ = 0;
   ++frames_;
   await_frame_for(longest_pause());
   if (const auto error = stream_->give_back(*buffer.value())) give_up(error->text);
@@ -172,6 +173,7 @@ void CameraSource::open() {
         fmt::format("its mode is now {}, not {}", describe(mode), describe(*first_mode_)));
   }
   stream_ = std::move(stream);
+  ++opened_;
   await_frame_for(kFirstFrame);
   gaps_.start();
 }
@@ -202,8 +204,17 @@ void CameraSource::give_up(const std::string& why) {
   }
   if (!is_lost_ && waiting_since_ - delivers_since_ > kLongestBackoff) backoff_ = 0ms;
   is_lost_ = true;
+  if (opened_ == kMostInVain) ask_for_help(why);
   stream_.reset();  // may take as long as the driver waits for a camera that does not answer
   deadline_ = Clock::now() + backoff_;
+}
+
+void CameraSource::ask_for_help(const std::string& why) const {
+  const auto reset = stream_->reset_command();
+  log_error(
+      "camera {}: the camera answers but sends nothing: opened {} times in a row, no frame ({}); "
+      "unplug it and plug it in again{}; retrying",
+      name_, opened_, why, reset.empty() ? "" : ", or reset its USB port: " + reset);
 }
 
 void CameraSource::greet() {

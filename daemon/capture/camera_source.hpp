@@ -71,10 +71,13 @@ class GapCounter {
 /// of up to 2 s until the camera captures again in the size of its first frames; the session goes
 /// on. The back-off starts at 0 again once frames have come for over 2 s. The log has one line for
 /// the loss, one for the recovery, and one for each other reason why the camera cannot be opened.
+/// If the camera was opened kMostInVain times and sent no frame, the log says what a person can do.
 /// Frames missing in the driver's numbering are counted; a buffer that the driver marks as corrupt
 /// is a frame with a defect. The destructor logs the counts.
 class CameraSource : public FrameSource {
  public:
+  static constexpr int kMostInVain = 3;
+
   /// Opens the camera by `open_camera`, and throws what it throws; reopens by it too. name: the
   /// camera's, for the log. fps: assumed for a camera that reports no rate.
   CameraSource(OpenCamera open_camera, std::string name, double fps);
@@ -95,6 +98,7 @@ class CameraSource : public FrameSource {
   void open();
   void reopen();
   void give_up(const std::string& why);
+  void ask_for_help(const std::string& why) const;
   void greet();
   void await_frame_for(std::chrono::nanoseconds limit);
   void wait_until(Clock::time_point deadline, bool for_frame);
@@ -116,6 +120,7 @@ class CameraSource : public FrameSource {
   Clock::time_point lost_at_;
   std::string why_shut_;  // the last reason that was logged since then
   std::chrono::milliseconds backoff_{0};
+  int opened_ = 0;        // since the last frame
   bool is_lost_ = false;  // from give_up() to the first frame after it
   std::uint64_t frames_ = 0;
   std::uint64_t missed_ = 0;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cerrno>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -8,11 +9,21 @@
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <system_error>
 
 #include "common/error.hpp"
 #include "daemon/capture/camera_unpack.hpp"
 
 namespace orbbuf {
+
+/// Why a camera's driver failed, by its errno value: the system's text, which for ENOSPC would mean
+/// a full disk.
+inline std::string driver_error(int error) {
+  if (error != ENOSPC) return std::generic_category().message(error);
+  return "the USB bus has no bandwidth left for this camera: plug it into a port of another bus, "
+         "or set source.format = \"MJPG\", a smaller source.width and source.height, or a lower "
+         "source.fps";
+}
 
 /// A filled buffer, lent by the driver until it is given back.
 struct CameraBuffer {
@@ -41,6 +52,9 @@ class CameraStream {
 
   /// Which camera, and the name that it reports: `/dev/video0 (vivid, platform:vivid-000)`.
   virtual std::string description() const = 0;
+
+  /// The command that resets the camera's USB port; empty: it has none, or it is not known.
+  virtual std::string reset_command() const { return ""; }
 
   /// The oldest filled buffer; nothing if there is none yet. An error is the end of the stream. One
   /// buffer at a time is lent, so that the others, at least two, are the driver's to fill.

@@ -106,8 +106,8 @@ LibcameraStream::~LibcameraStream() {
 
 void LibcameraStream::must(std::string_view attempt, int status) const {
   if (status >= 0) return;
-  const auto tried = fmt::format("camera {}: cannot {}", camera_->id(), attempt);
-  const auto text = system_error(tried, -status).text + std::string(hint_at_camera(-status));
+  const auto text = fmt::format("camera {}: cannot {}: {}{}", camera_->id(), attempt,
+                                driver_error(-status), hint_at_camera(-status));
   if (status == -ENODEV) throw CameraGone(text);
   throw std::runtime_error(text);
 }

@@ -12,7 +12,6 @@
 #include <system_error>
 #include <utility>
 
-#include "common/error.hpp"
 #include "common/log.hpp"
 #include "daemon/capture/camera_stream.hpp"
 
@@ -144,11 +143,22 @@ void V4l2Device::must(std::string_view attempt, unsigned long request, void* arg
 }
 
 void V4l2Device::fail(std::string_view attempt, int error, std::string_view hint) const {
-  const auto tried = fmt::format("camera {}: cannot {}", path_, attempt);
-  const auto text =
-      system_error(tried, error).text + std::string(hint_at(error)) + std::string(hint);
+  const auto text = fmt::format("camera {}: cannot {}: {}{}{}", path_, attempt, driver_error(error),
+                                hint_at(error), hint);
   if (error == ENODEV) throw CameraGone(text);
   throw std::runtime_error(text);
+}
+
+/// The node's `device` is an interface of the USB device.
+std::string usb_reset_command(const std::filesystem::path& node, const std::filesystem::path& sys) {
+  namespace fs = std::filesystem;
+  std::error_code failed;
+  const fs::path name = fs::weakly_canonical(node, failed).filename();
+  const fs::path port =
+      fs::canonical(sys / "class/video4linux" / name / "device", failed).parent_path();
+  const fs::path file = port / "authorized";
+  if (failed || !fs::exists(file, failed)) return "";
+  return fmt::format("for i in 0 1; do echo $i | sudo tee {}; done", file.string());
 }
 
 std::vector<std::string> video_nodes() {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <filesystem>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -47,6 +48,11 @@ class V4l2Device {
   std::string bus_;
   UniqueFd fd_;
 };
+
+/// The command that resets the USB port of the camera behind `node`, or behind a link to one, which
+/// is as if it were plugged in again. Empty: it is at no USB port. sys: where sysfs is.
+std::string usb_reset_command(const std::filesystem::path& node,
+                              const std::filesystem::path& sys = "/sys");
 
 /// The video nodes of this machine (/dev/video*), by number. Not all of them capture.
 std::vector<std::string> video_nodes();

@@ -79,6 +79,7 @@ class V4l2Stream final : public CameraStream {
   int fd() const override { return device_.fd(); }
   const CameraMode& mode() const override { return mode_; }
   std::string description() const override;
+  std::string reset_command() const override { return usb_reset_command(device_.path()); }
   Result<std::optional<CameraBuffer>> borrow() override;
   std::optional<Error> give_back(const CameraBuffer& lent) override;
 

@@ -55,6 +55,7 @@ class ScriptedStream : public CameraStream {
   int fd() const override { return stands_still() ? -1 : event_.get(); }
   const CameraMode& mode() const override { return mode_; }
   std::string description() const override { return "7 (Eye, attic)"; }
+  std::string reset_command() const override { return "reset it"; }
 
   Result<std::optional<CameraBuffer>> borrow() override {
     if (stands_still()) return std::optional<CameraBuffer>();
@@ -211,6 +212,35 @@ TEST(CameraSource, ACameraThatWorkedForAWhileIsOpenedAtOnceAgain) {
   const auto lost = Clock::now();
   ASSERT_TRUE(source.next({}));
   EXPECT_LT(Clock::now() - lost, 1600ms);  // what else would be next
+}
+
+TEST(CameraSource, ACameraThatOpensAndSendsNothingIsReportedOnceWithTheCommandThatResetsIt) {
+  const test::CapturedLog log;
+  const Script mute = gives({});
+  const Script brief = gives({buffer(1)});
+  auto source = source_of({mute, mute, mute, mute, brief});
+  ASSERT_TRUE(source.next({}));
+  EXPECT_THAT(
+      log.lines("answers but sends nothing"),
+      testing::ElementsAre(
+          "error camera 7: the camera answers but sends nothing: opened 3 times in a row, no "
+          "frame (unplugged); unplug it and plug it in again, or reset its USB port: reset "
+          "it; retrying"));
+}
+
+TEST(CameraSource, AFrameBetweenOpeningsInVainIsASignOfLife) {
+  const test::CapturedLog log;
+  const Script mute = gives({});
+  const Script brief = gives({buffer(1)});
+  auto source = source_of({mute, mute, brief, mute, brief});
+  ASSERT_TRUE(source.next({}));
+  ASSERT_TRUE(source.next({}));
+  EXPECT_THAT(log.lines("answers but sends nothing"), testing::IsEmpty());
+}
+
+TEST(DriverError, NoSpaceOnAUsbBusIsNotAFullDisk) {
+  EXPECT_THAT(driver_error(ENOSPC), HasSubstr("the USB bus has no bandwidth left"));
+  EXPECT_EQ(driver_error(EIO), "Input/output error");
 }
 
 TEST(CameraSource, StopEndsTheWaitForACameraThatIsGone) {
