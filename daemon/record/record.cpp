@@ -62,10 +62,11 @@ bool Record::open() {
   const auto locked = folder_.lock();
   auto read = locked ? Result<RecordFolder::End>(Error{locked->text}) : folder_.read(state_);
   if (!read) {
-    if (settings_.keeps_frames || (locked && locked->is_taken)) {
+    if (locked && locked->is_taken) {
       throw std::runtime_error(read.error().text + "; change spool.path or buffer.drop_log");
     }
-    log_warn("record: {}; the robot keeps no record", read.error().text);
+    log_warn("record: {}; the robot streams without {}: make it writable, and start orbbufd again",
+             read.error().text, settings_.keeps_frames ? "spool and record" : "a record");
     return false;
   }
   RecordFolder::End& end = read.value();

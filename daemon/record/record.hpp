@@ -109,8 +109,8 @@ class Record {
   };
 
   /// Makes the folder if it is absent, and reads what is in it. The ids are valid ones. Throws
-  /// std::runtime_error if another process uses the folder, or if it keeps frames and cannot write
-  /// there; without frames, that is logged, and nothing is written.
+  /// std::runtime_error if another process uses the folder. That it cannot write there is logged,
+  /// and then it keeps nothing.
   ///
   /// `changed` is called on the record's thread when next() may return a frame after it returned
   /// none, or held frames were lost. It must not call back.

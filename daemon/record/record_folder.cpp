@@ -62,15 +62,19 @@ std::optional<RecordFolder::LockError> RecordFolder::lock() {
     return LockError{system_error("cannot make the folder " + path_.string(), failed.value())};
   }
   constexpr mode_t kMode = 0600;
-  UniqueFd file(::open((path_ / "lock").c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kMode));
-  if (!file || ::access(path_.c_str(), W_OK | X_OK) != 0) {
-    return LockError{system_error(attempt, errno)};
-  }
-  if (::flock(file.get(), LOCK_EX | LOCK_NB) != 0) {
-    if (errno != EWOULDBLOCK) return LockError{system_error(attempt, errno)};
+  const fs::path name = path_ / "lock";
+  UniqueFd file(::open(name.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kMode));
+  const bool is_writable = file && ::access(path_.c_str(), W_OK | X_OK) == 0;
+  const int error = errno;
+  // A disk may have become read-only under another one that uses it.
+  if (!file) file = UniqueFd(::open(name.c_str(), O_RDONLY | O_CLOEXEC));
+  const bool is_locked = file && ::flock(file.get(), LOCK_EX | LOCK_NB) == 0;
+  if (file && !is_locked && errno == EWOULDBLOCK) {
     return LockError{{"cannot use the folder " + path_.string() + ": another orbbufd uses it"},
                      true};
   }
+  if (!is_writable) return LockError{system_error(attempt, error)};
+  if (!is_locked) return LockError{system_error(attempt, errno)};
   lock_ = std::move(file);
   return std::nullopt;
 }

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/record/record.hpp"
 
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <sched.h>
+#include <sys/file.h>
 #include <sys/mount.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -334,14 +336,16 @@ TEST_F(RecordTest, TwoProcessesCannotShareAFolder) {
   }
 }
 
-TEST_F(RecordTest, AFileInPlaceOfTheFolderIsAnErrorForFramesAndAWarningElse) {
+TEST_F(RecordTest, AFileInPlaceOfTheFolderIsAWarning) {
   write_file(path(), "a file");
-  EXPECT_THROW(WatchedRecord(settings(), "a"), std::runtime_error);
   const CapturedLog log;
-  WatchedRecord record(without_frames(), "a");
-  EXPECT_EQ(log.lines("warning record: cannot").size(), 1U);
-  record->note(progress(5));
-  EXPECT_EQ(record.account_of("a")->captured, 5U);
+  for (const auto& kind : {settings(), without_frames()}) {
+    WatchedRecord record(kind, "a");
+    EXPECT_FALSE(record->keeps_frames());
+    record->note(progress(5));
+    EXPECT_EQ(record.account_of("a")->captured, 5U);
+  }
+  EXPECT_EQ(log.lines("warning record: cannot").size(), 2U);
 }
 
 TEST_F(RecordTest, TheRateLimitsTheFramesThatAreWritten) {
@@ -392,6 +396,32 @@ bool mount_disk(const std::filesystem::path& path, const char* size) {
   return ::unshare(CLONE_NEWNS) == 0 &&
          ::mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) == 0 &&
          ::mount("tmpfs", path.c_str(), "tmpfs", 0, size) == 0;
+}
+
+TEST_F(RecordTest, AReadOnlyDiskCostsTheRecordAndNotTheStreamUnlessAnotherProcessUsesIt) {
+  if (::geteuid() != 0) GTEST_SKIP() << "needs root, for a disk of its own";
+  std::filesystem::create_directories(path());
+  EXPECT_TRUE(holds_in_a_process([this] {
+    if (!mount_disk(path(), "size=6m")) return false;
+    { WatchedRecord(settings(4 * kMiB), "a").keep(0, 4, kLarge); }
+    constexpr auto kReadOnly = MS_REMOUNT | MS_BIND | MS_RDONLY;
+    if (::mount(nullptr, path().c_str(), nullptr, kReadOnly, nullptr) != 0) return false;
+    const CapturedLog log;
+    WatchedRecord record(settings(4 * kMiB), "b");
+    record.keep(0, 4, kLarge);
+    record->note(progress(5));
+    if (record->keeps_frames() || record->stats().held != 0) return false;
+    if (log.lines("Read-only file system; the robot streams without spool").size() != 1)
+      return false;
+    const UniqueFd other(::open((path() / "lock").c_str(), O_RDONLY | O_CLOEXEC));
+    if (::flock(other.get(), LOCK_EX | LOCK_NB) != 0) return false;
+    try {
+      const WatchedRecord second(settings(4 * kMiB), "c");
+      return false;
+    } catch (const std::runtime_error& error) {
+      return std::string(error.what()).find("another orbbufd uses it") != std::string::npos;
+    }
+  }));
 }
 
 TEST_F(RecordTest, FramesLeaveRoomForAccountsOnAFullDisk) {
