@@ -139,6 +139,7 @@ std::vector<std::uint8_t> encode(const Ack& ack) {
   Message message(Type::kAck);
   put_position(message, ack.position);
   message.put(ack.received);
+  if (!ack.pause.empty()) message.put_text(cut(ack.pause, kMaxTextBytes));
   return std::move(message).take();
 }
 

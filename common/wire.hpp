@@ -132,6 +132,7 @@ struct Ack {
   Position position;
   /// Every frame below it is with the server's sinks; not below the position.
   Sequence received = 0;
+  std::string pause{};  ///< why the server takes nothing now, such as a full disk; empty: it does
 
   friend bool operator==(const Ack&, const Ack&) = default;
 };

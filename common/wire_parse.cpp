@@ -288,6 +288,7 @@ Parsed<Ack> parse_ack(const Header& header, std::span<const std::uint8_t> body) 
   Body in(header, body);
   Ack ack{in.take_position(), in.take<std::uint64_t>()};
   in.require(ack.received >= ack.position[kFrames], "received is below the position");
+  if (in.left() > 0) ack.pause = clean(in.take_text("pause", kMaxTextBytes));
   return in.finish(ack);
 }
 

@@ -42,6 +42,10 @@ using std::chrono::nanoseconds;
 constexpr std::chrono::seconds kTellInterval{1};
 
 std::string describe(const ServerLink& link) {
+  if (link.is_connected() && !link.pause().empty()) {
+    return fmt::format("connected to {}, which takes nothing: {}", to_string(link.server()),
+                       link.pause());
+  }
   if (link.is_stalled()) return "stalled";
   if (link.is_connected()) return "connected to " + to_string(link.server());
   if (link.last_error().empty()) return "connecting";

@@ -274,9 +274,10 @@ void Sender::report_each_second() {
       "captured {} skipped {} failed {} dropped {} acknowledged {} waiting {} in flight {}{}{}{}{}",
       stats.captured, stats.skipped, stats.failed, stats.dropped, stats.acknowledged, stats.waiting,
       stats.in_flight, spooled ? fmt::format(" spooled {}", *spooled) : "",
-      !link_.is_connected() ? ", no connection"
-      : link_.is_stalled()  ? ", stalled"
-                            : "",
+      !link_.is_connected()    ? ", no connection"
+      : !link_.pause().empty() ? ", the server takes nothing"
+      : link_.is_stalled()     ? ", stalled"
+                               : "",
       samples.empty() ? "" : "; ", samples);
   wake();
   note_progress();

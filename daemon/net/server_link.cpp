@@ -357,6 +357,7 @@ void ServerLink::on_welcome(const wire::Position& position) {
   pace_.on_welcome();
   addresses_.welcomed_at(connection_->way().to);
   moves_ = 0;
+  if (std::exchange(pausing_, server()) != server()) pause_.clear();
   interfaces_.on_connected(connection_->way().interface, Clock::now());
   last_error_.clear();
   known_errors_.clear();
@@ -372,6 +373,13 @@ void ServerLink::on_welcome(const wire::Position& position) {
 
 void ServerLink::on_ack(const wire::Ack& ack) {
   ack_watch_.on_ack(ack);
+  if (ack.pause.empty() && !pause_.empty()) {
+    log_info("link: {} takes frames again", to_string(server()));
+  } else if (!ack.pause.empty() && pause_.empty()) {
+    log_warn("link: {} takes nothing at the moment: {}; mend this on the server",
+             to_string(server()), ack.pause);
+  }
+  pause_ = ack.pause;
   owner_.on_ack(ack);
 }
 

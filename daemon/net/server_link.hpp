@@ -133,6 +133,8 @@ class ServerLink final : private ServerConnection::Owner {
   State state() const { return state_; }
   bool is_connected() const { return connection_ != nullptr; }
   bool is_stalled() const { return state_ == State::kStalled; }
+  /// Why the server of the connection takes nothing at the moment, as it says; empty: it does.
+  const std::string& pause() const { return pause_; }
   /// The server of the connection. Requires is_connected().
   const Address& server() const { return connection_->way().to.server; }
   /// Whether the first attempt to connect has ended, well or not.
@@ -235,6 +237,8 @@ class ServerLink final : private ServerConnection::Owner {
   SegmentSize segment_size_;
   bool has_tried_ = false;              // an attempt has ended
   std::string last_error_;              // of the last attempt
+  Address pausing_;                     // the server of the last welcome,
+  std::string pause_;                   // and what it said; logged
   std::set<std::string> known_errors_;  // since the last welcome; logged already
 
   ServerAddresses addresses_;

@@ -411,7 +411,7 @@ void Connection::send_next() {
     out_ = std::exchange(waiting_, {});
   } else if (is_ack_due_) {
     received_ = session_->received();
-    wire::Ack ack{session_->kept(), received_};
+    wire::Ack ack{session_->kept(), received_, session_->pause()};
     ack.position[wire::kLate] = late_writes_.kept;
     ack.position[wire::kAccounts] = account_writes_.kept;
     out_ = encode(ack);

@@ -137,7 +137,9 @@ void Session::commit() {
 void Session::on_committed(const wire::Position& upto, const std::optional<Error>& error) {
   if (error) {
     note_failure(error);
-    return fail_keeping();
+    fail_keeping();
+    if (const auto peer = peer_.lock()) peer->on_kept();  // with the reason
+    return;
   }
   if (!claim_) return on_allowed(upto);
   claim_->async_may_acknowledge(upto, [weak = weak_from_this(), upto](bool is_ours) {
@@ -327,8 +329,8 @@ void Session::show_samples(const wire::Items& items) const {
 }
 
 void Session::note_failure(const std::optional<Error>& error) {
-  if (is_failing_ == error.has_value() || (!error && keeping_ == Keeping::kFailed)) return;
-  is_failing_ = error.has_value();
+  if (pause_.empty() != error.has_value() || (!error && keeping_ == Keeping::kFailed)) return;
+  pause_ = error ? error->text : "";
   if (error) {
     log_error("{}: stream paused: {}", name_, error->text);
     if (metrics_) metrics_->on_paused(error->text);

@@ -115,6 +115,8 @@ class Session : public std::enable_shared_from_this<Session> {
   bool is_closing() const { return life_ != Life::kOpen; }
   /// A sync has failed, or two tries in a row to write something.
   bool is_paused() const { return keeping_ == Keeping::kFailed || (job_ && failures_ > 1); }
+  /// Why nothing is taken at the moment; empty: it is.
+  const std::string& pause() const { return pause_; }
   /// A robot is connected.
   bool has_peer() const { return !peer_.expired(); }
   /// Up to where the sinks have taken all.
@@ -203,7 +205,7 @@ class Session : public std::enable_shared_from_this<Session> {
   std::string move_to_;
   Life life_ = Life::kOpen;
   SessionEnd end_ = SessionEnd::kStopping;  // since kClosing
-  bool is_failing_ = false;                 // logged
+  std::string pause_;                       // logged; empty: nothing fails
   int failures_ = 0;                        // in a row, over whichever connections
   bool has_no_jpeg_ = false;                // a frame, logged
   std::map<wire::StreamId, LogLimit> gaps_;

@@ -32,7 +32,8 @@ std::string to_text(std::optional<std::chrono::nanoseconds> age) {
 
 Row row_of(const RobotMetrics& robot, RobotMetrics::Time now) {
   const bool is_connected = robot.is_connected();
-  Row row{robot.info().robot_id, robot.info().session_id, robot.state(),
+  const bool is_paused = is_connected && !robot.pause().empty();
+  Row row{robot.info().robot_id, robot.info().session_id, is_paused ? "paused" : robot.state(),
           fmt::format("{:.1f}", robot.frame_rate(now)),
           robot.is_ended() ? "-" : to_text(robot.timeline().age(now))};
   row.resize(17, "-");
@@ -163,7 +164,9 @@ std::string to_table(const Metrics& metrics, RobotMetrics::Time now) {
                            "LATE", "ON ROBOT", "QUALITY", "REDUCED"}};
   std::vector<Row> streams{
       {"ROBOT", "STREAM", "SAMPLES/S", "AGE", "CAPTURED", "DELIVERED", "WAITING", "LOST"}};
+  std::string pauses;
   for (const auto& [id, robot] : metrics.robots()) {
+    if (!robot->pause().empty()) pauses += fmt::format("\n{}: paused: {}\n", id, robot->pause());
     robots.push_back(row_of(*robot, now));
     for (const auto& [name, stream] : robot->streams()) {
       const bool is_over = robot->is_ended();
@@ -173,7 +176,7 @@ std::string to_table(const Metrics& metrics, RobotMetrics::Time now) {
                          std::to_string(stream.lost)});
     }
   }
-  return to_table(robots, 3) + (streams.size() > 1 ? '\n' + to_table(streams, 2) : "");
+  return to_table(robots, 3) + (streams.size() > 1 ? '\n' + to_table(streams, 2) : "") + pauses;
 }
 
 std::optional<nanoseconds> StreamMetrics::age(EventRate::Time now) const {

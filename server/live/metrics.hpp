@@ -265,8 +265,8 @@ class Metrics {
   Robots robots_;
 };
 
-/// The metrics for a terminal: a heading, and a line for each robot; and likewise for each stream
-/// of samples, if there is one.
+/// The metrics for a terminal: a heading, and a line for each robot; likewise for each stream of
+/// samples, if there is one; and why a robot's stream is paused.
 std::string to_table(const Metrics& metrics, RobotMetrics::Time now);
 
 }  // namespace orbbuf

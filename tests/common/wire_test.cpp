@@ -93,6 +93,15 @@ TEST(Wire, AWelcomeNamesTheStreamsThatTheServerTakes) {
   EXPECT_EQ(again.value().position, (Position{7, 0}));
 }
 
+TEST(Wire, AnAckSaysWhyTheServerTakesNothing) {
+  const Ack paused{{3, 1}, 3, "write x: No space left on device"};
+  const Bytes message = encode(paused);
+  EXPECT_EQ(message.size(), encode(Ack{{3, 1}, 3}).size() + 2 + paused.pause.size());
+  const auto again =
+      parse_ack(header_of(message).value(), std::span(message).subspan(kHeaderBytes));
+  EXPECT_EQ(again.value(), paused);
+}
+
 TEST(Wire, APositionNamesTheStreamsOfWhichThereIsSomething) {
   EXPECT_EQ(encode(Bye{}).size(), kHeaderBytes + 2);
   Bye all;

@@ -68,10 +68,12 @@ TEST(BadInput, FullDiskHoldsTheStreamUntilThereIsRoom) {
       "r", server.address(),
       {"source.frames=40", "source.realtime=false", "source.width=160", "source.height=120"}));
   ASSERT_TRUE(server.process().wait_for_line("No space left on device"));
+  ASSERT_TRUE(robot.wait_for_line("takes nothing at the moment: "));
   fs::remove(folder / "disk/filler");
   ASSERT_EQ(robot.wait(), 0) << robot.output();
   EXPECT_EQ(server.process().count_lines("No space left on device"), 1)
       << server.process().output();
+  EXPECT_EQ(robot.count_lines("No space left on device"), 1) << robot.output();
   const Record record = read_record(folder / "disk/out", "r");
   expect_exactly_once(record, 40);
   EXPECT_EQ(record.delivered.size(), 40U);

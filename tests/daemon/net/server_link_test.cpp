@@ -36,6 +36,30 @@ TEST_F(ServerLinkTest, SaysHelloAndPassesOnWhatTheServerSays) {
   EXPECT_EQ(owner_.next(), "bye 8 3");
 }
 
+TEST_F(ServerLinkTest, WhyTheServerTakesNothingIsLoggedOnceOverAllConnections) {
+  const test::CapturedLog log;
+  const auto pause = [this] { return ask([](const ServerLink& link) { return link.pause(); }); };
+  const auto full = wire::encode(wire::Ack{{0, 0}, 0, "write x: No space left on device"});
+  start();
+  for (int connection = 0; connection < 2; ++connection) {
+    server_.welcome({});
+    expect_connected();
+    for (int i = 0; i < 2; ++i) {
+      server_.send(full);
+      EXPECT_EQ(owner_.next(), "ack 0 0");
+    }
+    EXPECT_EQ(pause(), "write x: No space left on device");
+    if (connection > 0) break;
+    server_.close();
+    EXPECT_EQ(owner_.next(), "disconnected 0 0");
+  }
+  server_.ack({1, 0});
+  EXPECT_EQ(owner_.next(), "ack 1 0");
+  EXPECT_EQ(pause(), "");
+  EXPECT_EQ(log.lines("takes nothing at the moment: write x: No space left on device").size(), 1U);
+  EXPECT_EQ(log.lines("takes frames again").size(), 1U);
+}
+
 TEST_F(ServerLinkTest, IsWritableAgainWhenAMessageHasGone) {
   start();
   server_.welcome({});

@@ -287,7 +287,9 @@ TEST_F(SessionTest, AfterAFailedCommitNothingMoreIsKept) {
   sink_->answer_commit(Error{"sync: Input/output error"});
   write(1);
   sink_->answer();
-  EXPECT_EQ(peer_->kept, 0);
+  EXPECT_EQ(peer_->kept, 1) << "with the reason";
+  EXPECT_EQ(session_->pause(), "sync: Input/output error");
+  EXPECT_EQ(session_->kept(), wire::Position{});
   EXPECT_EQ(session_->received(), 0U);  // the robot shall keep the rest
   EXPECT_EQ(log.lines("error robot session: stream paused: sync").size(), 1U);
   EXPECT_EQ(log.lines("stream resumed").size(), 0U);
@@ -370,7 +372,9 @@ TEST_F(SessionTest, AFailingSinkHoldsTheStreamAndIsLoggedOnceEachWay) {
   EXPECT_EQ(taken_, 0);
   EXPECT_EQ(peer_->kept, 2) << "the robot is to know that the server lives";
   EXPECT_EQ(session_->kept(), wire::Position{});
+  EXPECT_EQ(session_->pause(), "no space");
   sink_->answer();
+  EXPECT_EQ(session_->pause(), "");
   EXPECT_EQ(taken_, 1);
   EXPECT_EQ(sink_->frames, (Sequences{0, 0, 0}));
   EXPECT_EQ(log.lines("error robot session: stream paused: no space").size(), 1U);

@@ -12,6 +12,7 @@ namespace {
 using testing::EndsWith;
 using testing::HasSubstr;
 using testing::MatchesRegex;
+using testing::Not;
 
 TEST(StatusTable, HasALineForEachRobot) {
   Metrics metrics(8);
@@ -54,6 +55,18 @@ TEST(StatusTable, HasALineForEachStreamOfSamples) {
                        "ROBOT  STREAM    SAMPLES/S   AGE  CAPTURED  DELIVERED  WAITING  LOST\n"
                        "tb3    imu0          250.0  3 ms       470        450       10    10\n"
                        "tb3    imu_rear        0.0     -         0          0        0     0\n"));
+}
+
+TEST(StatusTable, TellsWhyARobotsStreamIsPaused) {
+  Metrics metrics(1);
+  const auto robot = metrics.begin({"tb3", "s1", ""});
+  robot->on_connected();
+  robot->on_paused("write x: No space left on device");
+  const auto table = to_table(metrics, RobotMetrics::Clock::now());
+  EXPECT_THAT(table, HasSubstr("tb3    s1       paused "));
+  EXPECT_THAT(table, EndsWith("\n\ntb3: paused: write x: No space left on device\n"));
+  robot->on_resumed();
+  EXPECT_THAT(to_table(metrics, RobotMetrics::Clock::now()), Not(HasSubstr("paused")));
 }
 
 TEST(StatusTable, HasItsHeadingWithoutRobots) {
