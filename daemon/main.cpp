@@ -73,7 +73,7 @@ int main(int argc, char** argv) {
       if (!file.empty()) orbbuf::run_script("doctor", {"--config", file});
       return EXIT_SUCCESS;
     }
-    return orbbuf::run_robot(settings) ? EXIT_SUCCESS : EXIT_FAILURE;
+    return orbbuf::run_robot(settings);
   } catch (const std::exception& error) {
     orbbuf::log_error("{}", error.what());
     return EXIT_FAILURE;

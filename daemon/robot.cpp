@@ -11,6 +11,7 @@
 #include <chrono>
 #include <csignal>
 #include <cstdint>
+#include <cstdlib>
 #include <functional>
 #include <limits>
 #include <optional>
@@ -113,7 +114,7 @@ class Health {
 class Robot {
  public:
   explicit Robot(const Settings& settings);
-  bool run();
+  int run();
 
  private:
   /// From any thread.
@@ -121,6 +122,7 @@ class Robot {
     return [this] { asio::post(io_, [this] { sender_.wake(); }); };
   }
   void await_signal();
+  void say_stopping(int signal) const;
   void await_reload();
   void on_pushed();
   void on_source_ended(bool failed);
@@ -143,6 +145,7 @@ class Robot {
   asio::steady_timer report_timer_{io_};
   Health health_;
   ClockWatch clock_watch_;
+  const std::chrono::nanoseconds drain_timeout_;
   const bool may_reduce_;
   const bool is_camera_;  // else the times are the source's
   bool has_frames_ = false;
@@ -212,11 +215,12 @@ Robot::Robot(const Settings& settings)
            [this](bool failed) { asio::post(io_, [this, failed] { on_source_ended(failed); }); },
            publish_to_robot(settings)}),
       health_(service_),
+      drain_timeout_(settings.link.drain_timeout),
       may_reduce_(buffer_.encode_quality() &&
                   settings.buffer.plan.least_quality < settings.buffer.plan.quality),
       is_camera_(settings.source.kind == "v4l2" || settings.source.kind == "libcamera") {}
 
-bool Robot::run() {
+int Robot::run() {
   // A reader of the log that has gone is no reason to end.
   for (const int ignored : {SIGPIPE, SIGUSR1, SIGUSR2}) std::signal(ignored, SIG_IGN);
   await_signal();
@@ -232,19 +236,38 @@ bool Robot::run() {
   pipeline_.start();
   report();
   io_.run();
+  if (!is_over_) sender_.abandon();  // a second signal
   log_stats();
-  return !source_failed_ && (is_complete_ || is_stopping_);
+  if (source_failed_) return EXIT_FAILURE;
+  if (const auto lost = sender_.lost(); lost > 0) {
+    log_error("{} frames are lost, neither delivered nor kept: exit status {}; {}", lost,
+              kFramesLost,
+              record_.keeps_frames() ? "the disk of spool.path did not take them in time"
+                                     : "spool.path would keep such frames");
+    return kFramesLost;
+  }
+  return is_complete_ || is_stopping_ ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
 void Robot::await_signal() {
   signals_.async_wait([this](const boost::system::error_code& error, int signal) {
     if (error) return;
     if (std::exchange(is_stopping_, true)) return io_.stop();
-    log_info("signal {}: stopping; delivering the frames in the buffer first", signal);
+    say_stopping(signal);
     service_.stopping();
     pipeline_.stop();
     await_signal();
   });
+}
+
+void Robot::say_stopping(int signal) const {
+  const wire::Stats stats = buffer_.stats();
+  const auto left = stats.waiting + stats.in_flight;
+  if (left == 0) return log_info("signal {}: stopping", signal);
+  log_info("signal {}: stopping; delivering {} frames, for at most {} s; a second signal ends {}",
+           signal, left, to_seconds(drain_timeout_),
+           record_.keeps_frames() ? "it at once and leaves them in the spool"
+                                  : "it at once and loses them");
 }
 
 void Robot::await_reload() {
@@ -301,6 +324,6 @@ void Robot::log_stats() const {
 
 }  // namespace
 
-bool run_robot(const Settings& settings) { return Robot(settings).run(); }
+int run_robot(const Settings& settings) { return Robot(settings).run(); }
 
 }  // namespace orbbuf

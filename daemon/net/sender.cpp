@@ -289,11 +289,17 @@ std::optional<std::uint64_t> Sender::spooled() const {
 
 void Sender::finish(std::function<void(bool)> done) {
   done_ = std::move(done);
+  not_kept_ = record_.stats().not_kept;
   drain_timer_.expires_after(drain_timeout_);
   drain_timer_.async_wait([this](const error_code& error) {
     if (!error && done_) give_up_waiting();
   });
   wake();
+}
+
+void Sender::abandon() {
+  if (!std::exchange(done_, nullptr)) not_kept_ = record_.stats().not_kept;
+  end(false);
 }
 
 void Sender::give_up_waiting() {
@@ -303,6 +309,7 @@ void Sender::give_up_waiting() {
            to_seconds(drain_timeout_), samples.empty() ? "" : "; ", samples);
   if (!link_.is_connected()) return end(false);
   buffer_.give_up_waiting();
+  lost_ = stats.waiting - std::min(stats.waiting, buffer_.stats().waiting);
   drain_timer_.expires_after(kByeTimeout);
   drain_timer_.async_wait([this](const error_code& error) {
     if (!error && done_) end(false);
@@ -315,11 +322,14 @@ void Sender::end(bool complete) {
   backfill_.on_disconnected();
   drain_timer_.cancel();
   report_timer_.cancel();
+  const wire::Stats left = buffer_.stats();
   buffer_.give_up();
   collect();
+  lost_ = record_.keeps_frames() ? record_.stats().not_kept - not_kept_
+                                 : lost_ + left.waiting + left.in_flight;
   note_progress();
   record_.end();
-  std::exchange(done_, nullptr)(complete);
+  if (const auto done = std::exchange(done_, nullptr)) done(complete);
 }
 
 }  // namespace orbbuf

@@ -56,6 +56,10 @@ class Sender final : private ServerLink::Owner {
   /// No more frames will come: delivers what waits, for at most drain_timeout, gives up the rest by
   /// name, and says bye. Then `done` is called, with true if the server has the whole record.
   void finish(std::function<void(bool complete)> done);
+  /// Ends at once, without a call of `done`: what waits is given up by name, for the record alone.
+  void abandon();
+  /// After the end: frames that waited for it, and that neither the server nor the record has.
+  std::uint64_t lost() const { return lost_; }
 
  private:
   void on_connected(const wire::Position& position) override;
@@ -106,6 +110,8 @@ class Sender final : private ServerLink::Owner {
   Sequence written_end_ = 0;  // beyond the newest frame that was ever written
   bool is_refusal_logged_ = false;
   bool is_bye_sent_ = false;
+  std::uint64_t not_kept_ = 0;  // by the record, when finishing began
+  std::uint64_t lost_ = 0;
   std::function<void(bool)> done_;  // set: finishing
 };
 

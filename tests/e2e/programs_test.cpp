@@ -90,10 +90,33 @@ TEST(Programs, WrongPortIsSaidOnceAndTriedOn) {
   Process robot(robot_command("r", address,
                               {"link.drain_timeout=1 s", "source.frames=50",
                                "source.realtime=false", "buffer.capacity=100"}));
-  EXPECT_EQ(robot.wait(), 1) << "frames that could not be delivered are a failure";
+  EXPECT_EQ(robot.wait(), 3) << "frames that were not delivered, nor kept: " << robot.output();
+  EXPECT_EQ(robot.count_lines("50 frames are lost, neither delivered nor kept"), 1);
   EXPECT_EQ(robot.count_lines("no connection to " + address + ": "), 1) << robot.output();
   EXPECT_EQ(robot.count_lines("Connection refused"), 1) << robot.output();
   EXPECT_EQ(closing_stats(robot).at("dropped"), 50U);
+}
+
+/// Without a server, and with one that does not answer: the frames wait.
+TEST(Programs, AStopSaysWhatItWaitsForAndASecondOneLosesItUnlessItIsKept) {
+  const TemporaryFolder folder;
+  for (const bool has_spool : {false, true}) {
+    Overrides overrides{"source.frames=1000000", "source.width=160", "source.height=120",
+                        "link.drain_timeout=60 s"};
+    if (has_spool) overrides.push_back("spool.path=" + (folder / "spool").string());
+    Process robot(robot_command("r", "127.0.0.1:1", overrides));
+    ASSERT_TRUE(robot.wait_for_line("no connection to")) << robot.output();
+    ASSERT_TRUE(robot.wait_for_line("captured ")) << robot.output();
+    robot.signal(SIGINT);
+    const auto said = robot.wait_for_line("signal 2: stopping; ");
+    ASSERT_TRUE(said) << robot.output();
+    EXPECT_NE(said->find(" frames, for at most 60 s; a second signal"),
+              std::string::npos)
+        << *said;
+    EXPECT_NE(said->find(has_spool ? "leaves them in the spool" : "loses them"), std::string::npos);
+    robot.signal(SIGINT);
+    EXPECT_EQ(robot.wait(), has_spool ? 0 : 3) << robot.output();
+  }
 }
 
 TEST(Programs, ASecondServerOnTheSameFolderRefusesToStart) {

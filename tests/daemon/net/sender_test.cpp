@@ -233,6 +233,21 @@ TEST_F(SenderTest, FinishWithoutAServerGivesUpByNameWhenTheTimeIsOver) {
   start();
   EXPECT_FALSE(finish().get());
   EXPECT_EQ(buffer_.stats().dropped, 2U);
+  EXPECT_EQ(sender_->lost(), 2U);
+}
+
+TEST_F(SenderTest, WhatIsAbandonedIsLost) {
+  push(0, 1);
+  start();
+  server_.welcome({});
+  server_.read(Type::kFrame);
+  std::promise<std::uint64_t> lost;
+  asio::post(io_, [&] {
+    sender_->abandon();
+    lost.set_value(sender_->lost());
+  });
+  EXPECT_EQ(lost.get_future().get(), 2U);
+  EXPECT_EQ(buffer_.stats().dropped, 2U);
 }
 
 // Timers that expire in one go have all succeeded: cancelling the rest comes too late for them.
@@ -272,6 +287,22 @@ TEST_F(SenderTest, FinishOnASlowServerReportsWhatItGaveUp) {
   server_.read(Type::kBye);
   server_.send(wire::encode(wire::Bye{{1, 0}}));
   EXPECT_TRUE(done.get());
+  EXPECT_EQ(sender_->lost(), 0U);
+}
+
+TEST_F(SenderTest, WhatFinishGaveUpIsLostAlsoIfTheServerAnswersTheBye) {
+  link_.drain_timeout = std::chrono::milliseconds(10);
+  push(0, 4);
+  start();
+  server_.welcome({});
+  for (int i = 0; i < 2; ++i) server_.read(Type::kFrame);
+  std::future<bool> done = finish();
+  EXPECT_EQ(server_.read_drops().records.size(), 3U);  // the time is over
+  server_.ack({2, 3});
+  server_.read(Type::kBye);
+  server_.send(wire::encode(wire::Bye{{5, 3}}));
+  EXPECT_TRUE(done.get());
+  EXPECT_EQ(sender_->lost(), 3U);
 }
 
 TEST_F(SenderTest, ServerThatNeverAnswersIsTriedAgain) {
