@@ -86,6 +86,28 @@ mv "$work/etc/ca.key" "$work/ca.key"
 refused 'where the key of your CA is' "$server" add-robot --folder "$work/etc" --server localhost r3
 mv "$work/ca.key" "$work/etc/ca.key"
 
+# Over IPv6 alone: listen on [::], which takes IPv4, too; a zone is for the robot's configuration, not for the certificate.
+mkdir "$work/v6"
+cp "$work/installed.toml" "$work/v6/orbbuf-server.toml"
+expect 'r1.tar: copy it' "$server" add-robot --folder "$work/v6" --server 'fe80::1%eth0' r1
+expect '"[::]:7722"' grep '^address' "$work/v6/orbbuf-server.toml"
+expect 'server = "[fe80::1%eth0]:7722"' tar -xOf "$work/v6/robots/r1.tar" orbbufd.toml
+expect 'does match' openssl x509 -in "$work/v6/server.crt" -noout -checkip fe80::1
+sed -i 's/"\[::\]:7722"/"0.0.0.0:7722"/' "$work/v6/orbbuf-server.toml" # made for robots with IPv4
+expect 'for its new ' "$server" add-robot --folder "$work/v6" --server '[fd00::2]' r2
+expect '"[::]:7722"' grep '^address' "$work/v6/orbbuf-server.toml"
+expect 'server = "[fd00::2]:7722"' tar -xOf "$work/v6/robots/r2.tar" orbbufd.toml
+
+# Nothing is written unless all can be.
+mkdir "$work/half"
+cp "$work/installed.toml" "$work/half/orbbuf-server.toml"
+refused 'cannot make the certificate of orbbuf-server' "$server" add-robot --folder "$work/half" --server '[fe80::zz]' r1
+echo 'no_such_key = 1' >>"$work/half/orbbuf-server.toml"
+before=$(cat "$work/half/orbbuf-server.toml")
+refused 'orbbuf-server.toml stays as it was' "$server" add-robot --folder "$work/half" --server localhost r1
+[ "$(ls "$work/half")" = orbbuf-server.toml ] || { echo 'scripts: refused, and yet it left a part' >&2 && bad=1; }
+[ "$before" = "$(cat "$work/half/orbbuf-server.toml")" ] || { echo 'scripts: refused, and yet it changed the file' >&2 && bad=1; }
+
 # The server, as its service starts it.
 mkdir "$work/credentials"
 ln -s "$work/etc/server.crt" "$work/credentials/certificate"
