@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "common/command_line.hpp"
 
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -96,6 +97,8 @@ void run_script(const std::string& name, std::vector<std::string> arguments) {
   pointers.reserve(arguments.size() + 1);
   for (std::string& argument : arguments) pointers.push_back(argument.data());
   pointers.push_back(nullptr);
+  // set_up_log() does not wait for the reader of stderr; the script may.
+  ::fcntl(STDERR_FILENO, F_SETFL, ::fcntl(STDERR_FILENO, F_GETFL) & ~O_NONBLOCK);
   ::execv(script.c_str(), pointers.data());
   throw std::system_error(errno, std::generic_category(), "cannot run " + script.string());
 }

@@ -5,6 +5,7 @@
 
 #include "common/command_line.hpp"
 #include "common/log.hpp"
+#include "common/net/tls.hpp"
 #include "daemon/capture/list_cameras.hpp"
 #include "daemon/probe.hpp"
 #include "daemon/robot.hpp"
@@ -21,6 +22,7 @@ constexpr const char* kAbout =
 }  // namespace
 
 int main(int argc, char** argv) {
+  orbbuf::set_up_log("info");
   orbbuf::CommandLine app(kAbout, "orbbufd");
   std::string file;
   std::vector<std::string> overrides;
@@ -64,10 +66,11 @@ int main(int argc, char** argv) {
     }
     const orbbuf::Settings settings = orbbuf::load_settings(file, overrides);
     if (check_only) {
+      orbbuf::make_tls_context(settings.link.tls, true);
       std::cout << (file.empty() ? "defaults" : file) << ": OK\n";
       return EXIT_SUCCESS;
     }
-    orbbuf::set_up_log(settings.log_level);
+    orbbuf::set_log_level(settings.log_level);
     if (probe_only) {
       std::cout << orbbuf::probe(settings) << std::flush;
       if (!file.empty()) orbbuf::run_script("doctor", {"--config", file});

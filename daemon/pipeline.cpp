@@ -76,6 +76,7 @@ void Pipeline::encode(const Captured& captured) {
   auto encoded = try_to_encode(captured);
   if (encoded) {
     auto frame = std::make_shared<const EncodedFrame>(std::move(encoded.value()));
+    compare_size(*frame);
     if (events_.encoded) events_.encoded(frame);
     buffer_.push(std::move(frame));
   } else {
@@ -85,6 +86,16 @@ void Pipeline::encode(const Captured& captured) {
     }
     lose(captured, DropReason::kFailed);
   }
+}
+
+void Pipeline::compare_size(const EncodedFrame& frame) {
+  const std::pair<int, int> size(frame.width_px, frame.height_px);
+  if (!size_) size_ = size;
+  if (size == *size_ || std::exchange(has_sizes_, true)) return;
+  log_warn(
+      "frame {} has {}x{} px, the first one {}x{}: they are sent as they are, but SLAM programs "
+      "want one size; give the source images of one",
+      frame.sequence, size.first, size.second, size_->first, size_->second);
 }
 
 Result<EncodedFrame> Pipeline::try_to_encode(const Captured& captured) {

@@ -4,7 +4,9 @@
 #include <chrono>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <thread>
+#include <utility>
 
 #include "common/frame.hpp"
 #include "common/log.hpp"
@@ -51,6 +53,7 @@ class Pipeline {
   void work(const std::stop_token& stop);
   void work_until_end(const std::stop_token& stop);
   void encode(const Captured& captured);
+  void compare_size(const EncodedFrame& frame);
   Result<EncodedFrame> try_to_encode(const Captured& captured);
   void lose(const Captured& captured, DropReason reason);
 
@@ -58,6 +61,8 @@ class Pipeline {
   FrameBuffer& buffer_;
   const Events events_;
   JpegEncoder encoder_;                             // worker only
+  std::optional<std::pair<int, int>> size_;         // worker only; the first frame's, in px
+  bool has_sizes_ = false;                          // worker only; a frame of another, logged
   LogLimit failure_log_{std::chrono::seconds(10)};  // worker only
   Mailbox<Captured> mailbox_{3};  // a camera's frames come in a burst after `capture` was held up
   bool source_failed_ = false;    // set before mailbox_.close(), read once it is closed

@@ -14,6 +14,7 @@
 #include "common/command_line.hpp"
 #include "common/config.hpp"
 #include "common/log.hpp"
+#include "common/net/tls.hpp"
 #include "server/dataset/check_session.hpp"
 #include "server/dataset/export_session.hpp"
 #include "server/fleet_commands.hpp"
@@ -39,6 +40,7 @@ int serve(const ServeOptions& options) {
   orbbuf::ConfigReader reader(options.config, options.overrides);
   const orbbuf::Settings settings = orbbuf::load_settings(reader);
   if (options.is_check) {
+    orbbuf::make_tls_context(settings.listen.tls);
     std::cout << (options.config.empty() ? "defaults" : options.config) << ": OK\n";
     return EXIT_SUCCESS;
   }
@@ -191,6 +193,7 @@ void add_status(orbbuf::CommandLine& app, Command& command) {
 }  // namespace
 
 int main(int argc, char** argv) try {
+  orbbuf::set_up_log("info");
   orbbuf::CommandLine app("Receives frames from robots and hands them to SLAM programs.",
                           "orbbuf-server");
   app.add_version("orbbuf-server " ORBBUF_VERSION);
@@ -219,8 +222,6 @@ int main(int argc, char** argv) try {
                  "  --config FILE               By default /etc/orbbuf/orbbuf-server.toml");
   orbbuf::add_fleet_commands(app, command);
   if (const auto status = app.parse(argc, argv)) return *status;
-
-  orbbuf::set_up_log("info");
   return command();
 } catch (const std::exception& error) {
   orbbuf::log_error("{}", error.what());

@@ -144,6 +144,11 @@ std::unique_ptr<ControlSocket> open_control(
     asio::io_context& main, const std::string& setting,
     std::map<std::string, ControlSocket::Command> commands) {
   const auto path = control_socket_path(setting);
+  if (path.empty() && setting == kAutomaticSocket) {
+    log_info(
+        "`orbbuf-server status` will not show this server: XDG_RUNTIME_DIR is not set; set "
+        "status.socket to a path");
+  }
   if (path.empty()) return nullptr;
   try {
     return std::make_unique<ControlSocket>(main, path, std::move(commands));

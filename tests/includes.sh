@@ -30,7 +30,7 @@ daemon/record: common common/journal
 daemon/samples: common daemon/capture daemon/capture/replay daemon/topics
 daemon/net: common common/net daemon/buffer daemon/record daemon/samples
 daemon/settings: common daemon/buffer daemon/capture daemon/image daemon/net daemon/record daemon/samples
-daemon: common daemon/topics daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/net daemon/samples daemon/settings daemon/capture/list_cameras daemon/capture/make_source
+daemon: common common/net daemon/topics daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/net daemon/samples daemon/settings daemon/capture/list_cameras daemon/capture/make_source
 server/fleet/fleet_settings: common common/net
 server/runtime: common
 server/session: common common/journal common/calibration server/runtime
@@ -61,7 +61,7 @@ evaluation/trial: common bench daemon/buffer daemon/image bench/sim evaluation e
 evaluation/outages: common bench daemon/buffer daemon/capture/make_source daemon/image bench/sim evaluation/odometry evaluation/trial
 evaluation/real: common bench bench/sim
 evaluation/quality: common bench daemon/buffer daemon/image bench/sim evaluation evaluation/odometry evaluation/trial
-server: common common/journal server/fleet server/runtime server/session server/dataset server/dataset/mcap server/retention server/live server/sink/make_sinks server/settings server/http server/link
+server: common common/journal common/net server/fleet server/runtime server/session server/dataset server/dataset/mcap server/retention server/live server/sink/make_sinks server/settings server/http server/link
 ALLOWED
 }
 

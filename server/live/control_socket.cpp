@@ -178,6 +178,9 @@ Result<std::string> ask_server(const std::string& setting, const std::string& wo
   std::vector<fs::path> paths{setting};
   if (setting == kAutomaticSocket) paths = {own_socket(), kServiceSocket};
   std::string tried;
+  if (paths.front().empty() && setting == kAutomaticSocket) {
+    tried = "not this user's, since XDG_RUNTIME_DIR is not set (name its status.socket)";
+  }
   for (const fs::path& path : paths) {
     if (path.empty()) continue;
     asio::io_context io;

@@ -15,7 +15,7 @@ namespace orbbuf {
 
 UniqueFd lock_folder(const std::filesystem::path& folder) {
   UniqueFd fd(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-  if (!fd) throw_system_error("open " + folder.string());
+  if (!fd) throw_system_error("cannot open files.path " + folder.string());
   if (::flock(fd.get(), LOCK_EX | LOCK_NB) == 0) return fd;
   if (errno == EWOULDBLOCK) {
     throw std::runtime_error("cannot use files.path " + folder.string() +

@@ -27,6 +27,26 @@ SessionSummary summary_of(const fs::path& folder) {
   return summary;
 }
 
+bool has_journal(const fs::path& folder) {
+  const auto segments = journal::segments_in(folder);
+  return segments && !segments.value().empty();
+}
+
+/// What the folder is instead, and which to name.
+Error no_session(const fs::path& folder) {
+  std::error_code failed;
+  fs::path latest;
+  fs::directory_iterator entry(folder, failed);
+  if (failed) return system_error(folder.string() + ": not a session", failed.value());
+  for (; !failed && entry != fs::directory_iterator(); entry.increment(failed)) {
+    if (has_journal(entry->path())) latest = std::max(latest, entry->path());
+  }
+  if (latest.empty()) return Error{folder.string() + ": not a session: no journal in it"};
+  return Error{folder.string() +
+               ": not a session, but the folder of a robot: name one of its sessions, such as " +
+               latest.string()};
+}
+
 /// By number; of two for one number the last counts.
 void put_in_order(std::vector<RecordedFrame>& frames) {
   std::ranges::stable_sort(frames, {}, &RecordedFrame::sequence);
@@ -235,8 +255,14 @@ Result<SessionOutline> read_outline(const fs::path& folder) {
   if (reader.place() == journal::Place{}) {
     const auto segments = journal::segments_in(folder);
     if (!segments) return segments.error();
-    if (segments.value().empty())
-      return Error{folder.string() + ": not a session: no journal in it"};
+    if (segments.value().empty()) return no_session(folder);
+  }
+  // orbbufd's record has journals with other records, and this file.
+  std::error_code absent;
+  if (outline.there.empty() && reader.damaged_bytes() > 0 && fs::exists(folder / "lock", absent)) {
+    return Error{folder.string() +
+                 ": not a session, but the record of an orbbufd (spool.path or "
+                 "buffer.drop_log); sessions are in the server's files.path"};
   }
   if (reader.damaged_bytes() > 0) {
     outline.problems.push_back(fmt::format(

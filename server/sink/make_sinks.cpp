@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/sink/make_sinks.hpp"
 
+#include <fmt/core.h>
 #include <unistd.h>
 
+#include <cerrno>
+#include <stdexcept>
 #include <system_error>
 #include <utility>
 
@@ -23,10 +26,17 @@ const SlamSettings& SinkSettings::slam_for(const std::string& robot_id) const {
 
 void check_sinks(const SinkSettings& settings) {
   if (!settings.is_kept()) return;
-  std::error_code ignored;  // access() says why
-  std::filesystem::create_directories(settings.files_path, ignored);
-  if (::access(settings.files_path.c_str(), W_OK | X_OK) != 0) {
-    throw_system_error("write files to " + settings.files_path.string());
+  const auto& path = settings.files_path;
+  std::error_code failed;
+  std::filesystem::create_directories(path, failed);
+  if (!failed && ::access(path.c_str(), R_OK | W_OK | X_OK) != 0) {
+    failed = {errno, std::generic_category()};
+  }
+  if (failed) {
+    throw std::runtime_error(
+        fmt::format("cannot write to files.path {}: {}; give user {} the right to (chown), or set "
+                    "another files.path",
+                    path.string(), failed.message(), ::geteuid()));
   }
   const auto weak = weak_file_system(settings.files_path);
   if (!weak || settings.files_sync == Durability::kOff) return;

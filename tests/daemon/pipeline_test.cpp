@@ -14,6 +14,7 @@
 
 #include "daemon/buffer/orb_policy.hpp"
 #include "daemon/buffer/simple_policies.hpp"
+#include "testing/captured_log.hpp"
 #include "testing/scripted_source.hpp"
 #include "tests/daemon/buffer/frames.hpp"
 
@@ -74,6 +75,22 @@ TEST_F(PipelineTest, FramesReachTheBufferNumberedInOrder) {
   }
   EXPECT_FALSE(buffer_.take());
   EXPECT_EQ(changes_, 5);
+}
+
+TEST_F(PipelineTest, ImagesOfSeveralSizesAreSentAndSaidOnce) {
+  const test::CapturedLog log;
+  auto source = std::make_unique<ScriptedSource>(false);
+  for (int i = 0; i < 4; ++i) {
+    RawFrame frame = gray_frame(i);
+    if (i % 2 == 1) frame.height_px = 4;
+    source->add(std::move(frame));
+  }
+  source->end();
+  start(std::move(source));
+  EXPECT_FALSE(wait_for_end());
+  EXPECT_EQ(encoded_.size(), 4U);
+  EXPECT_EQ(log.lines("warning frame 1 has 16x4 px, the first one 16x8").size(), 1U);
+  EXPECT_EQ(log.lines("warning frame").size(), 1U);
 }
 
 TEST_F(PipelineTest, SourceThatCanWaitLosesNothingToAFullBuffer) {

@@ -8,6 +8,7 @@
 #include <boost/asio/ip/tcp.hpp>
 #include <csignal>
 
+#include "testing/certificates.hpp"
 #include "testing/source_folder.hpp"
 #include "tests/e2e/rig.hpp"
 
@@ -45,6 +46,36 @@ TEST(Programs, TypoInTheConfigurationNamesFileLineAndKey) {
   const Finished server = run({kOrbbufServer, "--config", file});
   EXPECT_EQ(server.status, 1);
   EXPECT_NE(server.output.find(file + ":2: listen.address: "), std::string::npos) << server.output;
+}
+
+TEST(Programs, AnErrorBeforeTheConfigurationIsReadHasTheFormOfTheLog) {
+  for (const char* program : {kOrbbufd, kOrbbufServer}) {
+    for (const char* config : {"--set=no.such=1", "--config=/no/such.toml"}) {
+      const Finished refused = run({program, config});
+      EXPECT_EQ(refused.status, 1);
+      EXPECT_EQ(refused.output.find("Z error [main] "),
+                std::string("2026-11-29T10:00:00.000").size())
+          << refused.output;
+    }
+  }
+}
+
+void expect_keys_checked(const char* program, const TlsSettings& tls) {
+  std::vector<std::string> command{program, "--check-config"};
+  for (const std::string& one : Certificates::overrides(tls)) command.push_back("--set=" + one);
+  EXPECT_EQ(run(command).status, 0);
+  std::filesystem::permissions(tls.key, std::filesystem::perms::others_read,
+                               std::filesystem::perm_options::add);
+  const Finished refused = run(command);
+  EXPECT_EQ(refused.status, 1);
+  EXPECT_NE(refused.output.find("other users have access to it"), std::string::npos)
+      << refused.output;
+}
+
+TEST(Programs, CheckConfigRefusesTheKeysThatTheStartRefuses) {
+  const Certificates keys;
+  expect_keys_checked(kOrbbufd, keys.robot());
+  expect_keys_checked(kOrbbufServer, keys.server());
 }
 
 TEST(Programs, FolderThatCannotBeReadIsNamedWithTheReason) {
@@ -97,7 +128,6 @@ TEST(Programs, WrongPortIsSaidOnceAndTriedOn) {
   EXPECT_EQ(closing_stats(robot).at("dropped"), 50U);
 }
 
-/// Without a server, and with one that does not answer: the frames wait.
 TEST(Programs, AStopSaysWhatItWaitsForAndASecondOneLosesItUnlessItIsKept) {
   const TemporaryFolder folder;
   for (const bool has_spool : {false, true}) {
@@ -110,9 +140,7 @@ TEST(Programs, AStopSaysWhatItWaitsForAndASecondOneLosesItUnlessItIsKept) {
     robot.signal(SIGINT);
     const auto said = robot.wait_for_line("signal 2: stopping; ");
     ASSERT_TRUE(said) << robot.output();
-    EXPECT_NE(said->find(" frames, for at most 60 s; a second signal"),
-              std::string::npos)
-        << *said;
+    EXPECT_NE(said->find(" frames, for at most 60 s; a second signal"), std::string::npos) << *said;
     EXPECT_NE(said->find(has_spool ? "leaves them in the spool" : "loses them"), std::string::npos);
     robot.signal(SIGINT);
     EXPECT_EQ(robot.wait(), has_spool ? 0 : 3) << robot.output();

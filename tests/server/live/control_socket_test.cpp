@@ -8,6 +8,7 @@
 #include <boost/asio/post.hpp>
 #include <boost/asio/read.hpp>
 #include <boost/asio/write.hpp>
+#include <cstdlib>
 #include <future>
 #include <memory>
 #include <thread>
@@ -156,6 +157,16 @@ TEST_F(ControlSocketTest, IsItsUsersAloneAndGoneAtTheEnd) {
   EXPECT_EQ(status.st_mode & 0777U, 0700U);
   stop();
   EXPECT_THAT(failure(), HasSubstr("no server answers: " + path_ + ": No such file"));
+}
+
+TEST_F(ControlSocketTest, WithoutAFolderOfTheUserTheErrorSaysSo) {
+  const char* const folder = std::getenv("XDG_RUNTIME_DIR");
+  const std::string before = folder == nullptr ? "" : folder;
+  ::unsetenv("XDG_RUNTIME_DIR");
+  const auto answer = ask_server(kAutomaticSocket, "name", std::chrono::seconds(1));
+  if (folder != nullptr) ::setenv("XDG_RUNTIME_DIR", before.c_str(), 1);
+  if (answer) GTEST_SKIP() << "the service runs on this machine";
+  EXPECT_THAT(answer.error().text, HasSubstr("since XDG_RUNTIME_DIR is not set"));
 }
 
 TEST_F(ControlSocketTest, WhatAServerLeftBehindIsReplaced) {

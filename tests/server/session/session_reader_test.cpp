@@ -8,6 +8,7 @@
 namespace orbbuf {
 namespace {
 
+namespace fs = std::filesystem;
 using test::account;
 using test::dropped;
 using test::plain_frame;
@@ -35,6 +36,29 @@ TEST_F(SessionReaderTest, WhereThereIsNoJournalThereIsNoSession) {
   ASSERT_FALSE(session);
   EXPECT_EQ(session.error().text, folder_.string() + ": not a session: no journal in it");
   EXPECT_FALSE(read_summary(folder_));
+}
+
+TEST_F(SessionReaderTest, ARobotsFolderNamesOneOfItsSessions) {
+  for (const char* session : {"s1", "s2", "none"}) fs::create_directories(folder_ / "r" / session);
+  for (const char* session : {"s1", "s2"}) {
+    test::write_file(folder_ / "r" / session / "journal.000000", "");
+  }
+  EXPECT_EQ(read_session(folder_ / "r").error().text,
+            (folder_ / "r").string() +
+                ": not a session, but the folder of a robot: name one of its sessions, such as " +
+                (folder_ / "r/s2").string());
+  EXPECT_EQ(read_session(folder_ / "nowhere").error().text,
+            (folder_ / "nowhere").string() + ": not a session: No such file or directory");
+}
+
+TEST_F(SessionReaderTest, TheRecordOfARobotIsNoSession) {
+  fs::create_directories(folder_ / "spool");
+  test::write_file(folder_ / "spool/lock", "");
+  test::write_file(folder_ / "spool/journal.000000", std::string(100, 'x'));
+  EXPECT_EQ(read_session(folder_ / "spool").error().text,
+            (folder_ / "spool").string() +
+                ": not a session, but the record of an orbbufd (spool.path or buffer.drop_log); "
+                "sessions are in the server's files.path");
 }
 
 TEST_F(SessionReaderTest, HasTheFramesByNumberAndEachOnce) {

@@ -2,6 +2,8 @@
 #include "server/sink/make_sinks.hpp"
 
 #include <fcntl.h>
+#include <gmock/gmock.h>
+#include <unistd.h>
 
 #include <stdexcept>
 
@@ -107,6 +109,25 @@ TEST_F(MakeSinksTest, AFailedSyncIsLoggedAsWhatItMeansInThatMode) {
   EXPECT_EQ(log.lines("No such file or directory; frames are not acknowledged any more: ").size(),
             1U);
   EXPECT_EQ(log.lines("; frames are acknowledged and not synced any more").size(), 1U);
+}
+
+/// As another user, for root may write anywhere.
+TEST_F(MakeSinksTest, NoPermissionIsToldWithTheFolderTheUserAndWhatToDo) {
+  if (::geteuid() != 0) GTEST_SKIP() << "needs root, to become another user";
+  constexpr uid_t kNobody = 65534;
+  for (const auto& path : {folder_.path(), folder_ / "data"}) {
+    settings_.files_path = path;
+    std::string said;
+    ASSERT_EQ(::setresuid(kNobody, kNobody, 0), 0);
+    try {
+      check_sinks(settings_);
+    } catch (const std::runtime_error& error) {
+      said = error.what();
+    }
+    ASSERT_EQ(::setresuid(0, 0, 0), 0);
+    EXPECT_THAT(said, testing::HasSubstr("cannot write to files.path " + path.string() +
+                                         ": Permission denied; give user 65534 the right to"));
+  }
 }
 
 TEST_F(MakeSinksTest, AFolderThatCannotBeMadeIsToldAtTheStart) {
