@@ -194,6 +194,33 @@ std::optional<Error> set_aside(const fs::path& folder, const Unkept& unkept,
   return set_aside(folder, images.value());
 }
 
+/// The whole images of a stereo frame take the places of the reduced ones by two renames. If the
+/// server was killed in between, this makes the other one.
+std::optional<Error> complete_pair(const fs::path& folder) {
+  const auto size = [&](const std::string& name) -> std::uintmax_t {
+    std::error_code failed;  // then it is as good as missing
+    const auto bytes = fs::file_size(folder / name, failed);
+    return failed ? 0 : bytes;
+  };
+  const auto left = size(session_names::kIncoming);
+  const auto right = size(session_names::kIncomingRight);
+  if ((left > 0) == (right > 0)) return std::nullopt;
+  std::optional<Error> error;
+  const auto complete = [&](const RecordedFrame& frame) {
+    if (!frame.is_stereo() || !frame.is_reduced()) return;
+    const auto left_image = session_names::left_image(frame.sequence);
+    const auto right_image = session_names::right_image(frame.sequence);
+    const auto other = size(left > 0 ? right_image : left_image);
+    if (left + right + other != frame.whole_bytes) return;
+    const auto images = read_images(folder, frame);
+    if (!images || images.value().is_reduced()) return;
+    error = left > 0 ? move_file(folder / session_names::kIncoming, folder / left_image)
+                     : move_file(folder / session_names::kIncomingRight, folder / right_image);
+  };
+  auto unread = for_each<RecordedFrame>(folder, complete);
+  return unread ? unread : error;
+}
+
 /// Where the line of that frame ends, if it is the last one of it and of lower numbers.
 Result<std::optional<std::uint64_t>> find_line(int fd, const fs::path& path, Sequence number) {
   struct stat status {};
@@ -250,6 +277,7 @@ Result<RecoveredSession> recover_session(const fs::path& folder, const SessionIn
   if (!tail) return tail.error();
   Unkept unkept;
   if (tail.value()) {
+    if (auto error = complete_pair(folder)) return std::move(*error);
     const Place from = std::max(tail.value()->kept, tail.value()->summary.removed);
     auto read = read_unkept(folder, from, durability);
     if (!read) return read.error();

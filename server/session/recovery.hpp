@@ -34,11 +34,12 @@ struct RecoveredSession {
 /// before the kept mark is believed. From there on the images are compared with their records; the
 /// journal ends at the first record that is damaged or whose images are not whole, and the robot
 /// sends the rest again. Images of records behind that, and images at or past the position without
-/// any record, are orphans, and so are temporary files. The journal itself is not changed, nor is
-/// anything before `end`.
+/// any record, are orphans, and so are temporary files, but for the image that completes a pair
+/// that was being replaced. The journal itself is not changed, nor is anything before `end`.
 ///
 /// Reads the newest segment and the segments from the kept mark on; after a kill also the names of
-/// all images. `info`: of a session without a record.
+/// all images, and the whole journal if one image of a pair was left. `info`: of a session without
+/// a record.
 Result<RecoveredSession> recover_session(const std::filesystem::path& folder,
                                          const SessionInfo& info, Durability durability);
 

@@ -233,6 +233,35 @@ Result<journal::Place> find_segment(
   return journal::Place{segments.value().empty() ? 0 : segments.value().front(), 0};
 }
 
+/// The images are in these two files.
+Result<EncodedFrame> read_frame(const RecordedFrame& recorded, const fs::path& left_path,
+                                const fs::path& right_path) {
+  auto left = read_file(left_path);
+  if (!left) return std::move(left).error();
+  EncodedFrame frame;
+  frame.sequence = recorded.sequence;
+  frame.capture_time_ns = recorded.capture_time_ns;
+  frame.exposure_ns = recorded.exposure_ns;
+  frame.width_px = recorded.width_px;
+  frame.height_px = recorded.height_px;
+  frame.quality = recorded.quality;
+  frame.whole_bytes = recorded.whole_bytes;
+  frame.whole_crc = recorded.whole_crc;
+  frame.jpeg = std::move(left).value();
+  frame.left_bytes = static_cast<std::uint32_t>(frame.jpeg.size());
+  if (recorded.is_stereo()) {
+    const auto right = read_file(right_path);
+    if (!right) return right.error();
+    frame.jpeg.insert(frame.jpeg.end(), right.value().begin(), right.value().end());
+  }
+  frame.jpeg_crc = crc32(frame.jpeg);
+  if (frame.jpeg.size() == frame.whole_bytes && frame.jpeg_crc == frame.whole_crc) {
+    frame.quality = 0;  // replaced meanwhile
+    frame.whole_bytes = frame.whole_crc = 0;
+  }
+  return frame;
+}
+
 }  // namespace
 
 Result<SessionOutline> read_outline(const fs::path& folder) {
@@ -405,28 +434,15 @@ std::optional<SessionSummary> read_summary(const fs::path& folder) {
 }
 
 Result<EncodedFrame> read_images(const fs::path& folder, const RecordedFrame& recorded) {
-  auto left = read_file(folder / session_names::left_image(recorded.sequence));
-  if (!left) return std::move(left).error();
-  EncodedFrame frame;
-  frame.sequence = recorded.sequence;
-  frame.capture_time_ns = recorded.capture_time_ns;
-  frame.exposure_ns = recorded.exposure_ns;
-  frame.width_px = recorded.width_px;
-  frame.height_px = recorded.height_px;
-  frame.quality = recorded.quality;
-  frame.whole_bytes = recorded.whole_bytes;
-  frame.whole_crc = recorded.whole_crc;
-  frame.jpeg = std::move(left).value();
-  frame.left_bytes = static_cast<std::uint32_t>(frame.jpeg.size());
-  if (recorded.is_stereo()) {
-    const auto right = read_file(folder / session_names::right_image(recorded.sequence));
-    if (!right) return right.error();
-    frame.jpeg.insert(frame.jpeg.end(), right.value().begin(), right.value().end());
-  }
-  frame.jpeg_crc = crc32(frame.jpeg);
-  if (frame.jpeg.size() == frame.whole_bytes && frame.jpeg_crc == frame.whole_crc) {
-    frame.quality = 0;  // replaced meanwhile
-    frame.whole_bytes = frame.whole_crc = 0;
+  const fs::path left = folder / session_names::left_image(recorded.sequence);
+  const fs::path right = folder / session_names::right_image(recorded.sequence);
+  auto frame = read_frame(recorded, left, right);
+  const bool may_be_half_replaced = recorded.is_stereo() && recorded.is_reduced();
+  if (!may_be_half_replaced || !frame || is_whole(recorded, frame.value())) return frame;
+  for (const auto& [one, other] : {std::pair(left, folder / session_names::kIncomingRight),
+                                   std::pair(folder / session_names::kIncoming, right)}) {
+    auto completed = read_frame(recorded, one, other);
+    if (completed && !completed.value().is_reduced()) return completed;
   }
   return frame;
 }

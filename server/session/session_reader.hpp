@@ -97,7 +97,8 @@ Result<std::optional<Tail>> read_tail(const std::filesystem::path& folder,
 std::optional<SessionSummary> read_summary(const std::filesystem::path& folder);
 
 /// The images of a frame, as one frame. An error if one of them cannot be read. They are not
-/// compared with their checksums: see is_whole().
+/// compared with their checksums: see is_whole(). The whole images may be in place of reduced ones;
+/// of a stereo frame one of them may still be in the file in which it came.
 Result<EncodedFrame> read_images(const std::filesystem::path& folder, const RecordedFrame& frame);
 
 /// Whether one of them is not there, which is certain: another error is for now.

@@ -175,6 +175,7 @@ std::optional<Error> SessionStore::write_images(const EncodedFrame& frame, bool 
       error = make_folder(folder_ / session_names::kRightImages);
     }
     if (!error) error = write_new(incoming_right, frame.right(), is_synced);
+    if (!error && is_synced) error = sync(folder_);  // recovery may need it between the renames
   }
   if (!error) error = move_file(incoming, folder_ / session_names::left_image(frame.sequence));
   if (!error && frame.is_stereo()) {
@@ -404,8 +405,9 @@ std::optional<Error> SessionStore::write_late(const wire::Items& items) {
   return std::nullopt;
 }
 
-/// The new image is on the device before it takes the place of the one that was acknowledged. If
-/// the record is lost, is_whole() knows the image, and the robot sends it again.
+/// The new images are on the device before they take the places of those that were acknowledged. If
+/// the record is lost, is_whole() knows them, recovery completes a pair of which one was renamed,
+/// and the robot sends them again.
 std::optional<Error> SessionStore::replace(const EncodedFrame& frame, const RecordedFrame& record) {
   if (auto error = prepare()) return error;
   if (auto error = write_images(frame, true)) return error;

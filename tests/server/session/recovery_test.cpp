@@ -25,6 +25,7 @@ using test::plain_frame;
 using test::plain_pair;
 using test::read_file;
 using test::reduced_pair;
+using test::reduced_stereo_pair;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
@@ -154,6 +155,34 @@ TEST_F(RecoveryTest, BothImagesOfAPairMustBeWhole) {
   fs::resize_file(folder_ / "images_right/000001.jpg", 4);
   EXPECT_EQ(next(), 1U);
   EXPECT_THAT(names("images_right"), ElementsAre("000000.jpg"));
+}
+
+/// The server was killed between the two renames, or a power cut has undone one of them.
+TEST_F(RecoveryTest, AHalfReplacedPairIsCompletedWhereverItsRecordIs) {
+  for (const bool is_left_done : {true, false}) {
+    for (const bool is_kept : {false, true}) {
+      fs::remove_all(folder_);
+      const auto [reduced, whole] = reduced_stereo_pair(1);
+      {
+        const auto store = open();
+        deliver(*store, {0});
+        write(*store, reduced);
+        deliver(*store, {2, 3});
+        if (is_kept) store->set_kept(store->written());
+        EXPECT_FALSE(is_kept && store->finish(true));
+      }
+      test::write_file(folder_ / (is_left_done ? "images/000001.jpg" : "incoming.tmp"),
+                       as_text(whole.left()));
+      test::write_file(folder_ / (is_left_done ? "incoming_right.tmp" : "images_right/000001.jpg"),
+                       as_text(whole.right()));
+      expect_whole();
+      EXPECT_EQ(next(), 4U);
+      EXPECT_EQ(image(1), as_text(whole.left()));
+      EXPECT_EQ(read_file(folder_ / "images_right/000001.jpg"), as_text(whole.right()));
+      EXPECT_THAT(names("orphans"), IsEmpty());
+      EXPECT_EQ(late(*open(), whole), SessionStore::Late::kReplaced);
+    }
+  }
 }
 
 TEST_F(RecoveryTest, AllImagesGoneIsAnEmptySession) {
@@ -426,16 +455,19 @@ TEST_F(RecoveryTest, AKillBeforeAnySystemCallLeadsToTheSameSession) {
   const auto pair = reduced_pair(1);
   const auto& reduced = pair.reduced;
   const auto& whole = pair.whole;
+  const auto stereo = reduced_stereo_pair(3);
   // What a robot does not know to be taken it sends again.
   const std::vector<std::function<bool(SessionStore&)>> steps = {
       [&](SessionStore& store) { return !store.write(plain_frame(0), kArrivedNs); },
       [&](SessionStore& store) { return !store.write(reduced, kArrivedNs); },
+      [&](SessionStore& store) { return !store.write(stereo.reduced, kArrivedNs); },
       [&](SessionStore& store) { return !store.write(plain_pair(4, 20, 30), kArrivedNs); },
       [&](SessionStore& store) {
         return store.position()[wire::kDrops] > 0 || !store.write_items(dropped(0, {{5, 1}}));
       },
       [&](SessionStore& store) { return store.write_late(plain_frame(2), kArrivedNs).has_value(); },
       [&](SessionStore& store) { return store.write_late(whole, kArrivedNs).has_value(); },
+      [&](SessionStore& store) { return store.write_late(stereo.whole, kArrivedNs).has_value(); },
       [&](SessionStore& store) {
         return store.write_late(plain_frame(0, 50), kArrivedNs).has_value();
       },
@@ -449,7 +481,7 @@ TEST_F(RecoveryTest, AKillBeforeAnySystemCallLeadsToTheSameSession) {
   };
   ASSERT_TRUE(play(*open(Durability::kAck, "camera"), 0, steps.size()));
   const auto expected = contents_of(folder_);
-  EXPECT_EQ(expected.size(), 12U);  // 5 left images, a right one, 5 views, camera.txt
+  EXPECT_EQ(expected.size(), 14U);  // 6 left images, 2 right ones, 5 views, camera.txt
 
   std::size_t last_call = 0;
   for (bool is_killed = true; is_killed; ++last_call) {

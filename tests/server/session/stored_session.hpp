@@ -27,13 +27,19 @@ struct ReducedPair {
   EncodedFrame reduced;
   EncodedFrame whole;
 };
+inline ReducedPair reduced_pair(EncodedFrame reduced, EncodedFrame whole,
+                                std::uint8_t quality = 30) {
+  whole.quality = 80;
+  reduced.quality = quality;
+  reduced.whole_bytes = static_cast<std::uint32_t>(whole.jpeg.size());
+  reduced.whole_crc = whole.jpeg_crc;
+  return {std::move(reduced), std::move(whole)};
+}
 inline ReducedPair reduced_pair(Sequence sequence, std::uint8_t quality = 30) {
-  ReducedPair pair{plain_frame(sequence, 60), plain_frame(sequence, 200)};
-  pair.whole.quality = 80;
-  pair.reduced.quality = quality;
-  pair.reduced.whole_bytes = static_cast<std::uint32_t>(pair.whole.jpeg.size());
-  pair.reduced.whole_crc = pair.whole.jpeg_crc;
-  return pair;
+  return reduced_pair(plain_frame(sequence, 60), plain_frame(sequence, 200), quality);
+}
+inline ReducedPair reduced_stereo_pair(Sequence sequence) {
+  return reduced_pair(plain_pair(sequence, 30, 40), plain_pair(sequence, 90, 110));
 }
 
 inline RecordedItems dropped(std::uint64_t first, const std::vector<DropRecord>& records) {
