@@ -5,6 +5,7 @@
 #include <boost/asio/steady_timer.hpp>
 #include <utility>
 
+#include "common/byte_order.hpp"
 #include "common/log.hpp"
 #include "common/system_clock.hpp"
 
@@ -106,6 +107,7 @@ void SessionStores::write(const std::string& robot_id, const std::string& sessio
                           const std::shared_ptr<const Job>& job) {
   const auto robot = this->robot(robot_id);
   const auto store = use(robot_id, *robot, session_id);
+  if (job->is_account) robot->entries[session_id].account = job;
   store->run([job](SessionStore& session) { return job->write(session); },
              [this, robot_id, session_id, robot, store, job](Result<Outcome> outcome) {
                if (!outcome) {
@@ -115,26 +117,39 @@ void SessionStores::write(const std::string& robot_id, const std::string& sessio
                  }
                  return try_again(robot_id, session_id, job);
                }
-               if (robot->failing == session_id) {
+               if (robot->failing == session_id && outcome.value() != Outcome::kNoStream) {
                  robot->failing.clear();
                  log_info("{}: late frames of session {} go on", robot_id, session_id);
                }
-               if (outcome.value() == Outcome::kNew) {
-                 watcher_(Event::kLate, robot_id, session_id);
-               }
-               if (outcome.value() == Outcome::kRefused) {
-                 if (!job->waiter.expired()) {
-                   job->kept(Error{"frames or an account of session " + session_id +
-                                   ", which is not known, or a number far beyond it"});
-                 }
-                 return;
-               }
-               if (!job->waiter.expired()) job->written();
-               store->async_commit([waiter = job->waiter, kept = job->kept,
-                                    is_new = outcome.value() == Outcome::kNew](const auto& error) {
-                 if (!error && !waiter.expired()) kept(is_new);
-               });
+               on_written(robot_id, session_id, store, job, outcome.value());
              });
+}
+
+void SessionStores::on_written(const std::string& robot_id, const std::string& session_id,
+                               const std::shared_ptr<SharedStore>& store,
+                               const std::shared_ptr<const Job>& job, Outcome outcome) {
+  const auto robot = this->robot(robot_id);
+  if (outcome == Outcome::kNew) watcher_(Event::kLate, robot_id, session_id);
+  if (outcome == Outcome::kRefused) {
+    if (job->waiter.expired()) return;
+    return job->kept(Error{"frames or an account of session " + session_id +
+                           ", which is not known, or a number far beyond it"});
+  }
+  if (outcome == Outcome::kNoStream) {
+    const auto entry = robot->entries.find(session_id);
+    const bool is_account_due = entry != robot->entries.end() && !entry->second.account.expired();
+    if (is_account_due) return try_again(robot_id, session_id, job);
+    robot->unknown_samples += job->samples;
+    if (robot->unknown.lets_through()) {
+      log_warn("{}: late samples are not kept, of a stream that session {} has not; {} so far",
+               robot_id, session_id, robot->unknown_samples);
+    }
+  }
+  if (!job->waiter.expired()) job->written();
+  store->async_commit([waiter = job->waiter, kept = job->kept,
+                       is_new = outcome == Outcome::kNew](const auto& error) {
+    if (!error && !waiter.expired()) kept(is_new);
+  });
 }
 
 void SessionStores::try_again(const std::string& robot_id, const std::string& session_id,
@@ -160,9 +175,7 @@ void SessionStores::write_late(const std::string& robot_id, wire::LateFrame late
     const auto& [session_id, frame, items] = *shared;
     if (store.is_new() && !is_named) return Outcome::kRefused;
     if (items) {
-      if (!store.has_stream(items->stream)) {
-        return Error{"samples came before the account could be written"};
-      }
+      if (!store.has_stream(items->stream)) return Outcome::kNoStream;
       if (!can_follow(items->first, store.position()[items->stream])) return Outcome::kRefused;
       if (auto error = store.write_late(*items)) return std::move(*error);
       return Outcome::kNew;
@@ -172,9 +185,11 @@ void SessionStores::write_late(const std::string& robot_id, wire::LateFrame late
     if (!outcome) return outcome.error();
     return outcome.value() == SessionStore::Late::kNew ? Outcome::kNew : Outcome::kKnown;
   };
+  const std::uint64_t samples =
+      shared->items ? wire::Reader(shared->items->payload).take<std::uint16_t>() : 0;
   write(robot_id, shared->session_id,
         std::make_shared<const Job>(
-            Job{work, std::move(waiter), std::move(written), std::move(kept)}));
+            Job{work, std::move(waiter), std::move(written), std::move(kept), false, samples}));
 }
 
 void SessionStores::take_account(const std::string& robot_id, wire::Account account,
@@ -208,8 +223,9 @@ void SessionStores::take_account(const std::string& robot_id, wire::Account acco
       if (!waiter.expired()) kept(is_new);
     });
   };
-  write(robot_id, session_id,
-        std::make_shared<const Job>(Job{work, waiter, std::move(written), std::move(settled)}));
+  write(
+      robot_id, session_id,
+      std::make_shared<const Job>(Job{work, waiter, std::move(written), std::move(settled), true}));
 }
 
 bool SessionStores::is_expected(const std::string& robot_id, const std::string& session_id) const {

@@ -14,6 +14,7 @@
 #include <string>
 
 #include "common/error.hpp"
+#include "common/log.hpp"
 #include "common/wire.hpp"
 #include "server/runtime/group_commit.hpp"
 #include "server/session/durability.hpp"
@@ -68,7 +69,9 @@ class SessionStores {
   void on_closed(const std::string& robot_id, const std::string& session_id);
 
   /// A frame, or samples, that cannot be written is tried again every second, as long as `waiter`
-  /// lives; its begin and end are logged. `kept` and `written` do not run after its end.
+  /// lives; its begin and end are logged. `kept` and `written` do not run after its end. Samples of
+  /// a stream that the session has not wait while its account cannot be written. Else they are
+  /// counted and logged, and are not new.
   void write_late(
       const std::string& robot_id, wire::LateFrame late, std::weak_ptr<void> waiter, Kept kept,
       Written written = [] {});
@@ -88,6 +91,7 @@ class SessionStores {
     std::shared_ptr<SharedStore> store;
     bool is_live = false;
     std::uint64_t used_at = 0;
+    std::weak_ptr<const void> account;  // one that is being written, again and again perhaps
   };
   struct Robot {
     explicit Robot(PoolStrand of_all) : strand(std::move(of_all)) {}
@@ -97,19 +101,23 @@ class SessionStores {
     std::set<std::string> named;           // sessions that accounts name, without a live stream
     std::set<std::string> held;            // of these the robot has frames
     std::string failing;                   // one whose late frames cannot be written; logged
+    std::uint64_t unknown_samples = 0;     // late ones, of streams that their session has not
+    LogLimit unknown{std::chrono::seconds{10}};
     std::size_t count = 0;  // of `named`, with those that are over, in the day that begun
     std::chrono::steady_clock::time_point begun = std::chrono::steady_clock::now();
 
     /// Counts one more; false: it is not to be.
     bool may_name();
   };
-  enum class Outcome : std::uint8_t { kNew, kKnown, kRefused };
+  enum class Outcome : std::uint8_t { kNew, kKnown, kRefused, kNoStream };
   using Write = std::function<Result<Outcome>(SessionStore&)>;
   struct Job {
     Write write;
     std::weak_ptr<void> waiter;
     Written written;
     Kept kept;
+    bool is_account = false;
+    std::uint64_t samples = 0;
   };
 
   std::shared_ptr<SharedStore> make(Robot& robot, const SessionInfo& info);
@@ -118,6 +126,9 @@ class SessionStores {
                                    const std::string& session_id);
   void write(const std::string& robot_id, const std::string& session_id,
              const std::shared_ptr<const Job>& job);
+  void on_written(const std::string& robot_id, const std::string& session_id,
+                  const std::shared_ptr<SharedStore>& store, const std::shared_ptr<const Job>& job,
+                  Outcome outcome);
   void try_again(const std::string& robot_id, const std::string& session_id,
                  const std::shared_ptr<const Job>& job);
   void close_idle(std::size_t most);

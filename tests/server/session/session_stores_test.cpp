@@ -32,6 +32,7 @@ using testing::SizeIs;
 class SessionStoresTest : public test::EventLoop {
  protected:
   using Answer = std::optional<Result<bool>>;
+  inline static const std::vector<Sample> kSamples{{5, {1, 2, 3}, {}, {}}};
 
   ~SessionStoresTest() override { end_work(); }
 
@@ -68,6 +69,13 @@ class SessionStoresTest : public test::EventLoop {
     send_late(answer, session, frame);
     EXPECT_TRUE(run_until([&] { return answer.has_value(); }));
     return answer.value_or(Error{"no answer"});
+  }
+  void send_samples(Answer& answer, const std::string& session, wire::StreamId stream) {
+    stores_.write_late("r", {session, {}, wire::Items{stream, 0, wire::encode_samples(kSamples)}},
+                       waiter_, [&answer](Result<bool> kept) { answer.emplace(std::move(kept)); });
+  }
+  std::uintmax_t journal_bytes(const std::string& session) const {
+    return fs::file_size(folder(session) / "journal.000000");
   }
   Result<bool> account(const std::string& session, Sequence captured, std::uint64_t held) {
     wire::Account account;
@@ -254,24 +262,52 @@ TEST_F(SessionStoresTest, WhatIsWrittenIsToldBeforeItIsSynced) {
 
 /// The account was refused by a full disk, and room for a frame has come before it is tried again.
 TEST_F(SessionStoresTest, SamplesOfAStreamThatIsNotKnownYetWaitForTheAccount) {
+  const test::CapturedLog log;
   record("earlier", {0});
-  Answer answer;
-  const std::vector<Sample> samples{{5, {1, 2, 3}, {}, {}}};
-  stores_.write_late("r", {"earlier", {}, wire::Items{4, 0, wire::encode_samples(samples)}},
-                     waiter_, [&](Result<bool> kept) { answer.emplace(std::move(kept)); });
-  EXPECT_FALSE(late("earlier", plain_frame(0)).value());  // behind them
-  EXPECT_FALSE(answer);
   wire::Account account;
   account.session_id = "earlier";
   account.captured = 1;
   account.streams = {{{4, "imu0", "imu"}, 1, 1}};
-  stores_.take_account("r", account, waiter_, [](const auto&) {});
+  Answer of_account;
+  {
+    const test::ResourceLimit full(RLIMIT_FSIZE, journal_bytes("earlier") + 3);
+    stores_.take_account("r", account, waiter_,
+                         [&](Result<bool> kept) { of_account.emplace(std::move(kept)); });
+    EXPECT_TRUE(run_until([&] { return !log.lines("late frames paused").empty(); }));
+  }
+  Answer answer;
+  send_samples(answer, "earlier", 4);
+  EXPECT_FALSE(late("earlier", plain_frame(0)).value());  // behind them
+  EXPECT_FALSE(answer);
+  EXPECT_FALSE(of_account);
   EXPECT_TRUE(run_until([&] { return answer.has_value(); }));
+  EXPECT_TRUE(answer->value());
+  EXPECT_TRUE(of_account);
   std::vector<Sample> read;
   const auto totals = for_each_sample(folder("earlier"), account.streams[0].stream,
                                       [&](const Sample& sample) { read.push_back(sample); });
   EXPECT_TRUE(totals);
-  EXPECT_EQ(read, samples);
+  EXPECT_EQ(read, kSamples);
+}
+
+/// The robot's record has it, and no account will.
+TEST_F(SessionStoresTest, SamplesOfAStreamThatTheSessionHasNotHoldNothing) {
+  const test::CapturedLog log;
+  record("earlier", {0, 2});
+  Answer answer;
+  for (int i = 0; i < 2; ++i) {
+    answer.reset();
+    send_samples(answer, "earlier", 9);
+    EXPECT_TRUE(run_until([&] { return answer.has_value(); }));
+    EXPECT_FALSE(answer->value());  // it is nothing new
+  }
+  EXPECT_TRUE(account("earlier", 3, 1));
+  send_samples(answer, "earlier", 9);
+  EXPECT_TRUE(late("earlier", plain_frame(1)).value());
+  EXPECT_EQ(log.lines("r: late samples are not kept, of a stream that session earlier has not; 1 "
+                      "so far")
+                .size(),
+            1U);
 }
 
 TEST_F(SessionStoresTest, StoresThatAreNotUsedAreClosed) {
