@@ -63,6 +63,16 @@ RecordedFrame record_of(const EncodedFrame& frame, std::int64_t arrived_ns) {
   return record;
 }
 
+/// Whether `reduced` differs from `whole`, whose JPEG is `jpeg`, by its JPEG only.
+bool is_reduced_from(const RecordedFrame& whole, const RecordedFrame& reduced,
+                     std::span<const std::uint8_t> jpeg) {
+  return whole.capture_time_ns == reduced.capture_time_ns &&
+         whole.exposure_ns == reduced.exposure_ns && whole.width_px == reduced.width_px &&
+         whole.height_px == reduced.height_px && whole.is_stereo() == reduced.is_stereo() &&
+         !whole.is_reduced() && jpeg.size() == reduced.whole_bytes &&
+         crc32(jpeg) == reduced.whole_crc;
+}
+
 }  // namespace
 
 Result<std::unique_ptr<SessionStore>> SessionStore::open(fs::path folder, SessionInfo info,
@@ -328,7 +338,7 @@ void SessionStore::Numbers::add(const RecordedFrame& frame) {
     const auto old = find(frame.sequence);
     if (old != reduced.end()) reduced.erase(old);
   } else if (!frame.is_late && frame.is_reduced()) {
-    reduced.push_back({frame.sequence, frame.bytes, frame.whole_bytes, frame.whole_crc});
+    reduced.push_back(frame);
   }
 }
 
@@ -338,8 +348,8 @@ void SessionStore::Numbers::add(const RecordedItems& added) {
   for (std::uint64_t number = added.first; number < added.next; ++number) numbers.insert(number);
 }
 
-std::vector<SessionStore::Reduced>::iterator SessionStore::Numbers::find(Sequence sequence) {
-  const auto found = std::ranges::lower_bound(reduced, sequence, {}, &Reduced::sequence);
+std::vector<RecordedFrame>::iterator SessionStore::Numbers::find(Sequence sequence) {
+  const auto found = std::ranges::lower_bound(reduced, sequence, {}, &RecordedFrame::sequence);
   return found != reduced.end() && found->sequence == sequence ? found : reduced.end();
 }
 
@@ -370,8 +380,7 @@ Result<SessionStore::Late> SessionStore::write_late(const EncodedFrame& frame,
     return Late::kNew;
   }
   const auto reduced = numbers_->find(frame.sequence);
-  if (reduced != numbers_->reduced.end() && reduced->whole_bytes == frame.jpeg.size() &&
-      reduced->whole_crc == crc32(frame.jpeg)) {
+  if (reduced != numbers_->reduced.end() && is_reduced_from(record, *reduced, frame.jpeg)) {
     record.is_replacing = true;
     record.replaced_bytes = reduced->bytes;
     if (auto error = replace(frame, record)) return std::move(*error);

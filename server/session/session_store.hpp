@@ -72,7 +72,7 @@ class SessionStore {
 
   enum class Late : std::uint8_t {
     kNew,
-    kReplaced,  ///< it was there reduced, from this very JPEG, and is whole now
+    kReplaced,  ///< it was there reduced, from this very frame, and is whole now
     kRepeat,    ///< it was there with the same bytes
     kConflict,  ///< it was there with others: these are in orphans/ now
   };
@@ -98,22 +98,15 @@ class SessionStore {
   std::optional<Error> close();
 
  private:
-  /// A live frame that came reduced.
-  struct Reduced {
-    Sequence sequence = 0;
-    std::uint32_t bytes = 0;
-    std::uint32_t whole_bytes = 0;
-    std::uint32_t whole_crc = 0;
-  };
   /// What the frames are, for late ones.
   struct Numbers {
     SequenceSet there;
     std::map<wire::StreamId, SequenceSet> items;
-    std::vector<Reduced> reduced;  // by number
+    std::vector<RecordedFrame> reduced;  // of the live stream, by number
 
     void add(const RecordedFrame& frame);
     void add(const RecordedItems& added);
-    std::vector<Reduced>::iterator find(Sequence sequence);
+    std::vector<RecordedFrame>::iterator find(Sequence sequence);
   };
 
   SessionStore(std::filesystem::path folder, RecoveredSession recovered, bool is_synced);

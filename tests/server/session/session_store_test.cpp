@@ -421,6 +421,28 @@ TEST_F(SessionStoreTest, NothingButTheVeryJpegReplacesAReducedFrame) {
   EXPECT_EQ(late(*store, whole), Late::kReplaced);
 }
 
+TEST_F(SessionStoreTest, AFrameThatDiffersInMoreThanItsJpegReplacesNone) {
+  const auto [reduced, whole] = reduced_pair(3);
+  const auto store = open();
+  write(*store, reduced);
+  const std::vector<void (*)(EncodedFrame&)> changes = {
+      [](EncodedFrame& frame) { ++frame.capture_time_ns; },
+      [](EncodedFrame& frame) { ++frame.exposure_ns; },
+      [](EncodedFrame& frame) { ++frame.width_px; },
+      [](EncodedFrame& frame) { ++frame.height_px; },
+      [](EncodedFrame& frame) { frame.left_bytes = 100; },
+      [](EncodedFrame& frame) { frame.whole_bytes = 300; }};
+  for (const auto& change : changes) {
+    EncodedFrame other = whole;
+    change(other);
+    EXPECT_EQ(late(*store, other), Late::kConflict);
+  }
+  EXPECT_EQ(image(3), as_text(reduced.jpeg));
+  EXPECT_FALSE(fs::exists(folder_ / "images_right"));
+  EXPECT_THAT(names("orphans/images"), testing::SizeIs(1));  // the same bytes each time
+  EXPECT_EQ(late(*store, whole), Late::kReplaced);
+}
+
 TEST_F(SessionStoreTest, OnAFullDiskALateFrameLeavesNothing) {
   const auto [reduced, whole] = reduced_pair(0);
   const auto store = open();
