@@ -94,6 +94,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void on_kept() override;
   void on_replaced() override;
   void on_moved(const std::string& address) override;
+  void on_end_lost() override { refuse("the end of the session could not be recorded"); }
   void on_ended(wire::Position position) override { part(encode(wire::Bye{position})); }
 
  private:

@@ -276,13 +276,9 @@ void Session::on_sink_done(const std::optional<Error>& error) {
   note_failure(error);
   if (error) {
     ++failures_;
-    if (events_.sink_failed) events_.sink_failed();
-    if (const auto peer = peer_.lock()) peer->on_kept();  // a sign of life
-    retry_.expires_after(kRetry);
-    retry_.async_wait([self = shared_from_this()](const error_code& failed) {
-      if (!failed && self->job_ && !self->job_->is_in_sink) self->call_sink();
+    return try_again([this] {
+      if (job_ && !job_->is_in_sink) call_sink();
     });
-    return;
   }
   failures_ = 0;
   job_->sink = next_sink(job_->sink + 1);
@@ -291,6 +287,15 @@ void Session::on_sink_done(const std::optional<Error>& error) {
   finish_job();
   if (taken) return taken();
   settle();
+}
+
+void Session::try_again(std::function<void()> work) {
+  if (events_.sink_failed) events_.sink_failed();
+  if (const auto peer = peer_.lock()) peer->on_kept();  // a sign of life
+  retry_.expires_after(kRetry);
+  retry_.async_wait([self = shared_from_this(), work = std::move(work)](const error_code& failed) {
+    if (!failed) work();
+  });
 }
 
 /// All sinks have it.
@@ -374,6 +379,7 @@ void Session::start_timeout() {
 }
 
 void Session::close(SessionEnd end) {
+  is_stopping_ = is_stopping_ || end == SessionEnd::kStopping;
   if (is_closing()) return;
   life_ = Life::kClosing;
   end_ = end;
@@ -395,10 +401,18 @@ void Session::close(SessionEnd end) {
 /// All that was begun has ended: one sink after the other finishes.
 void Session::drain() {
   if (drained_ == sinks_.size()) return finish_close();
-  sinks_[drained_]->async_drain(closing_, [self = shared_from_this()] {
-    ++self->drained_;
-    self->drain();
-  });
+  sinks_[drained_]->async_drain(
+      closing_,
+      [self = shared_from_this()](const std::optional<Error>& error) { self->on_drained(error); });
+}
+
+void Session::on_drained(const std::optional<Error>& error) {
+  note_failure(error);
+  const bool is_overdue = timer_.expiry() <= std::chrono::steady_clock::now();
+  if (error && !(is_stopping_ && is_overdue)) return try_again([this] { drain(); });
+  is_end_lost_ = is_end_lost_ || error;
+  ++drained_;
+  drain();
 }
 
 /// All that was begun has ended: the sinks are closed before the end is reported, so that a
@@ -416,6 +430,8 @@ void Session::finish_close() {
       peer->on_replaced();
     } else if (end_ == SessionEnd::kMoved) {
       peer->on_moved(move_to_);
+    } else if (is_end_lost_) {
+      peer->on_end_lost();
     } else {
       peer->on_ended(kept_);
     }

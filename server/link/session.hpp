@@ -36,6 +36,8 @@ class SessionPeer {
   virtual void on_moved(const std::string& address) = 0;
   /// The session is over, its record ends at `position`: say bye.
   virtual void on_ended(wire::Position position) = 0;
+  /// The session is over, and its end could not be recorded: no bye.
+  virtual void on_end_lost() = 0;
 };
 
 /// Why a session ends.
@@ -108,6 +110,8 @@ class Session : public std::enable_shared_from_this<Session> {
   void on_bye(const wire::Bye& bye);
 
   /// Ends the session when the sinks are done with what they have begun, or when `drain` is over.
+  /// An end that cannot be recorded, on a full disk, is tried again every second, until the server
+  /// stops.
   void close(SessionEnd end);
   /// close(SessionEnd::kMoved), and the robot is told where to go on.
   void move(std::string address);
@@ -170,6 +174,7 @@ class Session : public std::enable_shared_from_this<Session> {
   void hurry() const;
   void call_sink();
   void on_sink_done(const std::optional<Error>& error);
+  void try_again(std::function<void()> work);
   std::size_t next_sink(std::size_t sink) const;
   void finish_job();
   void show_job() const;
@@ -181,6 +186,7 @@ class Session : public std::enable_shared_from_this<Session> {
   void settle();
   void start_timeout();
   void drain();
+  void on_drained(const std::optional<Error>& error);
   void finish_close();
 
   boost::asio::io_context& main_;
@@ -205,6 +211,8 @@ class Session : public std::enable_shared_from_this<Session> {
   std::string move_to_;
   Life life_ = Life::kOpen;
   SessionEnd end_ = SessionEnd::kStopping;  // since kClosing
+  bool is_stopping_ = false;                // the server, since close()
+  bool is_end_lost_ = false;                // it could not be recorded
   std::string pause_;                       // logged; empty: nothing fails
   int failures_ = 0;                        // in a row, over whichever connections
   bool has_no_jpeg_ = false;                // a frame, logged

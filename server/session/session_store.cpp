@@ -316,9 +316,10 @@ std::optional<Error> SessionStore::finish(bool has_ended) {
   times_.reset();
   samples_.clear();
   times_from_ = journal_.end();
-  if (auto error = make_views(folder_, Views::kAll)) {
+  if (const auto error = make_views(folder_, Views::kAll)) {
     is_clean_ = false;
-    return error;
+    log_warn("{}: not all lists are made: {}", folder_.string(), error->text);
+    return std::nullopt;
   }
   if (!summary_.is_held() && std::exchange(has_new_late_, false)) {
     log_info("{} {}: {} late frames have completed the session", summary_.info.robot_id,

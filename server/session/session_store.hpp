@@ -91,7 +91,8 @@ class SessionStore {
   std::optional<Error> take_account(const wire::Account& account);
   static constexpr std::chrono::seconds kAccountInterval{5};
 
-  /// The live stream is over, or interrupted. Of a session without a folder nothing is kept.
+  /// The live stream is over, or interrupted. Of a session without a folder nothing is kept. Views
+  /// that cannot be made, as close() then does, are no error.
   std::optional<Error> finish(bool has_ended);
   /// Nothing is written for now. Makes the views, if something was since they were, and the robot
   /// does not hold frames of the session that will change them again.

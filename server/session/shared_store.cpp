@@ -73,7 +73,7 @@ void SharedStore::close(std::function<void()> closed) {
       },
       [self = shared_from_this(), closed = std::move(closed)](const std::optional<Error>& error) {
         if (error) {
-          log_warn("{}: not all lists are made: {}", self->folder_.string(), error->text);
+          log_warn("{}: not all is recorded: {}", self->folder_.string(), error->text);
         }
         closed();
       });

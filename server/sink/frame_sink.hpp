@@ -61,10 +61,10 @@ class FrameSink {
 
   /// Nothing more will be written: `drained` runs, possibly from within the call, when all that was
   /// answered has gone where it goes. It may never end; close() ends it. A sink that keeps the
-  /// session keeps `closing`, too.
+  /// session keeps `closing`, too: an error says that it could not, and is worth another call.
   // NOLINTNEXTLINE(performance-unnecessary-value-param): an override may keep it
-  virtual void async_drain(const SessionClosing& /*closing*/, std::function<void()> drained) {
-    drained();
+  virtual void async_drain(const SessionClosing& /*closing*/, Done drained) {
+    drained(std::nullopt);
   }
 
   /// Nothing more will be written; readers see the end. An outstanding call ends soon, with an

@@ -58,16 +58,13 @@ void RecordSink::note(const SessionClosing& reported) {
         });
 }
 
-void RecordSink::async_drain(const SessionClosing& closing, std::function<void()> drained) {
+void RecordSink::async_drain(const SessionClosing& closing, Done drained) {
   write(
       [closing](SessionStore& store) {
         auto error = orbbuf::note(store, closing);
         return error ? error : store.finish(closing.has_ended);
       },
-      [drained = std::move(drained)](const std::optional<Error>& error) {
-        if (error) log_warn("not finished: {}", error->text);
-        drained();
-      });
+      std::move(drained));
 }
 
 }  // namespace orbbuf

@@ -23,7 +23,7 @@ class RecordSink final : public FrameSink {
   void async_commit(Done done) override { store_->async_commit(std::move(done)); }
   void note(const SessionClosing& reported) override;
   /// The session gets its end and its views.
-  void async_drain(const SessionClosing& closing, std::function<void()> drained) override;
+  void async_drain(const SessionClosing& closing, Done drained) override;
 
  private:
   using Write = std::function<std::optional<Error>(SessionStore&)>;

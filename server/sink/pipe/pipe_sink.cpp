@@ -66,8 +66,8 @@ void PipeSink::pass_on() {
   if (earlier_) earlier_->close();
 }
 
-void PipeSink::async_drain(const SessionClosing& /*closing*/, std::function<void()> drained) {
-  drained_ = std::move(drained);
+void PipeSink::async_drain(const SessionClosing& /*closing*/, Done drained) {
+  drained_ = [drained = std::move(drained)] { drained(std::nullopt); };
   go_on();
 }
 

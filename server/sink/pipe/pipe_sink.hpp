@@ -93,7 +93,7 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   void cancel() override;
   void pass_on() override;
   /// Waits until the reader has caught up, or has left.
-  void async_drain(const SessionClosing& closing, std::function<void()> drained) override;
+  void async_drain(const SessionClosing& closing, Done drained) override;
   void close() override;
 
  private:

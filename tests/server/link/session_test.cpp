@@ -30,9 +30,10 @@ class FakeSink : public FrameSink {
   }
   std::uint64_t lost() const override { return lost_frames; }
   void cancel() override { is_cancelled = true; }
-  void async_drain(const SessionClosing& last, std::function<void()> drained) override {
+  void async_drain(const SessionClosing& last, Done drained) override {
     closing = last;
-    if (!is_draining) return drained();
+    ++drains;
+    if (!is_draining) return drained(std::nullopt);
     drained_ = std::move(drained);
   }
   void close() override {
@@ -40,8 +41,8 @@ class FakeSink : public FrameSink {
     drain();
   }
 
-  void drain() {
-    if (drained_) std::exchange(drained_, nullptr)();
+  void drain(std::optional<Error> error = std::nullopt) {
+    if (drained_) std::exchange(drained_, nullptr)(std::move(error));
   }
   bool is_busy() const { return static_cast<bool>(done_); }
   void answer(std::optional<Error> error = std::nullopt) {
@@ -66,13 +67,14 @@ class FakeSink : public FrameSink {
   bool is_cancelled = false;
   bool is_closed = false;
   bool is_draining = false;
+  int drains = 0;
   std::optional<SessionClosing> closing;
 
  private:
   wire::Position position_;
   Done done_;
   Done commit_;
-  std::function<void()> drained_;
+  Done drained_;
 };
 
 struct FakePeer : SessionPeer {
@@ -81,10 +83,12 @@ struct FakePeer : SessionPeer {
   void on_replaced() override { is_replaced = true; }
   void on_moved(const std::string& address) override { moved = address; }
   void on_ended(wire::Position position) override { bye = position; }
+  void on_end_lost() override { is_end_lost = true; }
 
   std::optional<wire::Position> welcome;
   std::optional<wire::Position> bye;
   bool is_replaced = false;
+  bool is_end_lost = false;
   std::optional<std::string> moved;
   int kept = 0;
 };
@@ -501,6 +505,42 @@ TEST_F(SessionTest, ASinkThatNeverDrainsIsClosedInTheEnd) {
   ASSERT_TRUE(run_until([this] { return closed_ == 1; }));
   EXPECT_TRUE(sink_->is_closed);
   EXPECT_TRUE(peer_->bye);
+}
+
+TEST_F(SessionTest, AnEndThatCannotBeRecordedIsTriedAgainBeforeTheBye) {
+  const test::CapturedLog log;
+  sink_->is_draining = true;
+  make({sink_});
+  session_->on_bye({});
+  session_->close(SessionEnd::kBye);
+  for (int tries = 1; tries <= 4; ++tries) {  // beyond the time to drain
+    ASSERT_TRUE(run_until([&] { return sink_->drains == tries; }));
+    sink_->drain(Error{"the disk is full"});
+    EXPECT_FALSE(peer_->bye);
+    EXPECT_EQ(failures_, tries);
+  }
+  ASSERT_TRUE(run_until([&] { return sink_->drains == 5; }));
+  EXPECT_TRUE(sink_->closing->has_ended);
+  sink_->drain();
+  EXPECT_TRUE(peer_->bye);
+  EXPECT_EQ(closed_, 1);
+  EXPECT_EQ(log.lines("stream paused: the disk is full").size(), 1U);
+  EXPECT_EQ(log.lines("stream resumed").size(), 1U);
+}
+
+TEST_F(SessionTest, AServerThatStopsGivesUpAnEndThatCannotBeRecorded) {
+  sink_->is_draining = true;
+  make({sink_});
+  session_->on_bye({});
+  session_->close(SessionEnd::kBye);
+  session_->close(SessionEnd::kStopping);
+  while (closed_ == 0) {
+    const int tries = sink_->drains;
+    sink_->drain(Error{"the disk is full"});
+    ASSERT_TRUE(run_until([&] { return closed_ == 1 || sink_->drains > tries; }));
+  }
+  EXPECT_FALSE(peer_->bye);
+  EXPECT_TRUE(peer_->is_end_lost);
 }
 
 TEST_F(SessionTest, StoppingDoesNotWaitForeverForAStuckSink) {

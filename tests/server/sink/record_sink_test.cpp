@@ -12,6 +12,7 @@
 #include "testing/temporary_folder.hpp"
 #include "tests/server/event_loop.hpp"
 #include "tests/server/frames.hpp"
+#include "tests/server/resource_limit.hpp"
 
 namespace orbbuf {
 namespace {
@@ -31,10 +32,11 @@ class RecordSinkTest : public test::EventLoop {
     EXPECT_TRUE(read);
     return read.value_or(SessionSummary{});
   }
-  void drain(RecordSink& sink, const SessionClosing& closing) {
-    bool is_drained = false;
-    sink.async_drain(closing, [&] { is_drained = true; });
-    EXPECT_TRUE(run_until([&] { return is_drained; }));
+  std::optional<Error> drain(RecordSink& sink, const SessionClosing& closing) {
+    std::optional<std::optional<Error>> drained;
+    sink.async_drain(closing, [&](const auto& error) { drained = error; });
+    EXPECT_TRUE(run_until([&] { return drained.has_value(); }));
+    return drained.value_or(Error{"no answer"});
   }
 
   test::TemporaryFolder folder_;
@@ -80,7 +82,7 @@ TEST_F(RecordSinkTest, TheSessionHasItsEndAndItsViewsWhenTheSinkIsDrained) {
   const auto sink = this->sink();
   EXPECT_FALSE(write(*sink, plain_frame_ptr(0)));
   const SessionClosing closing{true, wire::Stats{.captured = 1}, 7};
-  drain(*sink, closing);
+  EXPECT_FALSE(drain(*sink, closing));
   EXPECT_EQ(summary().closing, closing);
   EXPECT_TRUE(std::filesystem::exists(session_ / "checksums.sfv"));
 }
@@ -99,17 +101,31 @@ TEST_F(RecordSinkTest, AReportWithoutAClockKeepsTheOffsetThatWasReported) {
   const auto sink = this->sink();
   EXPECT_FALSE(write(*sink, plain_frame_ptr(0)));
   sink->note({false, wire::Stats{.captured = 3}, 7});
-  drain(*sink, {true, wire::Stats{.captured = 4}, std::nullopt});
+  EXPECT_FALSE(drain(*sink, {true, wire::Stats{.captured = 4}, std::nullopt}));
   EXPECT_EQ(summary().closing.clock_offset_ns, 7);
 }
 
-TEST_F(RecordSinkTest, ASessionThatCannotBeFinishedIsLogged) {
+TEST_F(RecordSinkTest, ViewsThatCannotBeMadeAreLoggedAndHoldNoEnd) {
   const test::CapturedLog log;
   const auto sink = this->sink();
   EXPECT_FALSE(write(*sink, plain_frame_ptr(0)));
   std::filesystem::create_directories(session_ / "checksums.sfv");  // no file takes its place
-  drain(*sink, {true, {}, {}});
-  EXPECT_EQ(log.lines("not finished: rename ").size(), 1U);
+  EXPECT_FALSE(drain(*sink, {true, {}, {}}));
+  EXPECT_TRUE(summary().has_ended());
+  EXPECT_EQ(log.lines("not all lists are made: rename ").size(), 1U);
+}
+
+TEST_F(RecordSinkTest, AnEndOnAFullDiskIsAnErrorAndMayBeTriedAgain) {
+  const auto sink = this->sink();
+  EXPECT_FALSE(write(*sink, plain_frame_ptr(0)));
+  const auto bytes = std::filesystem::file_size(session_ / "journal.000000");
+  {
+    const test::ResourceLimit full(RLIMIT_FSIZE, bytes + 3);
+    EXPECT_TRUE(drain(*sink, {true, {}, {}}));
+  }
+  EXPECT_FALSE(summary().has_ended());
+  EXPECT_FALSE(drain(*sink, {true, {}, {}}));
+  EXPECT_TRUE(summary().has_ended());
 }
 
 TEST_F(RecordSinkTest, MayBeDestroyedWhileItWrites) {

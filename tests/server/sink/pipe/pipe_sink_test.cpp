@@ -432,7 +432,7 @@ TEST_F(PipeSinkTest, ASessionThatIsPassedOnDoesNotWaitForItsReaderToCatchUp) {
   ASSERT_TRUE(run_until([&] { return !earlier_->asked.empty(); }));
   out.pass_on();
   bool is_drained = false;
-  out.async_drain({}, [&] { is_drained = true; });
+  out.async_drain({}, [&](const auto&) { is_drained = true; });
   ASSERT_TRUE(run_until([&] { return is_drained; }));
   EXPECT_EQ(earlier_->asked.size(), 1U);
 }

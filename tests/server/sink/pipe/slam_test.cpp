@@ -41,7 +41,7 @@ class SlamTest : public test::EventLoop {
   }
   void drain() {
     bool is_drained = false;
-    slam_->async_drain({}, [&] { is_drained = true; });
+    slam_->async_drain({}, [&](const auto&) { is_drained = true; });
     EXPECT_TRUE(run_until([&] { return is_drained; }));
     slam_->close();
     EXPECT_TRUE(run_until([] { return has_no_children(); }));
