@@ -28,10 +28,8 @@ std::optional<Error> write_by(Write write, std::span<const std::uint8_t> bytes,
   return std::nullopt;
 }
 
-}  // namespace
-
-Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path) {
-  const UniqueFd fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+/// `fd` is null if opening has failed just now.
+Result<std::vector<std::uint8_t>> read_all(const UniqueFd& fd, const std::filesystem::path& path) {
   struct stat status {};
   if (!fd || ::fstat(fd.get(), &status) != 0) return system_error("read " + path.string(), errno);
   constexpr std::size_t kSpare = 4096;  // and for the read that finds the end
@@ -47,6 +45,28 @@ Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path) {
   }
   content.erase(content.begin() + static_cast<std::ptrdiff_t>(bytes), content.end());
   return content;
+}
+
+}  // namespace
+
+Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path) {
+  return read_all(UniqueFd(::open(path.c_str(), O_RDONLY | O_CLOEXEC)), path);
+}
+
+Result<UniqueFd> open_regular(const std::filesystem::path& path) {
+  UniqueFd fd(::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));
+  if (!fd && errno == ENOENT) return fd;
+  struct stat status {};
+  if (!fd || ::fstat(fd.get(), &status) != 0) return system_error("open " + path.string(), errno);
+  if (S_ISREG(status.st_mode) || S_ISDIR(status.st_mode)) return fd;
+  return Error{"open " + path.string() + ": it is a FIFO or a device, not a file"};
+}
+
+Result<std::vector<std::uint8_t>> read_regular(const std::filesystem::path& path) {
+  auto fd = open_regular(path);
+  if (!fd) return std::move(fd).error();
+  errno = ENOENT;  // of one that is not there
+  return read_all(fd.value(), path);
 }
 
 Result<std::string> read_text(const std::filesystem::path& path) {

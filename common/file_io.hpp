@@ -13,10 +13,17 @@
 
 namespace orbbuf {
 
-/// The whole content of a file. Blocking.
+/// All that can be read from a file, which may be a pipe. Blocking.
 Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path);
 
-/// The same as text; a file that does not exist is empty. Blocking.
+/// Opens a file to be read; null: there is none. A FIFO or a device in its place is an error, and
+/// no writer is waited for. Blocking.
+Result<UniqueFd> open_regular(const std::filesystem::path& path);
+
+/// The whole content of a file that open_regular() opens. Blocking.
+Result<std::vector<std::uint8_t>> read_regular(const std::filesystem::path& path);
+
+/// What read_file() reads, as text; a file that does not exist is empty. Blocking.
 Result<std::string> read_text(const std::filesystem::path& path);
 
 /// Fills `into` from `offset` on as far as the file goes; how many bytes those are. Blocking.

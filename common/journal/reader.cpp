@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <fcntl.h>
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <array>
-#include <cerrno>
 #include <string_view>
 #include <system_error>
 #include <utility>
@@ -55,9 +53,10 @@ Reader::Reader(fs::path folder, Place from) : folder_(std::move(folder)), place_
 std::optional<Error> Reader::open(std::uint32_t segment) {
   block_.clear();
   block_begin_ = 0;
-  file_ = UniqueFd(::open(segment_path(folder_, segment).c_str(), O_RDONLY | O_CLOEXEC));
-  if (file_ || errno == ENOENT) return std::nullopt;
-  return system_error("open " + segment_path(folder_, segment).string(), errno);
+  auto file = open_regular(segment_path(folder_, segment));
+  if (!file) return std::move(file).error();
+  file_ = std::move(file).value();
+  return std::nullopt;
 }
 
 /// As many as the file has, at most `count`.

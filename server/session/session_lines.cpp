@@ -8,6 +8,10 @@
 
 namespace orbbuf::session_lines {
 
+std::string names(const SessionInfo& info) {
+  return fmt::format("robot {}\nsession {}\n", info.robot_id, info.session_id);
+}
+
 std::string times(Sequence sequence, std::int64_t capture_time_ns, std::uint32_t exposure_ns) {
   return fmt::format("{} {} {}\n", sequence, format_seconds(capture_time_ns),
                      exposure_ms(exposure_ns));

@@ -12,6 +12,9 @@
 /// with their ends. Those of drops.csv are in common/drop_record.hpp.
 namespace orbbuf::session_lines {
 
+/// Of session.txt, the first ones: `robot r`, `session s`.
+std::string names(const SessionInfo& info);
+
 /// Of times.txt: `123 1.633012000 0.000000`.
 std::string times(Sequence sequence, std::int64_t capture_time_ns, std::uint32_t exposure_ns);
 inline std::string times(const RecordedFrame& frame) {

@@ -11,6 +11,7 @@
 #include "common/file_io.hpp"
 #include "common/journal/journal.hpp"
 #include "common/log.hpp"
+#include "server/session/session_lines.hpp"
 #include "server/session/session_names.hpp"
 
 namespace orbbuf {
@@ -45,6 +46,17 @@ Error no_session(const fs::path& folder) {
   return Error{folder.string() +
                ": not a session, but the folder of a robot: name one of its sessions, such as " +
                latest.string()};
+}
+
+/// The journal is of another session than the lists beside it; empty: it is not, as far as they
+/// tell.
+std::string find_foreign_journal(const fs::path& folder, const SessionInfo& info) {
+  const auto lists = read_regular(folder / session_names::kSession);
+  if (!lists) return "";
+  const std::string text(lists.value().begin(), lists.value().end());
+  if (text.empty() || text.starts_with(session_lines::names(info))) return "";
+  return fmt::format("the journal is of session {} of robot {}, and session.txt is not",
+                     info.session_id, info.robot_id);
 }
 
 /// By number; of two for one number the last counts.
@@ -236,7 +248,7 @@ Result<journal::Place> find_segment(
 /// The images are in these two files.
 Result<EncodedFrame> read_frame(const RecordedFrame& recorded, const fs::path& left_path,
                                 const fs::path& right_path) {
-  auto left = read_file(left_path);
+  auto left = read_regular(left_path);
   if (!left) return std::move(left).error();
   EncodedFrame frame;
   frame.sequence = recorded.sequence;
@@ -250,7 +262,7 @@ Result<EncodedFrame> read_frame(const RecordedFrame& recorded, const fs::path& l
   frame.jpeg = std::move(left).value();
   frame.left_bytes = static_cast<std::uint32_t>(frame.jpeg.size());
   if (recorded.is_stereo()) {
-    const auto right = read_file(right_path);
+    const auto right = read_regular(right_path);
     if (!right) return right.error();
     frame.jpeg.insert(frame.jpeg.end(), right.value().begin(), right.value().end());
   }
@@ -298,6 +310,8 @@ Result<SessionOutline> read_outline(const fs::path& folder) {
         "journal: {} bytes are damaged; the frames and drop records in them are missing",
         reader.damaged_bytes()));
   }
+  const auto foreign = find_foreign_journal(folder, outline.summary.info);
+  if (!foreign.empty()) outline.problems.push_back(foreign);
   put_in_order(outline.late);
   return outline;
 }

@@ -83,10 +83,10 @@ std::uint64_t frames_of(const std::vector<DropRecord>& drops, DropReason reason)
 std::string session_text(const SessionSummary& summary, const std::vector<DropRecord>& drops) {
   const auto& [info, position, totals, end, late_end, is_closed, closing, account, part, removed] =
       summary;
-  std::string text = fmt::format(
-      "robot {}\nsession {}\nstate {}\ncaptured {}\nlive {}\nlate {}\nreplaced {}\non_robot {}\n",
-      info.robot_id, info.session_id, summary.has_ended() ? "ended" : "open", summary.captured(),
-      totals.live, totals.late, totals.replaced, account ? account->held : 0);
+  std::string text = session_lines::names(info);
+  text += fmt::format("state {}\ncaptured {}\nlive {}\nlate {}\nreplaced {}\non_robot {}\n",
+                      summary.has_ended() ? "ended" : "open", summary.captured(), totals.live,
+                      totals.late, totals.replaced, account ? account->held : 0);
   for (const auto reason :
        {DropReason::kPolicy, DropReason::kBusy, DropReason::kFailed, DropReason::kShutdown,
         DropReason::kRefused, DropReason::kUnknown, DropReason::kLost}) {

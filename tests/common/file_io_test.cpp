@@ -2,6 +2,7 @@
 #include "common/file_io.hpp"
 
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <vector>
 
@@ -12,6 +13,18 @@ namespace orbbuf {
 namespace {
 
 const std::vector<std::uint8_t> kBytes(5000, 'x');
+
+TEST(ReadRegular, ReadsFilesOnlyAndWaitsForNoWriter) {
+  const test::TemporaryFolder folder;
+  test::write_file(folder / "a", "text");
+  ASSERT_EQ(::mkfifo((folder / "fifo").c_str(), 0600), 0);
+  EXPECT_EQ(read_regular(folder / "a").value(), (std::vector<std::uint8_t>{'t', 'e', 'x', 't'}));
+  EXPECT_EQ(read_regular(folder / "fifo").error().text,
+            "open " + (folder / "fifo").string() + ": it is a FIFO or a device, not a file");
+  EXPECT_EQ(read_regular(folder / "no").error().text,
+            "read " + (folder / "no").string() + ": No such file or directory");
+  EXPECT_FALSE(open_regular(folder / "no").value());
+}
 
 TEST(WriteFile, ReplacesTheFileAndLeavesNoTemporary) {
   const test::TemporaryFolder folder;

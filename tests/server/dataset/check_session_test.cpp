@@ -2,6 +2,7 @@
 #include "server/dataset/check_session.hpp"
 
 #include <gmock/gmock.h>
+#include <sys/stat.h>
 
 #include <filesystem>
 
@@ -275,6 +276,37 @@ TEST_F(CheckSession, AFolderThatIsNoSessionIsAnError) {
   ASSERT_FALSE(report);
   EXPECT_EQ(report.error().text, session_.string() + ": not a session: no journal in it");
   EXPECT_FALSE(check_session(folder_ / "nowhere"));
+}
+
+/// It would be waited for a writer.
+TEST_F(CheckSession, AFifoInPlaceOfAFileIsNoFile) {
+  record(true);
+  for (const char* file : {"images/000005.jpg", "images_right/000008.jpg", "session.txt"}) {
+    fs::remove(session_ / file);
+    ASSERT_EQ(::mkfifo((session_ / file).c_str(), 0600), 0);
+  }
+  EXPECT_THAT(problems(), ElementsAre(HasSubstr("images/000005.jpg: it is a FIFO or a device"),
+                                      HasSubstr("images_right/000008.jpg: it is a FIFO")));
+  fs::remove(session_ / "journal.000000");
+  ASSERT_EQ(::mkfifo((session_ / "journal.000000").c_str(), 0600), 0);
+  const auto report = check_session(session_);
+  ASSERT_FALSE(report);
+  EXPECT_THAT(report.error().text, HasSubstr("journal.000000: it is a FIFO"));
+}
+
+TEST_F(CheckSession, AJournalOfAnotherSessionIsAProblemEvenWithTheSameImages) {
+  record();
+  const fs::path moved = folder_ / "moved";
+  fs::rename(session_, moved);
+  EXPECT_THAT(check_session(moved).value().problems, IsEmpty());  // a folder may have any name
+  const auto other = test::open_store(folder_ / "other", {"r", "other", "", {}});
+  for (const Sequence sequence : delivered()) ASSERT_FALSE(other->write(*frame(sequence), 0));
+  ASSERT_FALSE(other->finish(true));
+  fs::copy_file(folder_ / "other/journal.000000", moved / "journal.000000",
+                fs::copy_options::overwrite_existing);
+  EXPECT_THAT(check_session(moved).value().problems,
+              testing::Contains("the journal is of session other of robot r, and session.txt is "
+                                "not"));
 }
 
 TEST_F(CheckSession, AJournalThatCannotBeReadIsAnError) {

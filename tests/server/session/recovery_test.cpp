@@ -2,6 +2,7 @@
 #include "server/session/recovery.hpp"
 
 #include <gmock/gmock.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -145,6 +146,16 @@ TEST_F(RecoveryTest, AnImageThatOpensAndCannotBeReadIsNotWhole) {
   fs::remove(image);
   fs::create_directory(image);
   EXPECT_EQ(next(), 1U);
+}
+
+TEST_F(RecoveryTest, AFifoIsNotWaitedFor) {
+  record({0, 1});
+  fs::remove(folder_ / "images/000001.jpg");
+  ASSERT_EQ(::mkfifo((folder_ / "images/000001.jpg").c_str(), 0600), 0);
+  EXPECT_EQ(next(), 1U);
+  fs::remove(journal());
+  ASSERT_EQ(::mkfifo(journal().c_str(), 0600), 0);
+  EXPECT_FALSE(SessionStore::open(folder_, {"robot", "session", ""}, Durability::kAck));
 }
 
 TEST_F(RecoveryTest, BothImagesOfAPairMustBeWhole) {

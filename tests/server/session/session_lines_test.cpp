@@ -31,6 +31,10 @@ TEST(SessionLines, WhatIsNoLineOfTimesIsNone) {
   }
 }
 
+TEST(SessionLines, NamesBeginSessionTxt) {
+  EXPECT_EQ(names({"r", "s", ""}), "robot r\nsession s\n");
+}
+
 TEST(SessionLines, ExposureIsInMilliseconds) {
   EXPECT_EQ(exposure_ms(0), "0.000000");
   EXPECT_EQ(exposure_ms(8'500'001), "8.500001");
