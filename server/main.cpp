@@ -66,10 +66,19 @@ void add_serve(orbbuf::CommandLine& app, Command& command) {
   command = [options] { return serve(*options); };
 }
 
+/// Whether `folder` is among the sessions that a server has open, as it says.
+bool is_open(const std::string& folder, const std::string& open_sessions) {
+  std::error_code ignored;  // then checking says why
+  const auto path = std::filesystem::canonical(folder, ignored).string();
+  return ('\n' + open_sessions).find('\n' + path + '\n') != std::string::npos;
+}
+
 int check(const std::vector<std::string>& sessions) {
   bool is_good = true;
+  const auto open =
+      orbbuf::ask_server(orbbuf::kAutomaticSocket, "sessions", std::chrono::seconds(5));
   for (const std::string& session : sessions) {
-    const auto report = orbbuf::check_session(session);
+    const auto report = orbbuf::check_session(session, open && is_open(session, open.value()));
     if (!report) {
       orbbuf::log_error("{}", report.error().text);
       is_good = false;

@@ -159,10 +159,25 @@ std::unique_ptr<ControlSocket> open_control(
   }
 }
 
-/// What `orbbuf-server status` and `drain` ask for. `fleet` may be null.
+/// The folders of the sessions that are open, a line each.
+std::string folders_of(const Metrics& metrics, const std::filesystem::path& files) {
+  std::error_code ignored;  // then there are none
+  const auto folder = std::filesystem::canonical(files, ignored);
+  std::string lines;
+  for (const auto& [id, robot] : metrics.robots()) {
+    if (!robot->is_ended()) lines += (folder / id / robot->info().folder()).string() + '\n';
+  }
+  return lines;
+}
+
+/// What `orbbuf-server status`, `check` and `drain` ask for. `fleet` may be null.
 std::map<std::string, ControlSocket::Command> commands_of(const Metrics& metrics,
+                                                          const std::filesystem::path& files,
                                                           FleetMember* fleet) {
   std::map<std::string, ControlSocket::Command> commands;
+  commands["sessions"] = [&metrics, files](const ControlSocket::Answer& answer) {
+    answer(folders_of(metrics, files));
+  };
   commands["status"] = [&metrics](const ControlSocket::Answer& answer) {
     answer(to_table(metrics, RobotMetrics::Clock::now()));
   };
@@ -189,8 +204,8 @@ void serve(const Settings& settings, const std::function<std::vector<std::string
   begin_sinks(settings.sinks);
   Metrics metrics(settings.listen.max_robots, settings.http_address.has_value());
   const auto fleet = make_fleet_member(main, files, settings);
-  const auto control =
-      open_control(main, settings.status_socket, commands_of(metrics, fleet.get()));
+  const auto control = open_control(main, settings.status_socket,
+                                    commands_of(metrics, settings.sinks.files_path, fleet.get()));
   std::optional<HttpServer> http;
   if (settings.http_address) {
     http.emplace(main, files, settings, metrics, fleet ? fleet->page() : FleetPage{});

@@ -28,9 +28,10 @@ namespace fs = std::filesystem;
 
 class Check {
  public:
-  Check(fs::path folder, SessionOutline outline, SequenceSet removed)
+  Check(fs::path folder, SessionOutline outline, SequenceSet removed, bool is_open)
       : folder_(std::move(folder)), outline_(std::move(outline)), removed_(std::move(removed)) {
     report_.problems = outline_.problems;
+    report_.is_open = is_open && !outline_.summary.has_ended();
   }
 
   Result<SessionReport> run() && {
@@ -112,7 +113,9 @@ class Check {
     const std::uint64_t named_held = std::min(held - unnamed_held, named_may_be_held);
     report_.on_robot = unnamed_held + named_held;
     report_.dropped = named - named_held;
-    check_end(unnamed_ + unnamed_may_be_held_ - unnamed_held);
+    const std::uint64_t unaccounted = unnamed_ + unnamed_may_be_held_ - unnamed_held;
+    if (!report_.is_open) return check_end(unaccounted);
+    report_.on_robot += unaccounted;
   }
 
   /// The numbers in between without a frame.
@@ -176,6 +179,13 @@ class Check {
     return std::nullopt;
   }
 
+  /// The image of a frame is there before its record is.
+  bool may_be_there(Sequence number) const {
+    const SessionSummary& summary = outline_.summary;
+    const bool is_behind_end = !summary.is_closed && number >= summary.position[wire::kFrames];
+    return outline_.there.contains(number) || is_behind_end || report_.is_open;
+  }
+
   /// DSO opens whatever is among the images.
   void check_strays(const char* side) {
     std::error_code failed;
@@ -183,9 +193,7 @@ class Check {
     for (; !failed && entry != fs::directory_iterator(); entry.increment(failed)) {
       const std::string name = entry->path().filename().string();
       const auto number = parse_digits(std::string_view(name).substr(0, name.find('.')));
-      if (number && name == session_names::image(*number) && outline_.there.contains(*number)) {
-        continue;
-      }
+      if (number && name == session_names::image(*number) && may_be_there(*number)) continue;
       problem("{}/{}: not of any frame of the session", side, printable(name));
     }
     if (failed && failed != std::errc::no_such_file_or_directory) {
@@ -224,8 +232,10 @@ class Check {
 std::string summary(const SessionReport& report) {
   const std::size_t problems = report.problems.size();
   constexpr double kMiB = 1024.0 * 1024.0;
-  const std::string verdict =
-      problems == 0 ? "OK" : fmt::format("{} problem{}", problems, problems == 1 ? "" : "s");
+  const std::string verdict = problems > 0
+                                  ? fmt::format("{} problem{}", problems, problems == 1 ? "" : "s")
+                              : report.is_open ? "open"
+                                               : "OK";
   std::vector<std::string> reasons;
   for (const auto& [reason, frames] : report.reasons) {
     reasons.push_back(fmt::format("{} {}", frames, to_string(reason)));
@@ -238,12 +248,12 @@ std::string summary(const SessionReport& report) {
       static_cast<double>(report.image_bytes) / kMiB);
 }
 
-Result<SessionReport> check_session(const fs::path& folder) {
+Result<SessionReport> check_session(const fs::path& folder, bool is_open) {
   auto outline = read_outline(folder);
   if (!outline) return std::move(outline).error();
   auto removed = mcap::numbers_without_images(folder);
   if (!removed) return std::move(removed).error();
-  return Check(folder, std::move(outline).value(), std::move(removed).value()).run();
+  return Check(folder, std::move(outline).value(), std::move(removed).value(), is_open).run();
 }
 
 }  // namespace orbbuf

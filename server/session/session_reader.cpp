@@ -293,7 +293,8 @@ Result<SessionOutline> read_outline(const fs::path& folder) {
     const auto named = named_by(body);
     outline.named.insert(outline.named.end(), named.begin(), named.end());
   }
-  if (reader.place() == journal::Place{}) {
+  outline.end = reader.place();
+  if (outline.end == journal::Place{}) {
     const auto segments = journal::segments_in(folder);
     if (!segments) return segments.error();
     if (segments.value().empty()) return no_session(folder);
@@ -327,12 +328,14 @@ Result<std::vector<DropRecord>> for_each_frame(
     take(frame);
   };
   auto late = outline.late.begin();
-  const auto error = for_each<RecordedFrame>(folder, [&](const RecordedFrame& frame) {
+  const auto take_live = [&](const RecordedFrame& frame) {
     if (frame.is_late || frame.sequence < next) return;
     while (late != outline.late.end() && late->sequence <= frame.sequence) hand_on(*late++);
     if (next <= frame.sequence) hand_on(frame);
-  });
-  if (error) return *error;
+  };
+  if (auto error = for_each<RecordedFrame>(folder, take_live, {}, outline.end)) {
+    return std::move(*error);
+  }
   while (late != outline.late.end()) hand_on(*late++);
   if (const auto& account = outline.summary.account) {
     drops.add(outline.summary.captured(), account->last_capture_time_ns);

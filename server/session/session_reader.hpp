@@ -46,11 +46,12 @@ struct SessionOutline {
   std::vector<RecordedFrame> late;  ///< by number, those that replace a live one among them
   std::vector<DropRecord> named;    ///< as they came
   std::vector<std::string> problems;
+  journal::Place end;  ///< behind the last record, as it was then
 };
 Result<SessionOutline> read_outline(const std::filesystem::path& folder);
 
-/// Hands on all frames by number, as RecordedSession has them, and returns its drops. Memory:
-/// these.
+/// Hands on all frames of the outline by number, as RecordedSession has them, and returns its
+/// drops. Memory: these.
 Result<std::vector<DropRecord>> for_each_frame(
     const std::filesystem::path& folder, const SessionOutline& outline,
     const std::function<void(const RecordedFrame&)>& take);

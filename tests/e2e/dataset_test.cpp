@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <csignal>
 
 #include "tests/e2e/programs.hpp"
 #include "tests/e2e/rig.hpp"
@@ -50,6 +51,24 @@ TEST_F(DatasetTest, WhatWasRecordedIsSoundUntilAByteFlips) {
                                 ": not as it was received"),
             std::string::npos)
       << damaged.output;
+}
+
+TEST(LiveDataset, OfASessionThatGoesOnCheckSaysThatItIsOpen) {
+  const TemporaryFolder folder;
+  const std::string runtime = "XDG_RUNTIME_DIR=" + folder.path().string();
+  Server server(folder / "frames", {}, "127.0.0.1:0", {"env", runtime});
+  Process robot(robot_command("r", server.address(), {"source.frames=1000000"}));
+  ASSERT_TRUE(robot.wait_for_lines("] captured ", 2)) << robot.output();
+  const std::string session = read_record(folder / "frames", "r").folder;
+  const Finished open = run({"env", runtime, kOrbbufServer, "check", session});
+  EXPECT_EQ(open.status, 0) << open.output;
+  EXPECT_NE(open.output.find(session + ": open: "), std::string::npos) << open.output;
+  server.process().signal(SIGKILL);
+  server.process().wait();
+  const Finished dead = run({"env", runtime, kOrbbufServer, "check", session});
+  EXPECT_EQ(dead.status, 1) << dead.output;
+  EXPECT_NE(dead.output.find(": not ended: "), std::string::npos) << dead.output;
+  EXPECT_EQ(dead.output.find("not of any frame"), std::string::npos) << dead.output;
 }
 
 TEST_F(DatasetTest, IsExportedOnce) {

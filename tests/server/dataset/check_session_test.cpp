@@ -90,6 +90,33 @@ TEST_F(CheckSession, SaysThatASessionHasNotEnded) {
   EXPECT_THAT(problems(), ElementsAre(StartsWith("not ended: up to 15 frames")));
 }
 
+TEST_F(CheckSession, OfAnOpenSessionTheRestIsOnTheRobot) {
+  const auto store = begin();
+  ASSERT_FALSE(store->note({wire::Stats{25, 1, 1, 1, 7, 15, 0}, 0}));
+  // The images of frames whose records follow, live or late.
+  write_file(session_ / "images/000004.jpg", read_file(session_ / "images/000005.jpg"));
+  write_file(session_ / "images/000010.jpg", read_file(session_ / "images/000005.jpg"));
+  auto report = check_session(session_, true).value();
+  EXPECT_THAT(report.problems, IsEmpty());
+  EXPECT_THAT(summary(report), StartsWith("open: 25 captured: 7 live, 0 late, 15 on the robot, 3 "
+                                          "dropped; "));
+  flip_a_byte("images/000006.jpg", 9);
+  EXPECT_THAT(check_session(session_, true).value().problems,
+              ElementsAre(StartsWith("images/000006.jpg: ")));
+  ASSERT_FALSE(store->finish(true));
+  EXPECT_THAT(check_session(session_, true).value().problems,
+              testing::Not(IsEmpty()));  // it has ended meanwhile
+}
+
+/// A server that was killed has left it there, or one that does not tell.
+TEST_F(CheckSession, AnImageBehindTheEndOfTheJournalIsNoStray) {
+  const auto store = begin();
+  write_file(session_ / "images/000004.jpg", read_file(session_ / "images/000005.jpg"));
+  write_file(session_ / "images/000010.jpg", read_file(session_ / "images/000005.jpg"));
+  EXPECT_THAT(problems(), ElementsAre(StartsWith("not ended: "),
+                                      "images/000004.jpg: not of any frame of the session"));
+}
+
 // What a robot said that died before its first contact: only its spool arrives.
 TEST_F(CheckSession, ASessionOfLateFramesOnlyHasNotEnded) {
   const auto store = open();

@@ -79,6 +79,18 @@ TEST_F(SessionReaderTest, HasTheFramesByNumberAndEachOnce) {
   EXPECT_THAT(session.problems, IsEmpty());
 }
 
+TEST_F(SessionReaderTest, WhatComesBehindTheOutlineIsNotInIt) {
+  const auto store = open();
+  deliver(*store, {0, 2});
+  const auto outline = read_outline(folder_).value();
+  deliver(*store, {3});
+  late(*store, plain_frame(1));
+  std::vector<Sequence> frames;
+  EXPECT_TRUE(for_each_frame(
+      folder_, outline, [&](const RecordedFrame& frame) { frames.push_back(frame.sequence); }));
+  EXPECT_THAT(frames, ElementsAre(0, 2));
+}
+
 TEST_F(SessionReaderTest, WhatIsNamedAndCameLateIsNoDrop) {
   const auto store = open();
   deliver(*store, {0});
