@@ -56,11 +56,14 @@ void RobotClient::send_drops(std::uint64_t first, const std::vector<DropRecord>&
 
 void RobotClient::send_late(std::uint64_t number, const std::string& session,
                             const EncodedFrame& frame) const {
-  const auto record = wire::encode_late_record(session, frame);
+  send_late(number, wire::encode_late_record(session, frame));
+}
+
+void RobotClient::send_late(std::uint64_t number, std::span<const std::uint8_t> record) const {
   const auto bytes = static_cast<std::uint32_t>(record.size());
   constexpr std::uint32_t kPartBytes = 16'000;
   for (std::uint32_t offset = 0; offset < bytes; offset += kPartBytes) {
-    const auto part = std::span(record).subspan(offset, std::min(kPartBytes, bytes - offset));
+    const auto part = record.subspan(offset, std::min(kPartBytes, bytes - offset));
     send(wire::encode(
         wire::Items{wire::kLate, number, wire::encode_late_part({offset, bytes, part})}));
   }

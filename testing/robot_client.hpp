@@ -26,6 +26,8 @@ class RobotClient {
   /// Numbered from `first` on.
   void send_drops(std::uint64_t first, const std::vector<DropRecord>& records) const;
   void send_late(std::uint64_t number, const std::string& session, const EncodedFrame& frame) const;
+  /// What wire::encode_late_record() has made.
+  void send_late(std::uint64_t number, std::span<const std::uint8_t> record) const;
   void send_account(std::uint64_t number, const wire::Account& account) const;
   void send_hello(const std::string& robot, const std::string& session) const;
   /// Says hello and returns where the welcome puts the robot; nothing if there was none.
