@@ -2,152 +2,232 @@
 #include "common/jpeg.hpp"
 
 #include <fmt/core.h>
-#include <turbojpeg.h>
 
+#include <algorithm>
 #include <array>
 #include <cassert>
-#include <memory>
-#include <stdexcept>
+#include <cstring>
+#include <utility>
+
+#include "common/libjpeg.hpp"
 
 namespace orbbuf {
 namespace {
 
-struct Header {
-  int width_px = 0;
-  int height_px = 0;
-  int subsampling = -1;
-  int color_space = -1;
-};
+using Bytes = std::vector<std::uint8_t>;
 
-/// After an error TurboJPEG 2.1 may stand within the broken header and read the next image from
-/// there, as 0x0 pixels, so `handle` is replaced: a transformer, which compresses and decompresses
-/// as well. Null if there is no memory; calls then fail until there is.
-Error turbo_error(std::string_view attempt, tjhandle& handle) {
-  Error error{fmt::format("{}: {}", attempt, tjGetErrorStr2(handle))};
-  if (handle != nullptr) tjDestroy(handle);
-  handle = tjInitTransform();
-  return error;
+Error error_of(std::string_view attempt, const Libjpeg& jpeg) {
+  return Error{fmt::format("{}: {}", attempt, jpeg.why.data())};
 }
 
-Result<Header> read_header(tjhandle& handle, std::span<const std::uint8_t> jpeg) {
-  Header header;
-  if (tjDecompressHeader3(handle, jpeg.data(), jpeg.size(), &header.width_px, &header.height_px,
-                          &header.subsampling, &header.color_space) != 0) {
-    return turbo_error("cannot read the header of a JPEG", handle);
+/// What an image of this size begins with, but for what the caller changes.
+void set_up(jpeg_compress_struct& out, int width_px, int height_px, J_COLOR_SPACE pixels,
+            bool is_gray, int quality) {
+  out.image_width = static_cast<JDIMENSION>(width_px);
+  out.image_height = static_cast<JDIMENSION>(height_px);
+  out.in_color_space = pixels;
+  out.input_components = pixels == JCS_GRAYSCALE ? 1 : 3;
+  jpeg_set_defaults(&out);  // 4:2:0
+  if (is_gray) jpeg_set_colorspace(&out, JCS_GRAYSCALE);
+  jpeg_set_quality(&out, quality, TRUE);
+  constexpr int kExact = 96;  // from here on the fast DCT costs more than it saves
+  out.dct_method = quality < kExact ? JDCT_IFAST : JDCT_ISLOW;
+}
+
+Result<Bytes> encoded(const Libjpeg& jpeg, bool is_done) {
+  if (!is_done) {
+    return error_of(fmt::format("cannot encode an image of {}x{} pixels", jpeg.out.image_width,
+                                jpeg.out.image_height),
+                    jpeg);
   }
-  if (std::int64_t{header.width_px} * header.height_px > kMaxJpegPixels) {
-    return Error{fmt::format("JPEG of {}x{} pixels is over the limit of {} pixels", header.width_px,
-                             header.height_px, kMaxJpegPixels)};
+  return Bytes(jpeg.written().begin(), jpeg.written().end());
+}
+
+/// The planes of a Yuv420Layout in strips, as libjpeg takes them: each 16 rows of luma, 8 of each
+/// chroma, all of whole blocks. What is missing repeats the last column and row.
+class Strips {
+ public:
+  Strips(std::span<const std::uint8_t> planes, int width_px, int height_px) {
+    const Yuv420Layout layout(width_px, height_px);
+    assert(planes.size() >= layout.bytes());
+    const std::uint8_t* data = planes.data();
+    for (std::size_t i = 0; i < planes_.size(); ++i) {
+      const std::size_t times = i == 0 ? 2 : 1;
+      planes_[i] = {data, times * layout.columns, times * layout.rows, times * DCTSIZE};
+      data += planes_[i].columns * planes_[i].rows;
+    }
+    padded_.resize(2 * (layout.columns + DCTSIZE) * (2 * DCTSIZE + DCTSIZE));
   }
-  return header;
+
+  /// From row `first` of luma on.
+  JSAMPIMAGE at(std::size_t first) {
+    std::uint8_t* padded = padded_.data();
+    for (std::size_t i = 0; i < planes_.size(); ++i) {
+      const auto [data, columns, rows, height] = planes_[i];
+      const std::size_t blocks_end = (columns + height - 1) / height * height;
+      for (std::size_t y = 0; y < height; ++y) {
+        const std::size_t row = std::min(first * height / (2 * DCTSIZE) + y, rows - 1);
+        std::memcpy(padded, data + row * columns, columns);
+        std::memset(padded + columns, padded[columns - 1], blocks_end - columns);
+        rows_[i][y] = padded;
+        padded += blocks_end;
+      }
+      strips_[i] = rows_[i].data();
+    }
+    return strips_.data();
+  }
+
+ private:
+  struct Plane {
+    const std::uint8_t* data;
+    std::size_t columns;
+    std::size_t rows;
+    std::size_t strip_rows;
+  };
+  std::array<Plane, 3> planes_{};
+  Bytes padded_;
+  std::array<std::array<JSAMPROW, 2 * DCTSIZE>, 3> rows_{};
+  std::array<JSAMPARRAY, 3> strips_{};
+};
+
+/// After read_header().
+void decode(Libjpeg& jpeg, int scale, GrayImage& image) {
+  jpeg_decompress_struct& in = jpeg.in;
+  in.out_color_space = JCS_GRAYSCALE;
+  in.scale_num = 1;
+  in.scale_denom = static_cast<unsigned>(scale);
+  jpeg_start_decompress(&in);
+  image.width_px = static_cast<int>(in.output_width);
+  image.height_px = static_cast<int>(in.output_height);
+  image.pixels.resize(std::size_t{in.output_width} * in.output_height);
+  while (in.output_scanline < in.output_height) {
+    JSAMPROW row = image.pixels.data() + std::size_t{in.output_width} * in.output_scanline;
+    jpeg_read_scanlines(&in, &row, 1);
+  }
+  jpeg.finish_reading();
+}
+
+/// Behind the end marker; 0: there is none. `at`: where the first scan begins. In it 00, 01 and the
+/// restart markers, D0 to D7, may come behind FF; all others but the end have a length.
+std::size_t end_of_image(std::span<const std::uint8_t> jpeg, std::size_t at) {
+  while (at < jpeg.size()) {
+    const void* const found = std::memchr(&jpeg[at], 0xFF, jpeg.size() - at);
+    if (found == nullptr) return 0;
+    at = static_cast<std::size_t>(static_cast<const std::uint8_t*>(found) - jpeg.data());
+    while (at < jpeg.size() && jpeg[at] == 0xFF) ++at;
+    if (at == jpeg.size() || jpeg[at] == 0xD8) return 0;
+    const std::uint8_t code = jpeg[at++];
+    if (code == 0xD9) return at;
+    if (code <= 1 || (code >= 0xD0 && code <= 0xD7)) continue;
+    if (at + 2 > jpeg.size()) return 0;
+    at += std::size_t{jpeg[at]} * 256 + jpeg[at + 1];
+  }
+  return 0;
+}
+
+/// Moves the right half of each row of blocks to the left.
+void move_right_half(jpeg_decompress_struct& in, jvirt_barray_ptr* coefficients) {
+  for (int i = 0; i < in.num_components; ++i) {
+    const std::size_t half = in.comp_info[i].width_in_blocks / 2;
+    for (JDIMENSION y = 0; y < in.comp_info[i].height_in_blocks; ++y) {
+      JBLOCK* const row = *in.mem->access_virt_barray(reinterpret_cast<j_common_ptr>(&in),
+                                                      coefficients[i], y, 1, TRUE);
+      std::memmove(row, row + half, half * sizeof(JBLOCK));
+    }
+  }
 }
 
 }  // namespace
 
-JpegCodec::JpegCodec() : turbo_(tjInitTransform()) {
-  if (turbo_ == nullptr) throw std::runtime_error("cannot set up TurboJPEG: out of memory");
-}
+JpegCodec::JpegCodec(std::string owner) : jpeg_(std::make_unique<Libjpeg>(std::move(owner))) {}
 
-JpegCodec::~JpegCodec() {
-  if (turbo_ != nullptr) tjDestroy(turbo_);
-}
+JpegCodec::~JpegCodec() = default;
 
-template <class Compress>
-Result<std::vector<std::uint8_t>> JpegCodec::compress(int width_px, int height_px, int quality,
-                                                      const Compress& compress) {
-  unsigned char* data = nullptr;  // TurboJPEG's, grown as needed
-  unsigned long size = 0;
-  const int status = compress(&data, &size);
-  const std::unique_ptr<unsigned char, decltype(&tjFree)> owner(data, &tjFree);
-  if (status != 0) {
-    return turbo_error(fmt::format("cannot encode an image of {}x{} pixels at quality {}", width_px,
-                                   height_px, quality),
-                       turbo_);
-  }
-  return std::vector<std::uint8_t>(data, data + size);
-}
+std::uint64_t JpegCodec::repaired() const { return jpeg_->repaired; }
 
-Result<std::vector<std::uint8_t>> JpegCodec::encode(const ImageView& image, int quality,
-                                                    bool color) {
+Result<Bytes> JpegCodec::encode(const ImageView& image, int quality, bool color) {
   assert(image.channels == 1 || image.channels == 3);
-  const bool is_gray = image.channels == 1 || !color;
-  const auto compress_pixels = [&](unsigned char** data, unsigned long* size) {
-    return tjCompress2(turbo_, image.data, image.width_px, static_cast<int>(image.stride_bytes),
-                       image.height_px, image.channels == 1 ? TJPF_GRAY : TJPF_BGR, data, size,
-                       is_gray ? TJSAMP_GRAY : TJSAMP_420, quality, 0);
-  };
-  return compress(image.width_px, image.height_px, quality, compress_pixels);
+  const bool is_done = jpeg_->run([&] {
+    jpeg_compress_struct& out = jpeg_->out;
+    set_up(out, image.width_px, image.height_px, image.channels == 1 ? JCS_GRAYSCALE : JCS_EXT_BGR,
+           image.channels == 1 || !color, quality);
+    jpeg_start_compress(&out, TRUE);
+    while (out.next_scanline < out.image_height) {
+      auto* row = const_cast<JSAMPROW>(image.data + image.stride_bytes * out.next_scanline);
+      jpeg_write_scanlines(&out, &row, 1);
+    }
+    jpeg_finish_compress(&out);
+  });
+  return encoded(*jpeg_, is_done);
 }
 
-Result<std::vector<std::uint8_t>> JpegCodec::encode_yuv420(std::span<const std::uint8_t> planes,
-                                                           int width_px, int height_px,
-                                                           int quality) {
-  const Yuv420Layout layout(width_px, height_px);
-  assert(planes.size() >= layout.bytes());
-  const std::uint8_t* const luma = planes.data();
-  const std::uint8_t* const blue = luma + layout.luma_bytes();
-  std::array<const unsigned char*, 3> begins = {luma, blue, blue + layout.chroma_bytes()};
-  const auto compress_planes = [&](unsigned char** data, unsigned long* size) {
-    return tjCompressFromYUVPlanes(turbo_, begins.data(), width_px, nullptr, height_px, TJSAMP_420,
-                                   data, size, quality, 0);
-  };
-  return compress(width_px, height_px, quality, compress_planes);
+Result<Bytes> JpegCodec::encode_yuv420(std::span<const std::uint8_t> planes, int width_px,
+                                       int height_px, int quality) {
+  Strips strips(planes, width_px, height_px);
+  const bool is_done = jpeg_->run([&] {
+    jpeg_compress_struct& out = jpeg_->out;
+    set_up(out, width_px, height_px, JCS_YCbCr, false, quality);
+    out.raw_data_in = TRUE;
+    jpeg_start_compress(&out, TRUE);
+    while (out.next_scanline < out.image_height) {
+      jpeg_write_raw_data(&out, strips.at(out.next_scanline), 2 * DCTSIZE);
+    }
+    jpeg_finish_compress(&out);
+  });
+  return encoded(*jpeg_, is_done);
 }
 
 Result<GrayImage> JpegCodec::decode_gray(std::span<const std::uint8_t> jpeg, int scale) {
   assert(scale == 1 || scale == 2 || scale == 4 || scale == 8);
-  const Result<Header> header = read_header(turbo_, jpeg);
-  if (!header) return header.error();
-  const tjscalingfactor factor = {1, scale};
   GrayImage image;
-  image.width_px = TJSCALED(header.value().width_px, factor);
-  image.height_px = TJSCALED(header.value().height_px, factor);
-  image.pixels.resize(static_cast<std::size_t>(image.width_px) *
-                      static_cast<std::size_t>(image.height_px));
-  // libjpeg fills what is missing with gray and only warns; LIMITSCANS stops progressive bombs.
-  if (tjDecompress2(turbo_, jpeg.data(), jpeg.size(), image.pixels.data(), image.width_px, 0,
-                    image.height_px, TJPF_GRAY, TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS) != 0) {
-    return turbo_error("cannot decode a JPEG", turbo_);
-  }
+  const bool is_done = jpeg_->run([&] {
+    jpeg_->read_header(jpeg);
+    decode(*jpeg_, scale, image);
+  });
+  if (!is_done) return error_of("cannot decode a JPEG", *jpeg_);
   return image;
 }
 
 Result<JpegInfo> JpegCodec::inspect(std::span<const std::uint8_t> jpeg) {
-  const Result<Header> header = read_header(turbo_, jpeg);  // insists on SOI at the start
-  if (!header) return header.error();
-  std::size_t end = jpeg.size();
-  while (end > 0 && jpeg[end - 1] == 0) --end;
-  if (end < 2 || jpeg[end - 2] != 0xFF || jpeg[end - 1] != 0xD9) {
-    return Error{"JPEG is truncated: no end marker"};
-  }
-  return JpegInfo{header.value().width_px, header.value().height_px,
-                  header.value().color_space == TJCS_GRAY};
+  JpegInfo info;
+  GrayImage image;
+  const bool is_done = jpeg_->run([&] {
+    jpeg_->read_header(jpeg);
+    const jpeg_decompress_struct& in = jpeg_->in;
+    const std::size_t end = end_of_image(jpeg, jpeg.size() - in.src->bytes_in_buffer);
+    info = {static_cast<int>(in.image_width), static_cast<int>(in.image_height),
+            in.num_components == 1, end == 0 ? jpeg.size() : end, end != 0};
+    if (end == 0) return decode(*jpeg_, DCTSIZE, image);
+    if (end == jpeg.size() || jpeg_->repair[0] != '\0') return;
+    *fmt::format_to(jpeg_->repair.data(), "it has bytes behind its end marker") = '\0';
+  });
+  if (!is_done) return error_of("cannot read a JPEG", *jpeg_);
+  return info;
 }
 
 Result<JpegHalves> JpegCodec::halve(std::span<const std::uint8_t> jpeg) {
-  const Result<Header> header = read_header(turbo_, jpeg);
-  if (!header) return header.error();
-  const auto [width_px, height_px, subsampling, color_space] = header.value();
-  const int block_px = subsampling < 0 ? 0 : tjMCUWidth[subsampling];
-  if (block_px == 0 || width_px % (2 * block_px) != 0) {
-    return Error{
-        fmt::format("cannot split a JPEG of {}x{} px: each half must be a multiple of {} px wide",
-                    width_px, height_px, block_px)};
-  }
-  std::array<tjtransform, 2> cuts{};
-  for (tjtransform& cut : cuts) {
-    cut.r = {0, 0, width_px / 2, height_px};
-    cut.options = TJXOPT_CROP;
-  }
-  cuts[1].r.x = width_px / 2;
-  std::array<unsigned char*, 2> data{};  // TurboJPEG's, grown as needed
-  std::array<unsigned long, 2> sizes{};
-  const int status = tjTransform(turbo_, jpeg.data(), jpeg.size(), 2, data.data(), sizes.data(),
-                                 cuts.data(), TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS);
-  const std::unique_ptr<unsigned char, decltype(&tjFree)> left(data[0], &tjFree);
-  const std::unique_ptr<unsigned char, decltype(&tjFree)> right(data[1], &tjFree);
-  if (status != 0) return turbo_error("cannot split a JPEG", turbo_);
-  return JpegHalves{{left.get(), left.get() + sizes[0]}, {right.get(), right.get() + sizes[1]}};
+  std::array<Bytes, 2> halves;
+  const bool is_done = jpeg_->run([&] {
+    jpeg_->read_header(jpeg);
+    jpeg_decompress_struct& in = jpeg_->in;
+    const unsigned block_px =
+        DCTSIZE * static_cast<unsigned>(in.num_components == 1 ? 1 : in.max_h_samp_factor);
+    if (in.image_width % (2 * block_px) != 0) {
+      jpeg_->fail("it has {}x{} px, and each half must be a multiple of {} px wide", in.image_width,
+                  in.image_height, block_px);
+    }
+    jvirt_barray_ptr* const coefficients = jpeg_read_coefficients(&in);
+    for (std::size_t i = 0; i < halves.size(); ++i) {
+      if (i == 1) move_right_half(in, coefficients);
+      jpeg_copy_critical_parameters(&in, &jpeg_->out);
+      jpeg_->out.image_width = in.image_width / 2;
+      jpeg_->write(coefficients);
+      halves[i].assign(jpeg_->written().begin(), jpeg_->written().end());
+    }
+    jpeg_->finish_reading();
+  });
+  if (!is_done) return error_of("cannot split a JPEG", *jpeg_);
+  return JpegHalves{std::move(halves[0]), std::move(halves[1])};
 }
 
 }  // namespace orbbuf

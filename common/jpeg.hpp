@@ -3,12 +3,16 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "common/error.hpp"
 
 namespace orbbuf {
+
+struct Libjpeg;
 
 /// A view of 8-bit pixels, rows top to bottom. Does not own them.
 struct ImageView {
@@ -55,19 +59,23 @@ struct JpegInfo {
   int width_px = 0;
   int height_px = 0;
   bool is_gray = false;
+  std::size_t bytes = 0;  ///< up to its end marker, and with it; what is behind is not the image's
+  bool has_end = false;   ///< false: all bytes are the image's, and its end marker is missing
 };
 
-/// TurboJPEG, its handle reused from call to call. An image with an error does not affect the next
-/// one. Thread-bound: one object per thread.
+/// libjpeg, its objects reused from call to call. Which JPEGs it reads, and which it repairs, is
+/// said in libjpeg.hpp. An image with an error does not affect the next one. Thread-bound: one
+/// object per thread.
 class JpegCodec {
  public:
-  JpegCodec();
+  /// Logs repairs as those of `owner`, if it is not empty.
+  explicit JpegCodec(std::string owner = "");
   ~JpegCodec();
   JpegCodec(const JpegCodec&) = delete;
   JpegCodec& operator=(const JpegCodec&) = delete;
 
-  /// quality: 1..100. Grayscale if `image` is gray or `color` is false, else 4:2:0 colour.
-  /// About 1 ms for 1226x370 gray at quality 80.
+  /// quality: 1..100, others are clamped. Grayscale if `image` is gray or `color` is false, else
+  /// 4:2:0 colour. About 1 ms for 1226x370 gray at quality 80.
   Result<std::vector<std::uint8_t>> encode(const ImageView& image, int quality, bool color);
 
   /// The same in 4:2:0 colour, from `planes` of a Yuv420Layout, which are at least its bytes()
@@ -79,8 +87,8 @@ class JpegCodec {
   /// within the DCT. A JPEG with missing or corrupt data is an error.
   Result<GrayImage> decode_gray(std::span<const std::uint8_t> jpeg, int scale);
 
-  /// Reads the header and checks that the data begins and ends as a JPEG does (padding with zeros
-  /// after the end is allowed), which is how a truncated file or camera buffer shows. Cheap.
+  /// Reads the header and looks for the end marker, which is missing in a truncated file or camera
+  /// buffer. Cheap; but an image without it is decoded, and an error if pixels are missing, too.
   Result<JpegInfo> inspect(std::span<const std::uint8_t> jpeg);
 
   /// `jpeg` cut in the middle, without loss: its blocks are taken over, its pixels not decoded. An
@@ -89,13 +97,11 @@ class JpegCodec {
   /// about what decoding and encoding again would cost.
   Result<JpegHalves> halve(std::span<const std::uint8_t> jpeg);
 
- private:
-  /// `compress` calls one of TurboJPEG's functions, which allocates.
-  template <class Compress>
-  Result<std::vector<std::uint8_t>> compress(int width_px, int height_px, int quality,
-                                             const Compress& compress);
+  /// How many JPEGs were repaired.
+  std::uint64_t repaired() const;
 
-  void* turbo_;  // TurboJPEG's handle
+ private:
+  const std::unique_ptr<Libjpeg> jpeg_;
 };
 
 }  // namespace orbbuf

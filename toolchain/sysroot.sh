@@ -21,7 +21,7 @@ library() { apt-cache depends "$1" | sed -n "s/^ *Depends: \($2[0-9.]*[a-z0-9]*\
 
 compiler=$(g++ -dumpversion)
 PACKAGES=(libc6-dev "libstdc++-${compiler%%.*}-dev" linux-libc-dev zlib1g-dev libssl-dev libboost-dev libspdlog-dev
-  libfmt-dev libcli11-dev libtomlplusplus-dev nlohmann-json3-dev libturbojpeg0-dev libjpeg62-turbo-dev libcamera-dev libsystemd-dev libgtest-dev
+  libfmt-dev libcli11-dev libtomlplusplus-dev nlohmann-json3-dev libjpeg62-turbo-dev libcamera-dev libsystemd-dev libgtest-dev
   libgmock-dev libopencv-core-dev libopencv-imgproc-dev libopencv-flann-dev
   "$(library libopencv-features2d-dev libopencv-features2d)" "$(library prometheus-cpp-dev libprometheus-cpp-core)" libyaml-cpp-dev)
 # Unpacked without what they depend on: ORB needs none of that, and it is a desktop's worth; nor does the text

@@ -154,7 +154,8 @@ DdsCameras::DdsCameras(const DdsParticipant& participant, std::string base, std:
       frame_id_(std::move(frame_id)),
       name_(std::move(name)),
       depth_(depth),
-      info_(calibrated_cameras(calibration, name_ + ": published")) {}
+      info_(calibrated_cameras(calibration, name_ + ": published")),
+      codec_(name_) {}
 
 void DdsCameras::open(bool is_stereo) {
   if (left_ && is_stereo == (right_ != nullptr)) return;

@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "common/wire.hpp"
-#include "daemon/image/huffman_tables.hpp"
+#include "daemon/image/standard_head.hpp"
 
 namespace orbbuf {
 namespace {
@@ -77,9 +77,11 @@ Result<JpegEncoder::Image> JpegEncoder::encode_image(const RawFrame& raw) {
   if (raw.format == PixelFormat::kJpeg) {
     auto info = codec_.inspect(raw.data);
     if (!info) return std::move(info).error();
-    const auto [width_px, height_px, is_gray] = info.value();
+    const auto [width_px, height_px, is_gray, bytes, has_end] = info.value();
     if (auto error = wrong_size(width_px, height_px)) return std::move(*error);
-    return Image{width_px, height_px, with_huffman_tables(raw.data)};
+    Image image{width_px, height_px, with_standard_head(raw.data.first(bytes))};
+    if (!has_end) image.jpeg.insert(image.jpeg.end(), {0xFF, 0xD9});
+    return image;
   }
   auto view = pixels_of(raw);
   if (!view) return std::move(view).error();

@@ -18,7 +18,9 @@ struct JpegSettings {
 };
 
 /// Encodes a RawFrame as an EncodedFrame. Checks that a frame which is JPEG already is complete,
-/// and passes it on unchanged. Thread-bound.
+/// and passes it on unchanged, but for what readers may not expect: its head becomes a standard one
+/// (standard_head.hpp), it is cut behind its end marker, and gets one if it has all rows but none.
+/// Thread-bound.
 class JpegEncoder {
  public:
   explicit JpegEncoder(const JpegSettings& settings);
@@ -41,7 +43,7 @@ class JpegEncoder {
   Result<Image> encode_image(const RawFrame& raw);
 
   JpegSettings settings_;
-  JpegCodec codec_;
+  JpegCodec codec_{"source"};
 };
 
 }  // namespace orbbuf

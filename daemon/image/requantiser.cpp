@@ -5,21 +5,13 @@
 
 #include <algorithm>
 #include <array>
-#include <csetjmp>
 #include <cstddef>
-#include <cstdio>
-#include <stdexcept>
 
-#include "common/jpeg.hpp"
-
-extern "C" {
-#include <jpeglib.h>  // after <cstdio>, which it needs and does not include
-}
+#include "common/libjpeg.hpp"
+#include "common/wire.hpp"
 
 namespace orbbuf {
 namespace {
-
-constexpr int kMaxScans = 500;  // of a progressive JPEG; TurboJPEG's LIMITSCANS
 
 /// Codes for what is left after requantising; the standard ones (ITU-T T.81, annex K.3) are made
 /// for finer steps. `counts`: codes of 1 bit, of 2, ... of 16. `first`: the symbols in the order of
@@ -102,113 +94,46 @@ void requantise(JCOEF* __restrict block, const Block& __restrict ratios, Block& 
 
 }  // namespace
 
-/// libjpeg's two objects. libjpeg reports an error by a jump to `on_error`, past the functions
-/// between: none of them may own an object with a destructor.
+/// Decides and writes with libjpeg; each function between run() and libjpeg as libjpeg.hpp says.
 struct Requantiser::State {
-  State();
-  ~State();
-  State(const State&) = delete;
-  State& operator=(const State&) = delete;
+  /// libjpeg.written() is the JPEG then. False after an error, which is in libjpeg.why.
+  bool reduce(std::span<const std::uint8_t> jpeg, int quality);
 
-  /// Returns the bytes written to `to`: fewer than its size, or 0 after an error, which is in
-  /// `why`.
-  std::size_t reduce(std::span<const std::uint8_t> jpeg, int quality, std::span<std::uint8_t> to);
-
-  void read_header(std::span<const std::uint8_t> jpeg);
   void set_steps(int quality);
   void requantise_all(jvirt_barray_ptr* coefficients);
-  void write(jvirt_barray_ptr* coefficients, std::span<std::uint8_t> to);
-  [[noreturn]] void fail(const char* reason);
 
-  jpeg_error_mgr errors{};
-  jpeg_progress_mgr progress{};
-  jpeg_destination_mgr destination{};
-  jpeg_decompress_struct in{};
-  jpeg_compress_struct out{};
-  std::jmp_buf on_error{};
-  const char* why = "";
-  std::array<char, JMSG_LENGTH_MAX> libjpeg_text{};
-  std::vector<std::uint8_t> output;
+  Libjpeg libjpeg{"reducer"};
+  jpeg_decompress_struct& in = libjpeg.in;
+  jpeg_compress_struct& out = libjpeg.out;
 };
 
-void Requantiser::State::fail(const char* reason) {
-  why = reason;
-  std::longjmp(on_error, 1);  // not an exception: libjpeg may be built without tables to unwind it
-}
-
-Requantiser::State::State() {
-  jpeg_std_error(&errors);
-  errors.error_exit = [](j_common_ptr info) {
-    auto& state = *static_cast<State*>(info->client_data);
-    info->err->format_message(info, state.libjpeg_text.data());
-    state.fail(state.libjpeg_text.data());
-  };
-  errors.emit_message = [](j_common_ptr info, int level) {
-    if (level < 0) info->err->error_exit(info);  // a warning: data are missing or corrupt
-  };
-  progress.progress_monitor = [](j_common_ptr info) {
-    auto& state = *static_cast<State*>(info->client_data);
-    if (state.in.input_scan_number > kMaxScans) state.fail("it has too many scans");
-  };
-  destination.init_destination = [](j_compress_ptr) {};
-  destination.empty_output_buffer = [](j_compress_ptr info) -> boolean {
-    static_cast<State*>(info->client_data)->fail("it would not become smaller");
-  };
-  destination.term_destination = [](j_compress_ptr) {};
-  in.err = out.err = &errors;
-  in.client_data = out.client_data = this;
-  if (setjmp(on_error) != 0) {
-    throw std::runtime_error(fmt::format("cannot set up libjpeg: {}", why));
-  }
-  jpeg_create_decompress(&in);
-  jpeg_create_compress(&out);
-  in.progress = &progress;
-  out.dest = &destination;
-  jpeg_save_markers(&in, JPEG_COM, 0xFFFF);
-  for (int i = 0; i < 16; ++i) jpeg_save_markers(&in, JPEG_APP0 + i, 0xFFFF);
-}
-
-Requantiser::State::~State() {
-  jpeg_destroy_decompress(&in);
-  jpeg_destroy_compress(&out);
-}
-
-std::size_t Requantiser::State::reduce(std::span<const std::uint8_t> jpeg, int quality,
-                                       std::span<std::uint8_t> to) {
-  if (setjmp(on_error) != 0) {
-    jpeg_abort_decompress(&in);
-    jpeg_abort_compress(&out);
-    return 0;
-  }
-  read_header(jpeg);
-  jvirt_barray_ptr* const coefficients = jpeg_read_coefficients(&in);
-  jpeg_copy_critical_parameters(&in, &out);
-  set_steps(quality);
-  requantise_all(coefficients);
-  write(coefficients, to);
-  jpeg_finish_decompress(&in);
-  return to.size() - destination.free_in_buffer;
-}
-
-void Requantiser::State::read_header(std::span<const std::uint8_t> jpeg) {
-  jpeg_mem_src(&in, jpeg.data(), static_cast<unsigned long>(jpeg.size()));
-  jpeg_read_header(&in, TRUE);
-  if (std::int64_t{in.image_width} * in.image_height > kMaxJpegPixels) {
-    fail("it has too many pixels");
-  }
+bool Requantiser::State::reduce(std::span<const std::uint8_t> jpeg, int quality) {
+  return libjpeg.run([&] {
+    libjpeg.read_header(jpeg);
+    jvirt_barray_ptr* const coefficients = jpeg_read_coefficients(&in);
+    jpeg_copy_critical_parameters(&in, &out);
+    set_steps(quality);
+    requantise_all(coefficients);
+    out.restart_interval = in.restart_interval;
+    set_code(kDcLuma, *out.dc_huff_tbl_ptrs[0]);
+    set_code(kDcChroma, *out.dc_huff_tbl_ptrs[1]);
+    set_code(kAcLuma, *out.ac_huff_tbl_ptrs[0]);
+    set_code(kAcChroma, *out.ac_huff_tbl_ptrs[1]);
+    libjpeg.write(coefficients);
+    libjpeg.finish_reading();
+  });
 }
 
 /// From the last component to the first: a table that luma and chroma share is made for luma.
 void Requantiser::State::set_steps(int quality) {
   for (int i = 0; i < in.num_components; ++i) {
-    if (in.comp_info[i].quant_table == nullptr) fail("a component has no scan");
+    if (in.comp_info[i].quant_table == nullptr) libjpeg.fail("a component has no scan");
   }
-  const bool has_chroma = in.jpeg_color_space == JCS_YCbCr || in.jpeg_color_space == JCS_YCCK;
   jpeg_set_quality(&out, quality, TRUE);
   const std::array<JQUANT_TBL, 2> standard = {*out.quant_tbl_ptrs[0], *out.quant_tbl_ptrs[1]};
   bool is_coarser = false;
   for (int i = in.num_components - 1; i >= 0; --i) {
-    const JQUANT_TBL& least = standard[has_chroma && (i == 1 || i == 2) ? 1 : 0];
+    const JQUANT_TBL& least = standard[i == 0 ? 0 : 1];
     const JQUANT_TBL& old = *in.comp_info[i].quant_table;
     JQUANT_TBL& steps = *out.quant_tbl_ptrs[in.comp_info[i].quant_tbl_no];
     for (int j = 0; j < DCTSIZE2; ++j) {
@@ -216,7 +141,7 @@ void Requantiser::State::set_steps(int quality) {
       is_coarser = is_coarser || steps.quantval[j] > old.quantval[j];
     }
   }
-  if (!is_coarser) fail("it is of no higher quality");
+  if (!is_coarser) libjpeg.fail("it is of no higher quality");
 }
 
 void Requantiser::State::requantise_all(jvirt_barray_ptr* coefficients) {
@@ -235,24 +160,8 @@ void Requantiser::State::requantise_all(jvirt_barray_ptr* coefficients) {
   }
   // libjpeg's vector code would write codes that do not exist.
   if (std::any_of(seen.begin(), seen.end(), [](unsigned value) { return value > 1023; })) {
-    fail("a coefficient is out of range");
+    libjpeg.fail("a coefficient is out of range");
   }
-}
-
-void Requantiser::State::write(jvirt_barray_ptr* coefficients, std::span<std::uint8_t> to) {
-  out.write_JFIF_header = out.write_Adobe_marker = FALSE;  // they are among the markers kept
-  out.restart_interval = in.restart_interval;
-  set_code(kDcLuma, *out.dc_huff_tbl_ptrs[0]);
-  set_code(kDcChroma, *out.dc_huff_tbl_ptrs[1]);
-  set_code(kAcLuma, *out.ac_huff_tbl_ptrs[0]);
-  set_code(kAcChroma, *out.ac_huff_tbl_ptrs[1]);
-  destination.next_output_byte = to.data();
-  destination.free_in_buffer = to.size();
-  jpeg_write_coefficients(&out, coefficients);
-  for (auto* marker = in.marker_list; marker != nullptr; marker = marker->next) {
-    jpeg_write_marker(&out, marker->marker, marker->data, marker->data_length);
-  }
-  jpeg_finish_compress(&out);
 }
 
 Requantiser::Requantiser() : state_(std::make_unique<State>()) {}
@@ -261,22 +170,20 @@ Requantiser::~Requantiser() = default;
 
 Result<EncodedFrame> Requantiser::reduce(const EncodedFrame& whole, int quality) {
   quality = std::clamp(quality, 1, 100);
-  state_->output.resize(whole.jpeg.size());
-  const std::span<std::uint8_t> room = state_->output;
-  std::array<std::size_t, 2> bytes{};
-  for (std::size_t i = 0; i < (whole.is_stereo() ? 2 : 1); ++i) {
-    bytes[i] =
-        state_->reduce(i == 0 ? whole.left() : whole.right(), quality, room.subspan(bytes[0]));
-    if (bytes[i] == 0) {
-      return Error{fmt::format("cannot reduce a JPEG of {} bytes to quality {}: {}",
-                               whole.jpeg.size(), quality, state_->why)};
-    }
-  }
   EncodedFrame reduced = whole;
-  const auto jpeg = room.first(bytes[0] + bytes[1]);
-  reduced.jpeg = {jpeg.begin(), jpeg.end()};
+  reduced.jpeg.clear();
+  for (std::size_t i = 0; i < (whole.is_stereo() ? 2 : 1); ++i) {
+    const bool is_done = state_->reduce(i == 0 ? whole.left() : whole.right(), quality);
+    const auto jpeg = state_->libjpeg.written();
+    if (!is_done || reduced.jpeg.size() + jpeg.size() >= whole.jpeg.size()) {
+      return Error{fmt::format(
+          "cannot reduce a JPEG of {} bytes to quality {}: {}", whole.jpeg.size(), quality,
+          is_done ? "it would not become smaller" : state_->libjpeg.why.data())};
+    }
+    reduced.jpeg.insert(reduced.jpeg.end(), jpeg.begin(), jpeg.end());
+    if (i == 0) reduced.left_bytes = static_cast<std::uint32_t>(jpeg.size());
+  }
   reduced.jpeg_crc = wire::crc32(reduced.jpeg);
-  reduced.left_bytes = static_cast<std::uint32_t>(bytes[0]);
   reduced.quality = static_cast<std::uint8_t>(quality);
   if (!whole.is_reduced()) {
     reduced.whole_bytes = static_cast<std::uint32_t>(whole.jpeg.size());

@@ -21,10 +21,9 @@ class Requantiser {
   /// sequential one. No quantisation step becomes smaller than it was. If `whole` is itself
   /// reduced, whole_bytes and whole_crc remain those of the JPEG that was encoded.
   ///
-  /// An error if libjpeg cannot read the JPEG or warns of it (corrupt, truncated, 12 bits a
-  /// sample), if the image has over kMaxJpegPixels, or if the JPEG would not become smaller. An
-  /// error does not affect the next call. Cost: about that of one JPEG encode of the image, and 2
-  /// bytes of memory for each sample.
+  /// An error for a JPEG that JpegCodec does not read either, and if it would not become smaller.
+  /// An error does not affect the next call. Cost: about that of one JPEG encode of the image, and
+  /// 2 bytes of memory for each sample.
   Result<EncodedFrame> reduce(const EncodedFrame& whole, int quality);
 
  private:

@@ -3,8 +3,6 @@
 // captures a pattern that moves, no two images alike, and keeps every JPEG that it gave away
 // entirely. Usage: orbbuf-usb-camera FOLDER [broken], broken: it gives but the first half of each
 // JPEG
-#include <turbojpeg.h>
-
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
@@ -12,9 +10,9 @@
 #include <cstring>
 #include <exception>
 #include <fstream>
-#include <memory>
 #include <string>
 
+#include "common/jpeg.hpp"
 #include "tests/vm/usb_ip.hpp"
 #include "tests/vm/uvc_descriptors.hpp"
 
@@ -66,7 +64,7 @@ class Camera {
   bool is_broken_;
   UsbIpPort port_;
   Probe probe_;
-  std::unique_ptr<void, decltype(&tjDestroy)> jpeg_{tjInitCompress(), &tjDestroy};
+  JpegCodec codec_;
   Clock::time_point due_ = Clock::now();
   unsigned count_ = 0;
   Bytes image_;           // being given away
@@ -138,12 +136,8 @@ void Camera::capture() {
     for (std::size_t i = 0; i < gray.size(); ++i) image_[2 * i] = gray[i];
     return;
   }
-  unsigned char* data = nullptr;
-  unsigned long size = 0;
-  tjCompress2(jpeg_.get(), gray.data(), width, 0, height, TJPF_GRAY, &data, &size, TJSAMP_GRAY, 70,
-              0);
-  image_.assign(data, data + (is_broken_ ? size / 2 : size));
-  tjFree(data);
+  image_ = codec_.encode({gray.data(), width, height, std::size_t{width}, 1}, 70, false).value();
+  if (is_broken_) image_.resize(image_.size() / 2);
 }
 
 Bytes Camera::draw() const {

@@ -26,7 +26,7 @@ class SideBySideSource : public FrameSource {
   std::string split_jpeg(RawFrame& frame);
 
   const std::unique_ptr<FrameSource> source_;
-  JpegCodec codec_;
+  JpegCodec codec_{"source"};
 };
 
 }  // namespace orbbuf

@@ -32,6 +32,7 @@ PipeSink::PipeSink(asio::io_context& main, asio::thread_pool& pool, const Sessio
       format_(format),
       without_reader_(without_reader),
       now_(std::move(now)),
+      codec_(label_ + ": " + reader_->name()),
       follower_(kept.folder),
       earlier_(without_reader == WithoutReader::kCatchUp ? kept.earlier : nullptr),
       first_here_(info.segment.from[wire::kFrames]),

@@ -28,7 +28,7 @@ constexpr std::chrono::seconds kFarewell{1};
 /// The node and the thread it lives on.
 struct Ros {
   RosNode node;  // this and the following: used on `ros` only, and by end_ros() when that has ended
-  JpegCodec codec;
+  JpegCodec codec{"ros"};
   PacedThreads threads{"ros"};
 };
 

@@ -2,12 +2,13 @@
 #include "daemon/image/jpeg_encoder.hpp"
 
 #include <gmock/gmock.h>
-#include <turbojpeg.h>
 
 #include <cstdlib>
 
+#include "common/libjpeg.hpp"
 #include "common/wire.hpp"
 #include "daemon/capture/make_source.hpp"
+#include "testing/restart_jpeg.hpp"
 
 namespace orbbuf {
 namespace {
@@ -101,11 +102,15 @@ RawFrame yuv420_frame(std::uint8_t luma, std::uint8_t blue, std::uint8_t red) {
 /// Red, green and blue of each pixel.
 std::vector<std::uint8_t> decode_rgb(const EncodedFrame& frame) {
   std::vector<std::uint8_t> pixels(std::size_t{3} * frame.width_px * frame.height_px);
-  const tjhandle handle = tjInitDecompress();
-  EXPECT_EQ(tjDecompress2(handle, frame.jpeg.data(), frame.jpeg.size(), pixels.data(),
-                          frame.width_px, 0, frame.height_px, TJPF_RGB, 0),
-            0);
-  tjDestroy(handle);
+  Libjpeg libjpeg("");
+  EXPECT_TRUE(libjpeg.run([&] {
+    libjpeg.read_header(frame.jpeg);
+    jpeg_start_decompress(&libjpeg.in);
+    while (libjpeg.in.output_scanline < libjpeg.in.output_height) {
+      JSAMPROW row = &pixels[std::size_t{3} * frame.width_px * libjpeg.in.output_scanline];
+      jpeg_read_scanlines(&libjpeg.in, &row, 1);
+    }
+  }));
   return pixels;
 }
 
@@ -173,9 +178,29 @@ TEST(JpegEncoder, WhatIsJpegAlreadyIsPassedThroughByteForByte) {
 TEST(JpegEncoder, ATruncatedJpegFailsAtEveryLength) {
   JpegEncoder encoder({});
   const auto jpeg = encoder.encode(scene_frame(), 0).value().jpeg;
-  for (std::size_t size = 0; size < jpeg.size(); ++size) {
+  for (std::size_t size = 0; size + 2 < jpeg.size(); ++size) {
     ASSERT_NE(error_of(encoder, jpeg_frame(std::span(jpeg).first(size))), "") << size;
   }
+}
+
+TEST(JpegEncoder, WhatReadersMayNotExpectOfACamerasJpegIsMended) {
+  JpegEncoder encoder({});
+  const auto good = encoder.encode(scene_frame(true), 0).value().jpeg;
+  std::vector<std::vector<std::uint8_t>> faulty(3, good);
+  faulty[0].resize(good.size() - 2);
+  faulty[1].insert(faulty[1].end(), {'\r', '\n', 0xFF, 0xD9, 0, 0});
+  faulty[2] = test::with_zeros_in_head(good, 604);
+  for (const auto& jpeg : faulty) {
+    const auto frame = encoder.encode(jpeg_frame(jpeg), 0);
+    ASSERT_TRUE(frame) << frame.error().text;
+    EXPECT_EQ(frame.value().jpeg, good);
+    EXPECT_EQ(frame.value().jpeg_crc, wire::crc32(good));
+  }
+}
+
+TEST(JpegEncoder, SpareBytesWithinAScanAreKept) {
+  const auto jpeg = test::restart_jpeg(64, 48, true, 3);
+  EXPECT_EQ(JpegEncoder({}).encode(jpeg_frame(jpeg), 0).value().jpeg, jpeg);
 }
 
 TEST(JpegEncoder, ADefectIsTheReasonOfTheFailure) {

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -15,8 +16,9 @@
 #include "common/jpeg.hpp"
 #include "common/wire.hpp"
 #include "daemon/capture/make_source.hpp"
-#include "daemon/image/huffman_tables.hpp"
 #include "daemon/image/jpeg_encoder.hpp"
+#include "daemon/image/standard_head.hpp"
+#include "testing/restart_jpeg.hpp"
 
 extern "C" {
 #include <jpeglib.h>  // after <cstdio>, which it needs and does not include
@@ -39,14 +41,13 @@ RawFrame scene(bool color) {
   return *make_source(settings)->next({});
 }
 
-/// What an image is encoded with; TurboJPEG offers too little.
+/// What an image is encoded with; JpegCodec offers too little.
 struct Encoding {
   int quality = 80;
   bool is_color = true;
   int columns = 2, rows = 2;  // luma samples for one of chroma
   unsigned restart_interval = 0;
   bool is_progressive = false;
-  bool is_arithmetic = false;
   bool has_one_table = false;      // for luma and chroma
   bool has_one_scan_each = false;  // for each component
   bool has_best_code = false;      // Huffman's, for this image
@@ -74,7 +75,6 @@ Bytes encoded(const Encoding& encoding) {
     for (int i = 0; i < 3; ++i) out.comp_info[i].quant_tbl_no = 0;
   }
   out.restart_interval = encoding.restart_interval;
-  out.arith_code = encoding.is_arithmetic ? TRUE : FALSE;
   out.optimize_coding = encoding.has_best_code ? TRUE : FALSE;
   std::array<jpeg_scan_info, 3> scans{};
   for (int i = 0; i < 3; ++i) scans[static_cast<std::size_t>(i)] = {1, {i}, 0, 63, 0, 0};
@@ -117,7 +117,6 @@ EncodedFrame frame_of(Bytes jpeg) {
 struct Head {
   J_COLOR_SPACE color_space = JCS_UNKNOWN;
   bool is_progressive = false;
-  bool is_arithmetic = false;
   unsigned restart_interval = 0;
   std::vector<std::array<int, 2>> sampling;         // of each component
   std::vector<std::array<UINT16, DCTSIZE2>> steps;  // likewise
@@ -133,13 +132,7 @@ Head head_of(std::span<const std::uint8_t> jpeg) {
   jpeg_save_markers(&in, JPEG_COM, 0xFFFF);
   for (int i = 0; i < 16; ++i) jpeg_save_markers(&in, JPEG_APP0 + i, 0xFFFF);
   jpeg_read_header(&in, TRUE);
-  Head head{in.jpeg_color_space,
-            in.progressive_mode != 0,
-            in.arith_code != 0,
-            in.restart_interval,
-            {},
-            {},
-            {}};
+  Head head{in.jpeg_color_space, in.progressive_mode != 0, in.restart_interval, {}, {}, {}};
   for (int i = 0; i < in.num_components; ++i) {
     const auto& component = in.comp_info[i];
     head.sampling.push_back({component.h_samp_factor, component.v_samp_factor});
@@ -196,7 +189,6 @@ void expect_reduced(const Encoding& encoding, int quality) {
   EXPECT_EQ(after.restart_interval, before.restart_interval);
   EXPECT_EQ(after.markers, before.markers);
   EXPECT_FALSE(after.is_progressive);
-  EXPECT_FALSE(after.is_arithmetic);
   const Head asked = head_of(encoded(direct));
   for (std::size_t i = 0; i < before.steps.size(); ++i) {
     for (std::size_t j = 0; j < DCTSIZE2; ++j) {
@@ -226,7 +218,6 @@ TEST(Requantiser, AProgressiveImageBecomesASequentialOne) {
 }
 
 TEST(Requantiser, WhatLibjpegReadsBesidesIsReducedToo) {
-  expect_reduced({.is_arithmetic = true}, 30);
   expect_reduced({.has_one_table = true}, 30);
   expect_reduced({.has_one_scan_each = true}, 30);
 }
@@ -242,7 +233,7 @@ TEST(Requantiser, ACamerasJpegIsReducedOnceItHasItsHuffmanTables) {
     const auto end = at + 2 + std::ptrdiff_t{at[2]} * 256 + at[3];
     at = at[1] == 0xC4 || at[1] == 0xE0 ? jpeg.erase(at, end) : end;  // nor JFIF's header
   }
-  const Bytes whole = with_huffman_tables(jpeg);
+  const Bytes whole = with_standard_head(jpeg);
   const auto reduced = Requantiser().reduce(frame_of(whole), 30);
   ASSERT_TRUE(reduced) << reduced.error().text;
   EXPECT_TRUE(head_of(reduced.value().jpeg).markers.empty());
@@ -319,7 +310,7 @@ TEST(Requantiser, ATruncatedImageIsAnErrorAndDoesNotAffectTheNext) {
   for (const bool is_progressive : {false, true}) {
     const Bytes whole = encoded({.restart_interval = 8, .is_progressive = is_progressive});
     const Bytes good = Requantiser().reduce(frame_of(whole), 30).value().jpeg;
-    for (std::size_t size = 0; size < whole.size(); size += size < 700 ? 1 : 53) {
+    for (std::size_t size = 0; size + 2 < whole.size(); size += size < 700 ? 1 : 53) {
       const auto cut = requantiser.reduce(
           frame_of({whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size)}), 30);
       ASSERT_FALSE(cut) << size;
@@ -329,6 +320,19 @@ TEST(Requantiser, ATruncatedImageIsAnErrorAndDoesNotAffectTheNext) {
     }
     EXPECT_EQ(requantiser.reduce(frame_of(whole), 30).value().jpeg, good);
   }
+}
+
+TEST(Requantiser, WhatDecodersPassOverIsGoneAfterwards) {
+  const Bytes whole = test::restart_jpeg(kWidth, kHeight, true, 0);
+  const Bytes good = Requantiser().reduce(frame_of(whole), 30).value().jpeg;
+  const Bytes with_spare = test::restart_jpeg(kWidth, kHeight, true, 3);
+  EXPECT_EQ(Requantiser().reduce(frame_of(with_spare), 30).value().jpeg, good);
+  const Bytes with_zeros = test::with_zeros_in_head(whole, 600);
+  EXPECT_EQ(Requantiser().reduce(frame_of(with_zeros), 30).value().jpeg, good);
+  const Bytes without_end(whole.begin(), whole.end() - 2);
+  EXPECT_EQ(Requantiser().reduce(frame_of(without_end), 30).value().jpeg, good);
+  EXPECT_THAT(error_of(test::restart_jpeg(kWidth, kHeight, true, 5)),
+              HasSubstr("extraneous bytes before marker"));
 }
 
 TEST(Requantiser, ACorruptImageIsAnErrorOrStaysAnImage) {
@@ -357,7 +361,7 @@ TEST(Requantiser, AnImageThatClaimsTooManyPixelsIsAnError) {
   const auto at = std::search(jpeg.begin(), jpeg.end(), frame.begin(), frame.end());
   ASSERT_NE(at, jpeg.end());
   std::fill_n(at + 5, 4, std::uint8_t{0x7F});  // its height and width
-  EXPECT_THAT(error_of(jpeg), HasSubstr("it has too many pixels"));
+  EXPECT_THAT(error_of(jpeg), HasSubstr("pixels are over the limit of"));
 }
 
 TEST(Requantiser, AnImageOfTooManyScansIsAnError) {
@@ -373,38 +377,42 @@ TEST(Requantiser, AnImageOfTooManyScansIsAnError) {
   }
 }
 
-/// An image with this as its first coefficient beside DC. Only an arithmetic code can say any.
-Bytes with_coefficient(JCOEF value) {
-  const Bytes jpeg = encoded({.is_color = false});
-  jpeg_error_mgr errors;
-  jpeg_decompress_struct in;
-  jpeg_compress_struct out;
-  in.err = out.err = jpeg_std_error(&errors);
-  jpeg_create_decompress(&in);
-  jpeg_create_compress(&out);
-  jpeg_mem_src(&in, jpeg.data(), static_cast<unsigned long>(jpeg.size()));
-  jpeg_read_header(&in, TRUE);
-  jvirt_barray_ptr* const coefficients = jpeg_read_coefficients(&in);
-  in.mem->access_virt_barray(reinterpret_cast<j_common_ptr>(&in), coefficients[0], 0, 1,
-                             TRUE)[0][0][1] = value;
-  jpeg_copy_critical_parameters(&in, &out);
-  out.arith_code = TRUE;
-  unsigned char* data = nullptr;
-  unsigned long size = 0;
-  jpeg_mem_dest(&out, &data, &size);
-  jpeg_write_coefficients(&out, coefficients);
-  jpeg_finish_compress(&out);
-  jpeg_destroy_compress(&out);
-  jpeg_destroy_decompress(&in);
-  const std::unique_ptr<unsigned char, decltype(&std::free)> owner(data, &std::free);
-  return {data, data + size};
+/// An image of one gray block with this, of at most 15 bits, as its first coefficient beside DC,
+/// and 200 bytes of tables that nothing uses, so that it can become smaller. No encoder makes it.
+Bytes with_coefficient(int value) {
+  const unsigned magnitude = static_cast<unsigned>(std::abs(value));
+  const unsigned size = static_cast<unsigned>(std::bit_width(magnitude));
+  Bytes jpeg = {0xFF, 0xD8, 0xFF, 0xDB, 0, 67, 0};
+  jpeg.insert(jpeg.end(), DCTSIZE2, 4);  // steps
+  jpeg.insert(jpeg.end(), {0xFF, 0xC0, 0, 11, 8, 0, 8, 0, 8, 1, 1, 0x11, 0});
+  const auto add_code = [&](std::uint8_t table, unsigned bits, const Bytes& symbols) {
+    jpeg.insert(jpeg.end(), {0xFF, 0xC4, 0, static_cast<std::uint8_t>(19 + symbols.size()), table});
+    for (unsigned i = 1; i <= 16; ++i) {
+      jpeg.push_back(i == bits ? static_cast<std::uint8_t>(symbols.size()) : 0);
+    }
+    jpeg.insert(jpeg.end(), symbols.begin(), symbols.end());
+  };
+  add_code(0x00, 1, {0});                                   // DC: 0
+  add_code(0x10, 2, {0, static_cast<std::uint8_t>(size)});  // AC: 00 ends, 01 is `value`
+  for (int unused = 0x11; unused <= 0x13; ++unused) {
+    add_code(static_cast<std::uint8_t>(unused), 16, Bytes(200));
+  }
+  jpeg.insert(jpeg.end(), {0xFF, 0xDA, 0, 8, 1, 1, 0, 0, 63, 0});
+  // 0, 01, the value, 00, then ones to the end of the byte.
+  const unsigned coded = value < 0 ? ~magnitude & ((1U << size) - 1U) : magnitude;
+  std::uint32_t bits = (1U << size | coded) << 2U;  // of which there are 5 and size
+  for (unsigned count = size + 5; count < 32; ++count) bits = bits << 1U | 1U;
+  for (unsigned at = 0; at < (size + 12) / 8; ++at) {
+    jpeg.push_back(static_cast<std::uint8_t>(bits >> (24U - 8U * at)));
+    if (jpeg.back() == 0xFF) jpeg.push_back(0);
+  }
+  jpeg.insert(jpeg.end(), {0xFF, 0xD9});
+  return jpeg;
 }
 
 TEST(Requantiser, ACoefficientThatBaselineCannotSayIsAnError) {
   for (const int sign : {1, -1}) {  // the step is 4, and 11 at quality 50
-    const auto error = [&](int value) {
-      return error_of(with_coefficient(static_cast<JCOEF>(sign * value)), 50);
-    };
+    const auto error = [&](int value) { return error_of(with_coefficient(sign * value), 50); };
     EXPECT_EQ(error(1023), "");
     EXPECT_EQ(error(2800), "");
     for (const int value : {3000, 5000, 20000, 32767}) {

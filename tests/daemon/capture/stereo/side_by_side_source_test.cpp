@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "daemon/capture/make_source.hpp"
+#include "testing/restart_jpeg.hpp"
 #include "testing/scripted_source.hpp"
 
 namespace orbbuf {
@@ -105,6 +106,16 @@ TEST(SideBySideSource, JpegIsSplitIntoTwo) {
   EXPECT_EQ(codec.inspect(left.right->data).value().width_px, 32);
   frame.data = frame.data.first(jpeg.size() / 2);
   EXPECT_NE(split(frame).defect, "");
+}
+
+TEST(SideBySideSource, JpegWithSpareBytesBeforeRestartMarkersIsSplitToo) {
+  const auto jpeg = test::restart_jpeg(64, 32, true, 3);
+  RawFrame frame;
+  frame.format = PixelFormat::kJpeg;
+  frame.data = jpeg;
+  const RawFrame left = split(frame);
+  ASSERT_TRUE(left.right) << left.defect;
+  EXPECT_EQ(JpegCodec().inspect(left.right->data).value().width_px, 32);
 }
 
 TEST(SideBySideSource, WhatHasNoEqualHalvesIsADefect) {

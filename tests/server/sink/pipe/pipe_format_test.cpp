@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "testing/restart_jpeg.hpp"
 #include "tests/server/frames.hpp"
 
 namespace orbbuf {
@@ -67,6 +68,17 @@ TEST(PipeFormat, ZerosBehindAJpegAreDropped) {
   const auto exact = to_mjpeg(frame, kNote).value();
   frame.jpeg.resize(frame.jpeg.size() + 100);
   EXPECT_EQ(to_mjpeg(frame, kNote).value(), exact);
+}
+
+TEST(PipeFormat, PgmIsMadeOfAJpegWithSpareBytesBeforeRestartMarkers) {
+  const auto frame = [](std::size_t spare) {
+    return test::frame_of(41, test::restart_jpeg(64, 48, true, spare));
+  };
+  JpegCodec codec;
+  const auto pgm = to_pgm(frame(3), kNote, codec);
+  ASSERT_TRUE(pgm) << pgm.error().text;
+  EXPECT_EQ(pgm.value(), to_pgm(frame(0), kNote, codec).value());
+  EXPECT_EQ(codec.repaired(), 1U);
 }
 
 TEST(PipeFormat, WhatIsNoJpegIsAnErrorAndNotWritten) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/image/huffman_tables.hpp"
+#include "daemon/image/standard_head.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,6 +7,7 @@
 #include <array>
 
 #include "common/jpeg.hpp"
+#include "testing/restart_jpeg.hpp"
 
 namespace orbbuf {
 namespace {
@@ -43,26 +44,37 @@ Bytes without_tables(const Bytes& jpeg) {
   return left;
 }
 
-TEST(HuffmanTables, AreAddedWhereTheyAreMissing) {
+TEST(StandardHead, HasHuffmanTables) {
   for (const bool is_color : {false, true}) {
     const Bytes whole = noise_jpeg(is_color);
     const Bytes bare = without_tables(whole);
     ASSERT_LT(bare.size(), whole.size());
-    const Bytes mended = with_huffman_tables(bare);
+    const Bytes mended = with_standard_head(bare);
     constexpr std::size_t kAllFour = 432;  // K.3 to K.6 in four segments
     EXPECT_EQ(mended.size(), bare.size() + kAllFour);
     EXPECT_EQ(JpegCodec().decode_gray(mended, 1).value().pixels,
               JpegCodec().decode_gray(whole, 1).value().pixels);
-    EXPECT_EQ(with_huffman_tables(mended), mended);
+    EXPECT_EQ(with_standard_head(mended), mended);
   }
 }
 
-TEST(HuffmanTables, AnImageThatHasThemStaysAsItIs) {
+TEST(StandardHead, BytesBetweenSegmentsAreLeftOut) {
   const Bytes whole = noise_jpeg(true);
-  EXPECT_EQ(with_huffman_tables(whole), whole);
+  const Bytes with_zeros = test::with_zeros_in_head(whole, 600);
+  EXPECT_EQ(with_standard_head(with_zeros), whole);
+  EXPECT_EQ(with_standard_head(test::with_zeros_in_head(without_tables(whole), 3)),
+            with_standard_head(without_tables(whole)));
+  Bytes filled = whole;
+  filled.insert(filled.begin() + 2, {0xFF, 0x00, 0xFF, 0xFF});
+  EXPECT_EQ(with_standard_head(filled), whole);
 }
 
-TEST(HuffmanTables, ABrokenImageStaysAsItIs) {
+TEST(StandardHead, AnImageThatHasOneStaysAsItIs) {
+  const Bytes whole = noise_jpeg(true);
+  EXPECT_EQ(with_standard_head(whole), whole);
+}
+
+TEST(StandardHead, ABrokenImageStaysAsItIs) {
   const Bytes bare = without_tables(noise_jpeg(false));
   constexpr std::array<std::uint8_t, 2> kScan = {0xFF, 0xDA};
   const auto scan =
@@ -70,7 +82,7 @@ TEST(HuffmanTables, ABrokenImageStaysAsItIs) {
   ASSERT_LT(scan + 10, std::ssize(bare));
   for (std::ptrdiff_t size = 0; size < scan + 10; ++size) {  // up to the scan's head, of 10 bytes
     const Bytes cut(bare.begin(), bare.begin() + size);
-    EXPECT_EQ(with_huffman_tables(cut), cut) << size;
+    EXPECT_EQ(with_standard_head(cut), cut) << size;
   }
 }
 
