@@ -7,6 +7,8 @@
 #include <cerrno>
 #include <cstdint>
 #include <fstream>
+#include <limits>
+#include <sstream>
 #include <stdexcept>
 #include <system_error>
 #include <utility>
@@ -104,6 +106,22 @@ RawFrame jpeg_frame(std::vector<std::uint8_t> bytes) {
   return frame;
 }
 
+#ifdef ORBBUF_IMAGE_FILES
+/// The value of white in `image`, which OpenCV decoded from `file`. Of a PGM the head says it, in
+/// its third number; OpenCV heeds that in a text of at most 8 bits only.
+double white_of(const cv::Mat& image, const std::vector<std::uint8_t>& file) {
+  const bool is_pgm = file[0] == 'P' && (file[1] == '5' || image.depth() == CV_16U);
+  if (!is_pgm) return image.depth() == CV_16U ? 65535 : 255;
+  std::istringstream head(std::string(file.begin() + 2, file.end()));
+  double number = 0;
+  for (int i = 0; i < 3; ++i) {
+    while ((head >> std::ws).peek() == '#') head.ignore(std::numeric_limits<int>::max(), '\n');
+    head >> number;
+  }
+  return number;
+}
+#endif
+
 RawFrame read_image(const fs::path& file, [[maybe_unused]] bool is_color) {
   auto bytes = read_file(file);
   if (!bytes) return frame_with_defect(bytes.error().text);
@@ -112,8 +130,12 @@ RawFrame read_image(const fs::path& file, [[maybe_unused]] bool is_color) {
 #ifdef ORBBUF_IMAGE_FILES
   try {
     const int flags = is_color ? cv::IMREAD_COLOR : cv::IMREAD_GRAYSCALE;
-    auto image = cv::imdecode(bytes.value(), flags | cv::IMREAD_IGNORE_ORIENTATION);
-    if (!image.empty()) return replay_frame(std::move(image), 0);
+    auto image =
+        cv::imdecode(bytes.value(), flags | cv::IMREAD_ANYDEPTH | cv::IMREAD_IGNORE_ORIENTATION);
+    if (!image.empty()) {
+      image.convertTo(image, CV_8U, 255 / white_of(image, bytes.value()));
+      return replay_frame(std::move(image), 0);
+    }
     return frame_with_defect(attempt + ": not an image, or a truncated one");
   } catch (const cv::Exception& error) {
     return frame_with_defect(attempt + ": " + error.err);

@@ -25,8 +25,9 @@ struct ImageFolder {
 /// on, whatever their names; times are the left images'.
 ///
 /// JPEG files are passed on unread, as kJpeg. The others are decoded, to gray or, if
-/// settings.color, to colour; of 16 bits a pixel the upper 8 are kept. An image that is unreadable
-/// or cut short is a frame with a defect. At its reader's pace; ReplaySource gives it the camera's.
+/// settings.color, to colour. White is the format's largest value, of a PGM its maxval, whatever
+/// the image's is. An image that is unreadable or cut short is a frame with a defect. At its
+/// reader's pace; ReplaySource gives it the camera's.
 class FolderReplaySource : public FrameSource {
  public:
   /// settings.path and, if not empty, path_right: the images' folder, or the one that holds them in

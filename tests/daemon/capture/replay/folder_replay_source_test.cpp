@@ -137,20 +137,35 @@ TEST_F(FolderReplaySourceTest, ColourIsKeptWhereAskedForAndElseMadeGray) {
   EXPECT_EQ(replay(settings()).at(0).format, PixelFormat::kGray8);
 }
 
-TEST_F(FolderReplaySourceTest, OfSixteenBitsTheUpperEightAreKept) {
-  const auto deep = pattern(20, 10, CV_16UC1);
+TEST_F(FolderReplaySourceTest, WhiteIsTheLargestValueOfSixteenBits) {
+  cv::Mat deep = pattern(20, 10, CV_16UC1) / 4;  // no pixel is white
   write_image("1.png", deep);
   write_image("2.pgm", deep);
-  cv::Mat upper(deep.size(), CV_8UC1);
-  for (int y = 0; y < deep.rows; ++y) {
-    for (int x = 0; x < deep.cols; ++x) {
-      upper.at<uchar>(y, x) = static_cast<uchar>(deep.at<std::uint16_t>(y, x) >> 8U);
-    }
-  }
+  cv::Mat expected;
+  deep.convertTo(expected, CV_8U, 1.0 / 257);
   const auto frames = replay(settings());
   ASSERT_EQ(frames.size(), 2U);
-  expect_pixels(frames[0], upper);
-  expect_pixels(frames[1], upper);
+  expect_pixels(frames[0], expected);
+  expect_pixels(frames[1], expected);
+}
+
+TEST_F(FolderReplaySourceTest, WhiteIsTheMaxvalOfAPgm) {
+  using namespace std::string_literals;
+  write("1.pgm", "P5 3 1 1023\n\x00\x00\x02\x00\x03\xFF"s);
+  write("2.pgm", "P5\n# a comment\n3 1\n# another\n15\n\x00\x08\x0F"s);
+  write("3.pgm", "P2\n3 1 1023\n0 512 1023\n");
+  write("4.pgm", "P2\n3 1\n15\n0 8 15\n");
+  write("5.pgm", "P5 3 1 255\n\x00\x80\x90"s);
+  auto in_colour = settings();
+  in_colour.color = true;
+  for (const RawFrame& frame : replay(in_colour)) EXPECT_EQ(frame.defect, "");
+  const auto frames = replay(settings());
+  ASSERT_EQ(frames.size(), 5U);
+  EXPECT_THAT(frames[0].data, testing::ElementsAre(0, 128, 255));
+  EXPECT_THAT(frames[1].data, testing::ElementsAre(0, 136, 255));
+  EXPECT_THAT(frames[2].data, testing::ElementsAre(0, 128, 255));
+  EXPECT_THAT(frames[3].data, testing::ElementsAre(0, 136, 255));
+  EXPECT_THAT(frames[4].data, testing::ElementsAre(0, 128, 144));
 }
 
 TEST_F(FolderReplaySourceTest, JpegFilesArePassedOnByteForByte) {
