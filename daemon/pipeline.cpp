@@ -28,9 +28,13 @@ void Pipeline::stop() {
 void Pipeline::capture(const std::stop_token& stop) {
   const WatchedThread watched("capture");
   try {
+    std::int64_t clock_step_ns = 0;
     for (Sequence sequence = 0; auto raw = source_->next(stop); ++sequence) {
       beat();
       buffer_.on_captured();
+      if (raw->clock_step_ns != std::exchange(clock_step_ns, raw->clock_step_ns)) {
+        events_.clock_stepped(clock_step_ns);
+      }
       Captured captured{std::move(*raw), sequence};
       if (!source_->is_live() && !mailbox_.wait_until_empty(stop)) {
         lose(captured, DropReason::kShutdown);

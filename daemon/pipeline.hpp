@@ -2,6 +2,7 @@
 #pragma once
 
 #include <chrono>
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -31,6 +32,8 @@ class Pipeline {
                                              ///< or the worker cannot go on
     std::function<void(const FramePtr&)>
         encoded{};  ///< `worker`: a frame on its way into the buffer
+    std::function<void(std::int64_t total_ns)>
+        clock_stepped{};  ///< `capture`: RawFrame::clock_step_ns has changed
   };
 
   /// `buffer` must outlive the pipeline. Nothing runs before start().

@@ -125,6 +125,7 @@ class Robot {
   void say_stopping(int signal) const;
   void await_reload();
   void on_pushed();
+  void on_clock_stepped(nanoseconds total);
   void on_source_ended(bool failed);
   void report();
   void log_stats() const;
@@ -213,7 +214,10 @@ Robot::Robot(const Settings& settings)
           std::move(source_), settings.jpeg, buffer_,
           {[this] { asio::post(io_, [this] { on_pushed(); }); },
            [this](bool failed) { asio::post(io_, [this, failed] { on_source_ended(failed); }); },
-           publish_to_robot(settings)}),
+           publish_to_robot(settings),
+           [this](std::int64_t total_ns) {
+             asio::post(io_, [this, total_ns] { on_clock_stepped(nanoseconds(total_ns)); });
+           }}),
       health_(service_),
       drain_timeout_(settings.link.drain_timeout),
       may_reduce_(buffer_.encode_quality() &&
@@ -284,6 +288,12 @@ void Robot::on_pushed() {
     clock_watch_.begin_session();
   }
   sender_.on_pushed();
+}
+
+/// The messages that belong to frames have the stamps of their publisher's clock.
+void Robot::on_clock_stepped(nanoseconds total) {
+  samples_.set_frames_step(total.count());
+  sender_.set_clock_offset(total);
 }
 
 void Robot::on_source_ended(bool failed) {

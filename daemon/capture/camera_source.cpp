@@ -68,13 +68,6 @@ bool CaptureClock::follow(const ClockReading& now) {
   return true;
 }
 
-std::int64_t CaptureClock::utc_ns(std::int64_t stamp_ns, std::int64_t now_ns) {
-  const bool is_possible = stamp_ns > 0 && stamp_ns <= now_ns;
-  const std::int64_t utc_ns = (is_possible ? stamp_ns : now_ns) + offset_ns_;
-  last_utc_ns_ = std::max(utc_ns, last_utc_ns_ + 1);
-  return last_utc_ns_;
-}
-
 std::uint32_t GapCounter::missed_before(std::uint32_t sequence) {
   const std::uint32_t step = is_started_ ? sequence - last_ : 1;
   is_started_ = true;
@@ -86,13 +79,17 @@ CameraSource::CameraSource(OpenCamera open_camera, std::string name, double fps)
     : open_camera_(std::move(open_camera)),
       name_(std::move(name)),
       fps_(fps),
-      stop_event_(make_event_fd()) {
+      stop_event_(make_event_fd()),
+      stamps_(fmt::format("camera {}", name_), kFateOfImages) {
+  stamps_.expect_delay(0);
   open();
 }
 
 CameraSource::~CameraSource() {
-  log_info("camera {}: {} frames, {} missed by the camera, {} corrupt, reopened {} times", name_,
-           frames_, missed_, corrupt_, reopened_);
+  log_info(
+      "camera {}: {} frames, {} missed by the camera, {} corrupt, {} with stamps that do not fit, "
+      "reopened {} times",
+      name_, frames_, missed_, corrupt_, stamps_.misfits(), reopened_);
 }
 
 std::optional<RawFrame> CameraSource::next(std::stop_token stop) {
@@ -151,8 +148,9 @@ RawFrame CameraSource::frame_of(const CameraBuffer& buffer) {
   if (clock_.follow(now)) {
     log_info("camera {}: capture time = monotonic clock + {} ns", name_, clock_.offset_ns());
   }
-  frame.capture_time_ns = clock_.utc_ns(buffer.stamp_ns, now.monotonic_ns);
-  frame.monotonic_ns = frame.capture_time_ns - clock_.offset_ns();
+  frame.monotonic_ns =
+      std::min(stamps_.time_of(buffer.stamp_ns, now.monotonic_ns), now.monotonic_ns);
+  frame.capture_time_ns = clock_.utc_ns(frame.monotonic_ns);
   return frame;
 }
 

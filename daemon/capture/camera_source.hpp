@@ -11,6 +11,7 @@
 #include "common/unique_fd.hpp"
 #include "daemon/capture/camera_stream.hpp"
 #include "daemon/capture/frame_source.hpp"
+#include "daemon/capture/stamp_clock.hpp"
 
 namespace orbbuf {
 
@@ -21,31 +22,29 @@ struct ClockReading {
   std::int64_t monotonic_ns = 0;
   std::int64_t utc_ns = 0;
   std::int64_t asleep_ns = 0;
+
+  std::int64_t since_boot_ns() const { return monotonic_ns + asleep_ns; }  ///< sleep counts
 };
 
 /// Within a few microseconds of each other; takes about one.
 ClockReading read_clocks();
 
-/// Capture times in UTC from a driver's monotonic time stamps, by an offset that is taken once and
-/// then grows only by the time that the machine sleeps, so that steps of the system's clock do not
-/// reach into the images' times. Times strictly increase. Thread-bound.
+/// UTC from monotonic times, by an offset that is taken once and then grows only by the time that
+/// the machine sleeps, so that steps of the system's clock do not reach into the images' times.
+/// Thread-bound.
 class CaptureClock {
  public:
-  /// Before each frame's time is asked for. True if that changed the offset: at the first reading,
+  /// Before a time is asked for. True if that changed the offset: at the first reading,
   /// and where the machine has slept since the one before. A frame that was captured before the
   /// sleep and read after it gets the time of a frame from after it.
   bool follow(const ClockReading& now);
 
   std::int64_t offset_ns() const { return offset_ns_; }
-
-  /// The capture time of a buffer stamped `stamp_ns` that is read at `now_ns` (both monotonic). A
-  /// stamp that cannot be (none at all: 0, or later than now) is replaced by now.
-  std::int64_t utc_ns(std::int64_t stamp_ns, std::int64_t now_ns);
+  std::int64_t utc_ns(std::int64_t monotonic_ns) const { return monotonic_ns + offset_ns_; }
 
  private:
   std::int64_t offset_ns_ = 0;
   std::int64_t asleep_ns_ = 0;
-  std::int64_t last_utc_ns_ = 0;
   bool is_started_ = false;
 };
 
@@ -110,6 +109,7 @@ class CameraSource : public FrameSource {
   UniqueFd stop_event_;                   // readable once next() has to return
   std::unique_ptr<CameraStream> stream_;  // null: lost, and to be opened again
   CaptureClock clock_;
+  StampClock stamps_;
   std::optional<CameraMode> first_mode_;  // whose size the session has
   GapCounter gaps_;
   LogLimit gap_log_{std::chrono::seconds(10)};

@@ -23,8 +23,9 @@ enum class PixelFormat {
 /// it, on any thread, gives the memory back to the source.
 struct RawFrame {
   std::int64_t capture_time_ns = 0;
-  std::int64_t monotonic_ns = 0;  ///< cameras: the same, by the clock that is never set
-  std::uint32_t exposure_ns = 0;  ///< 0: unknown
+  std::int64_t monotonic_ns = 0;   ///< cameras: the same, by the clock that is never set
+  std::int64_t clock_step_ns = 0;  ///< ROS 2: its clock was set by so much since the session began
+  std::uint32_t exposure_ns = 0;   ///< 0: unknown
   int width_px = 0;
   int height_px = 0;
   std::size_t stride_bytes = 0;  ///< from row to row; kYuv420: of the luma

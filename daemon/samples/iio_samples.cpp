@@ -27,7 +27,11 @@ int open_node(const std::filesystem::path& path) {
 
 IioSamples::Port::Port(boost::asio::io_context& main, const std::string& name,
                        const IioRoots& roots)
-    : device(name, roots), node(main, open_node(device.node())) {}
+    : device(name, roots),
+      node(main, open_node(device.node())),
+      stamps(fmt::format("{} of {}", name, device.node().string()), "the scan is lost") {
+  stamps.expect_delay(0);
+}
 
 IioSamples::IioSamples(boost::asio::io_context& main, const SampleStreamSettings& settings,
                        Take take, const IioRoots& roots)
@@ -91,15 +95,19 @@ void IioSamples::receive(Port& port) {
         const std::size_t step = port.device.scan_bytes();
         for (std::size_t at = 0; at + step <= bytes; at += step) {
           Sample sample = port.device.read(port.scans.data() + at);
-          sample.time_ns = port.clock.utc_ns(sample.time_ns, now.monotonic_ns);
+          const auto time_ns = port.stamps.fit(sample.time_ns, now.monotonic_ns);
+          sample.time_ns = time_ns ? port.clock.utc_ns(*time_ns) : 0;
           add(sample, port.device);
         }
         receive(port);
       });
 }
 
+/// One without a time is lost, which its stream counts.
 void IioSamples::add(const Sample& sample, const IioDevice& device) {
-  if (device.has_gyroscope() && device.has_accelerometer()) return take_(sample);
+  const bool is_lost = sample.time_ns == 0;
+  if (device.has_gyroscope() && (device.has_accelerometer() || is_lost)) return take_(sample);
+  if (is_lost) return;
   if (!device.has_gyroscope()) return interpolate(sample);
   pending_.push_back(sample);
   if (pending_.size() > kMostPending) pending_.pop_front();

@@ -39,6 +39,7 @@ class IioSamples final : public SampleSource {
     IioDevice device;
     boost::asio::posix::stream_descriptor node;
     CaptureClock clock{};
+    StampClock stamps;
     std::array<std::uint8_t, std::size_t{16} << 10U> scans{};
   };
 

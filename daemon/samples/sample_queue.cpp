@@ -28,10 +28,10 @@ SampleQueue::SampleQueue(std::uint64_t bytes, TopicPolicy policy,
 
 bool SampleQueue::push(const Sample& sample) {
   const bool is_message = sample.message != nullptr;
-  if (!is_message && last_time_ns_ && sample.time_ns <= *last_time_ns_) return false;
-  if (is_message && sample.message->cdr.size() > wire::kMaxTopicMessageBytes) {
-    ++end_;
-    ++lost_;
+  const bool can_be_sent = is_message ? sample.message->cdr.size() <= wire::kMaxTopicMessageBytes
+                                      : !last_time_ns_ || sample.time_ns > *last_time_ns_;
+  if (!can_be_sent) {
+    refuse();
     return false;
   }
   const std::uint64_t bytes = kBytesPerSample + message_bytes(sample);
@@ -45,6 +45,12 @@ bool SampleQueue::push(const Sample& sample) {
   bytes_ += bytes;
   give_up_passed();
   return true;
+}
+
+void SampleQueue::refuse() {
+  ++end_;
+  ++lost_;
+  ++refused_;
 }
 
 void SampleQueue::on_frame_sent(std::int64_t time_ns) {

@@ -36,9 +36,11 @@ class SampleQueue {
   explicit SampleQueue(std::uint64_t bytes, TopicPolicy policy = TopicPolicy::kAll,
                        std::chrono::nanoseconds frame_time = {});
 
-  /// False: it is a sample not newer than the one before, or a message too long to be sent, which
-  /// is lost.
+  /// False: it is a sample not newer than the one before, or a message too long to be sent, and
+  /// refused.
   bool push(const Sample& sample);
+  /// One that cannot be sent is lost with its number.
+  void refuse();
 
   /// With the policy kFrames: what is of this frame may go, also what comes later. Times increase
   /// from call to call: what is of an older frame that was not sent is given up.
@@ -97,6 +99,7 @@ class SampleQueue {
   std::uint64_t lost() const { return lost_; }
 
  private:
+  std::uint64_t refused() const { return refused_; }  ///< of the lost ones
   struct Entry {
     std::uint64_t number;
     Sample sample;
@@ -126,5 +129,6 @@ class SampleQueue {
   std::uint64_t lost_ = 0;
   std::optional<std::int64_t> last_time_ns_;
 };
+  std::uint64_t refused_ = 0;
 
 }  // namespace orbbuf

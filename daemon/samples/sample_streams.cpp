@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "common/log.hpp"
+#include "daemon/capture/camera_source.hpp"
 #include "daemon/samples/euroc_samples.hpp"
 #include "daemon/samples/generated_samples.hpp"
 #include "daemon/samples/iio_samples.hpp"
@@ -59,7 +60,8 @@ SampleStreams::SampleStreams(boost::asio::io_context& main,
     const auto codec = is_of_topic(each) ? wire::kTopicCodec : wire::kSampleCodec;
     Stream& stream =
         streams_.emplace_back(Stream{{id++, each.name, std::string(codec)},
-                                     SampleQueue(each.memory_bytes, each.policy, each.frame_time)});
+                                     SampleQueue(each.memory_bytes, each.policy, each.frame_time),
+                                     StampClock(each.name, "the sample is lost")});
     stream.has_system_time = is_of_topic(each) || each.kind == "ros2" || each.kind == "socket";
     stream.is_of_driver = each.kind == "ros2" || each.kind == "socket" || each.kind == "iio";
     stream.source = make_sample_source(
@@ -70,15 +72,21 @@ SampleStreams::SampleStreams(boost::asio::io_context& main,
 void SampleStreams::take(Stream& stream, Sample sample) {
   if (stream.is_of_driver && session_time_ && !has_frames_) return;
   if (stream.has_system_time && session_time_) sample.time_ns = session_time_(sample.time_ns);
+  if (stream.queue.policy() == TopicPolicy::kFrames) sample.time_ns -= frames_step_ns_;
+  if (stream.is_of_driver) {
+    const auto time_ns = stream.stamps.fit(sample.time_ns, read_clocks().since_boot_ns());
+    if (!time_ns) return stream.queue.refuse();
+    sample.time_ns = *time_ns;
+  }
   const bool had_batch = has_batch(stream);
   if (stream.queue.push(sample)) {
     stream.newest = EventRate::Clock::now();
     stream.rate.count(1, stream.newest);
-  } else if (!std::exchange(stream.is_disorder_logged, true)) {
+  } else if (!std::exchange(stream.is_refusal_logged, true)) {
     log_warn("{}: {}, and so are others like it", stream.declaration.name,
              sample.message ? fmt::format("a message of {} bytes is lost: at most {} can be sent",
                                           sample.message->cdr.size(), wire::kMaxTopicMessageBytes)
-                            : "a sample is not newer than the one before: ignored");
+                            : "a sample is lost: it is not newer than the one before");
   }
   if (!had_batch && has_batch(stream)) on_due_();
 }
@@ -99,7 +107,9 @@ std::vector<wire::StreamDeclaration> SampleStreams::declarations() const {
 
 void SampleStreams::on_frame(std::int64_t time_ns) {
   has_frames_ = true;
+  const std::int64_t frames_delay_ns = read_clocks().since_boot_ns() - time_ns;
   for (Stream& stream : streams_) {
+    stream.stamps.expect_delay(frames_delay_ns);
     if (stream.source) stream.source->on_frame(time_ns);
   }
 }
@@ -132,7 +142,7 @@ void SampleStreams::on_connected(const wire::Position& position,
     if (!stream.is_taken) {
       log_warn("link: the server does not take the stream {}", stream.declaration.name);
     }
-    const std::uint64_t lost = stream.queue.lost();
+    const std::uint64_t lost = stream.queue.lost() - stream.queue.refused();
     if (stream.queue.policy() != TopicPolicy::kAll) continue;  // what the policy gave up
     if (lost > std::exchange(stream.lost_logged, lost)) {
       log_warn(

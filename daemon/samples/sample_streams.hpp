@@ -12,6 +12,7 @@
 #include "common/drop_record.hpp"
 #include "common/event_rate.hpp"
 #include "daemon/samples/sample_queue.hpp"
+#include "daemon/capture/stamp_clock.hpp"
 #include "daemon/samples/sample_source.hpp"
 
 namespace orbbuf {
@@ -46,6 +47,9 @@ class SampleStreams {
   }
 
   /// A frame of that time was captured.
+  /// The stamps of the frames have jumped by that, in all, and their times have not.
+  void set_frames_step(std::int64_t step_ns) { frames_step_ns_ = step_ns; }
+
   void on_frame(std::int64_t time_ns);
   /// As SampleQueue has them.
   void on_frame_sent(std::int64_t time_ns);
@@ -92,12 +96,13 @@ class SampleStreams {
     wire::StreamDeclaration declaration;
     SampleQueue queue;
     EventRate rate{};
+    StampClock stamps;  // of a driver's samples
     EventRate::Time newest{};  // when it came
     std::unique_ptr<SampleSource> source{};
     bool has_system_time = false;
     bool is_of_driver = false;  // measured now
     bool is_taken = true;
-    bool is_disorder_logged = false;
+    bool is_refusal_logged = false;
     std::uint64_t lost_logged = 0;
   };
 
@@ -109,6 +114,7 @@ class SampleStreams {
   std::function<std::int64_t(std::int64_t)> session_time_;
   bool has_frames_ = false;
   std::vector<Stream> streams_;  // as many as at first: their sources know them
+  std::int64_t frames_step_ns_ = 0;
 };
 
 }  // namespace orbbuf

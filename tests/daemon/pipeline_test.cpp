@@ -51,7 +51,8 @@ class PipelineTest : public ::testing::Test {
                            on_changed_();
                          },
                          [this](bool failed) { ended_.set_value(failed); },
-                         [this](const FramePtr& frame) { encoded_.push_back(frame->sequence); }});
+                         [this](const FramePtr& frame) { encoded_.push_back(frame->sequence); },
+                         [this](std::int64_t total_ns) { steps_.push_back(total_ns); }});
     pipeline_->start();
   }
   bool wait_for_end() { return ended_.get_future().get(); }
@@ -59,6 +60,7 @@ class PipelineTest : public ::testing::Test {
   FrameBuffer buffer_{{5}, std::make_unique<DropOldestPolicy>()};
   int changes_ = 0;                // worker only
   std::vector<Sequence> encoded_;  // likewise
+  std::vector<std::int64_t> steps_;
   std::function<void()> on_changed_ = [] {};
   std::promise<bool> ended_;
   std::unique_ptr<Pipeline> pipeline_;
@@ -91,6 +93,19 @@ TEST_F(PipelineTest, ImagesOfSeveralSizesAreSentAndSaidOnce) {
   EXPECT_EQ(encoded_.size(), 4U);
   EXPECT_EQ(log.lines("warning frame 1 has 16x4 px, the first one 16x8").size(), 1U);
   EXPECT_EQ(log.lines("warning frame").size(), 1U);
+}
+
+TEST_F(PipelineTest, EachStepOfTheSourcesClockIsToldOnce) {
+  auto source = std::make_unique<ScriptedSource>();
+  for (const std::int64_t total_ns : {0, 0, 5, 5, 3}) {
+    RawFrame frame = gray_frame(0);
+    frame.clock_step_ns = total_ns;
+    source->add(std::move(frame));
+  }
+  source->end();
+  start(std::move(source));
+  EXPECT_FALSE(wait_for_end());
+  EXPECT_EQ(steps_, (std::vector<std::int64_t>{5, 3}));
 }
 
 TEST_F(PipelineTest, SourceThatCanWaitLosesNothingToAFullBuffer) {

@@ -6,12 +6,11 @@
 
 #include <algorithm>
 #include <array>
-#include <stdexcept>
 #include <string_view>
 #include <utility>
 
 #include "common/event_fd.hpp"
-#include "common/seconds.hpp"
+#include "common/log.hpp"
 #include "common/watched_thread.hpp"
 #include "daemon/capture/camera_unpack.hpp"
 #include "daemon/topics/header_time.hpp"
@@ -84,16 +83,17 @@ RawFrame frame_of_pixels(const Image& image, bool color) {
 
 }  // namespace
 
-Ros2Source::Ros2Source(const std::string& topic, bool color, std::chrono::nanoseconds patience)
+Ros2Source::Ros2Source(const std::string& topic, bool color)
     : is_color_(color),
-      patience_(patience),
       stop_event_(make_event_fd()),
       reader_(topic,
               {&sensor_msgs_msg_dds__CompressedImage__desc, &sensor_msgs_msg_dds__Image__desc},
-              kDepth, patience) {}
+              kDepth),
+      stamps_(fmt::format("topic {}", reader_.topic()), kFateOfImages) {}
 
 Ros2Source::~Ros2Source() {
-  log_info("topic {}: {} images, {} skipped", reader_.topic(), frames_, skipped_);
+  log_info("topic {}: {} images, {} with stamps that do not fit", reader_.topic(), frames_,
+           stamps_.misfits());
 }
 
 std::optional<RawFrame> Ros2Source::next(std::stop_token stop) {
@@ -101,10 +101,8 @@ std::optional<RawFrame> Ros2Source::next(std::stop_token stop) {
   while (!stop.stop_requested()) {
     beat();
     if (const auto message = reader_.take()) {
-      auto frame = frame_of(*message);
-      if (!is_newer(frame.capture_time_ns)) continue;
       ++frames_;
-      return frame;
+      return frame_of(*message);
     }
     std::array<pollfd, 2> events = {{{stop_event_.get(), POLLIN, 0}, {reader_.fd(), POLLIN, 0}}};
     ::poll(events.data(), events.size(),
@@ -113,7 +111,7 @@ std::optional<RawFrame> Ros2Source::next(std::stop_token stop) {
   return std::nullopt;
 }
 
-RawFrame Ros2Source::frame_of(const TopicReader::Message& message) const {
+RawFrame Ros2Source::frame_of(const TopicReader::Message& message) {
   RawFrame frame;
   std::int64_t time_ns = 0;
   if (message.type == 0) {
@@ -127,31 +125,12 @@ RawFrame Ros2Source::frame_of(const TopicReader::Message& message) const {
   }
   if (!frame.defect.empty())
     frame.defect = fmt::format("topic {}: {}", reader_.topic(), frame.defect);
+  const auto now = read_clocks();
+  clock_.follow(now);
+  time_ns = stamps_.time_of(time_ns, clock_.utc_ns(now.monotonic_ns));
   frame.capture_time_ns = frame.monotonic_ns = time_ns;
+  frame.clock_step_ns = stamps_.jumped_ns();
   return frame;
-}
-
-bool Ros2Source::is_newer(std::int64_t time_ns) {
-  if (time_ns > last_ns_) {
-    last_ns_ = time_ns;
-    behind_since_.reset();
-    return true;
-  }
-  ++skipped_;
-  if (!behind_since_) behind_since_ = Clock::now();
-  if (Clock::now() - *behind_since_ >= patience_) {
-    throw std::runtime_error(fmt::format(
-        "topic {}: for {} s no image has a stamp after {} ns; the last one is {} ns: its "
-        "publisher's clock was set back, or it sets no stamps; start orbbufd again",
-        reader_.topic(), to_seconds(patience_), last_ns_, time_ns));
-  }
-  if (behind_log_.lets_through()) {
-    log_warn(
-        "topic {}: skipped an image, whose stamp {} ns is not after the one before, {} ns; {} in "
-        "all (not logged again for 10 s)",
-        reader_.topic(), time_ns, last_ns_, skipped_);
-  }
-  return false;
 }
 
 std::string Ros2Source::description() const {

@@ -89,6 +89,28 @@ TEST_F(IioSamplesTest, OfTwoDevicesHaveTheAccelerationAtTheGyroscopesTime) {
   EXPECT_THAT(samples_[1].angular_velocity, ElementsAre(14, 0, 0));
 }
 
+/// Which would hold up, or spoil, all until its time. One of the gyroscope is counted by its
+/// stream.
+TEST_F(IioSamplesTest, AStampOfTheFutureIsOfNoSample) {
+  add(0, "accel_3d", {"accel"});
+  add(1, "gyro_3d", {"anglvel"});
+  const auto source = open({"gyro_3d", "accel_3d"});
+  const auto receive = [this](int number, std::int64_t time) {
+    send(number, {static_cast<int>(time % 1000), 0, 0}, time);
+    while (io_.poll_one() > 0) {
+    }
+  };
+  receive(0, 10);
+  receive(1, 1'000'000'011);
+  receive(1, 12);
+  receive(0, 1'000'000'013);
+  receive(0, 20);
+  ASSERT_EQ(samples_.size(), 2U);
+  EXPECT_EQ(samples_[0].time_ns, 0);
+  EXPECT_THAT(samples_[1].angular_velocity, ElementsAre(12, 0, 0));
+  EXPECT_NEAR(samples_[1].linear_acceleration[0], 12, 0.01);
+}
+
 /// The clock may have been set between the two: times of before it would hold up those behind it.
 TEST_F(IioSamplesTest, BeginAnewAtTheFirstFrame) {
   add(0, "accel_3d", {"accel"});

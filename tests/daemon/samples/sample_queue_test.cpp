@@ -104,10 +104,16 @@ TEST_F(SampleQueueTest, WhatTheRecordHasComesLateInsteadOfBeingLost) {
   expect_account();
 }
 
-TEST_F(SampleQueueTest, WhatIsNotNewerIsNotTaken) {
+TEST_F(SampleQueueTest, WhatIsNotNewerIsLost) {
   EXPECT_TRUE(queue_.push({5, {}, {}}));
   EXPECT_FALSE(queue_.push({5, {}, {}}));
-  EXPECT_EQ(queue_.captured(), 1U);
+  EXPECT_TRUE(queue_.push({6, {}, {}}));
+  EXPECT_EQ(queue_.captured(), 3U);
+  EXPECT_EQ(queue_.lost(), 1U);
+  EXPECT_EQ(queue_.refused(), 1U);
+  EXPECT_EQ(queue_.take(kAll)->first, 0U);
+  EXPECT_EQ(queue_.take(kAll)->first, 2U);
+  expect_account();
 }
 
 Sample message_of(std::int64_t time_ns, std::size_t bytes) {

@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 
+#include <boost/asio/buffer.hpp>
 #include <boost/asio/local/datagram_protocol.hpp>
 #include <fstream>
 
@@ -94,6 +95,22 @@ TEST_F(SampleStreamsTest, OnlyTimesOfTheSystemsClockAreChanged) {
   EXPECT_FALSE(streams.take_message(5).empty()) << driver_only;
   EXPECT_FALSE(streams.take_message(5).empty()) << "of the file, from 0 on";
   EXPECT_EQ(streams.captured()[5], 4U);
+}
+
+/// It would hold up all that come behind it, and they would be lost.
+TEST_F(SampleStreamsTest, OneStampOfTheFutureIsLostAlone) {
+  const auto path = folder_ / "imu.sock";
+  SampleStreams streams(io_, {{"imu0", "socket", path}}, [] {});
+  using Datagrams = boost::asio::local::datagram_protocol;
+  Datagrams::socket driver(io_, Datagrams());
+  constexpr std::int64_t kNow = 1'800'000'000'000'000'000;
+  for (const std::int64_t after_ns : {0LL, 1'000'000'000'000'000'000LL, 2LL, 3LL, 3LL, 4LL}) {
+    driver.send_to(boost::asio::buffer(to_euroc_line({kNow + after_ns, {}, {}})),
+                   Datagrams::endpoint(path.string()));
+    io_.run_one();
+  }
+  streams.stop();
+  EXPECT_EQ(streams.stats(), "imu0 captured 6 = delivered 0 + late 0 + waiting 4 + lost 2");
 }
 
 TEST_F(SampleStreamsTest, TheLastOnesOfASourceThatPausesDoNotWaitForMore) {
