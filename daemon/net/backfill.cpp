@@ -110,41 +110,41 @@ void Backfill::on_ack(const wire::Position& position) {
   }
 }
 
-std::vector<std::uint8_t> Backfill::take_account(Time now, bool final) {
-  if (!takes_accounts_) return {};
+std::optional<wire::Items> Backfill::take_account(Time now, bool final) {
+  if (!takes_accounts_) return std::nullopt;
   if (accounts_.empty() && (final || now >= account_time_)) {
     auto accounts = record_.take_accounts();
     accounts_.assign(std::move_iterator(accounts.begin()), std::move_iterator(accounts.end()));
     account_time_ = now + kAccountInterval;
   }
-  if (accounts_.empty() || (!final && next_account_ - told_ >= kMostAccounts)) return {};
+  if (accounts_.empty() || (!final && next_account_ - told_ >= kMostAccounts)) return std::nullopt;
   const wire::Account account = std::move(accounts_.front());
   accounts_.pop_front();
   if (account.is_final && !account.is_held()) {
     last_words_.push_back({next_account_, account.session_id});
   }
-  return wire::encode(wire::Items{wire::kAccounts, next_account_++, wire::encode_account(account)});
+  return wire::Items{wire::kAccounts, next_account_++, wire::encode_account(account)};
 }
 
-std::vector<std::uint8_t> Backfill::take_part(Time now, double bytes_per_s, Time busy_until) {
-  if (!takes_late_ || !accounts_.empty()) return {};
-  if (late_record_.empty() && !begin_frame()) return {};
+std::optional<wire::Items> Backfill::take_part(Time now, double bytes_per_s, Time busy_until) {
+  if (!takes_late_ || !accounts_.empty()) return std::nullopt;
+  if (late_record_.empty() && !begin_frame()) return std::nullopt;
   const auto turn = pace_.next(now, bytes_per_s, busy_until);
   if (turn.bytes == 0) {
     wake_at(turn.again);
-    return {};
+    return std::nullopt;
   }
   const auto rest = std::span(late_record_).subspan(sent_);
   const auto bytes = rest.first(std::min(turn.bytes, rest.size()));
   const wire::LatePart part{static_cast<std::uint32_t>(sent_),
                             static_cast<std::uint32_t>(late_record_.size()), bytes};
-  auto message = wire::encode(wire::Items{wire::kLate, next_late_, wire::encode_late_part(part)});
+  wire::Items items{wire::kLate, next_late_, wire::encode_late_part(part)};
   sent_ += bytes.size();
   if (sent_ == late_record_.size()) {
     late_record_.clear();
     ++next_late_;
   }
-  return message;
+  return items;
 }
 
 /// False if there is none to be sent now.

@@ -101,11 +101,11 @@ class Backfill {
 
   /// The next account, if one is to be told now; else empty. final: before a bye, whenever the last
   /// was told.
-  std::vector<std::uint8_t> take_account(Time now, bool final = false);
+  std::optional<wire::Items> take_account(Time now, bool final = false);
   /// The next part of a late frame, if it may be written now: nothing live waits for the link, and
   /// no account. Else empty, and `wake` runs later if need be.
   /// busy_until: as BackfillPace::next() takes it.
-  std::vector<std::uint8_t> take_part(Time now, double bytes_per_s, Time busy_until);
+  std::optional<wire::Items> take_part(Time now, double bytes_per_s, Time busy_until);
 
  private:
   static constexpr std::chrono::seconds kAccountInterval{1};

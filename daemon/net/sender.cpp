@@ -101,14 +101,16 @@ void Sender::on_pushed() {
   }
 }
 
-void Sender::write(std::vector<std::uint8_t> message) {
-  backfill_.on_written(Clock::now(), message.size(), rate_.bytes_per_s());
-  link_.write(std::move(message));
+/// False: there are none.
+bool Sender::write(const std::optional<wire::Items>& items) {
+  if (!items) return false;
+  backfill_.on_written(Clock::now(), link_.write(*items), rate_.bytes_per_s());
+  return true;
 }
 
 void Sender::write_next() {
   collect();
-  if (reporter_.is_due()) return write(next_report());
+  if (reporter_.is_due()) return write_report();
   if (done_ && buffer_.stats().waiting == 0) samples_.on_last_frame_sent();
   // After an outage the drop records are many: frames first, then turn by turn.
   const bool is_drops_turn = std::exchange(is_drops_turn_, false) && drops_.has_unsent();
@@ -117,26 +119,19 @@ void Sender::write_next() {
   if (chosen_) {
     // The post of on_pushed() may be behind.
     samples_.on_frame(chosen_->capture_time_ns);
-    if (!write_samples(samples_.take_message(chosen_->capture_time_ns))) write_chosen();
+    if (!write(samples_.take_message(chosen_->capture_time_ns))) write_chosen();
   } else if (!is_drops_turn &&
-             write_samples(done_ ? samples_.take_message(std::numeric_limits<std::int64_t>::max())
-                                 : samples_.take_batch())) {
+             write(done_ ? samples_.take_message(std::numeric_limits<std::int64_t>::max())
+                         : samples_.take_batch())) {
     // Frames and drop records go when the link is free again.
   } else if (drops_.has_unsent()) {
     const auto [first, records] = drops_.take_unsent(wire::kMaxDropsPerMessage);
-    write(wire::encode(wire::Items{wire::kDrops, first, wire::encode_drops(records)}));
+    write(wire::Items{wire::kDrops, first, wire::encode_drops(records)});
   } else if (done_ && !is_bye_sent_ && is_settled()) {
     say_bye();
   } else if (!done_) {
     write_late(round_trip);
   }
-}
-
-/// False: there are none.
-bool Sender::write_samples(std::vector<std::uint8_t> message) {
-  if (message.empty()) return false;
-  write(std::move(message));
-  return true;
 }
 
 void Sender::write_chosen() {
@@ -148,13 +143,10 @@ void Sender::write_chosen() {
 /// Nothing live waits for the link.
 void Sender::write_late(std::chrono::nanoseconds round_trip) {
   const auto now = Clock::now();
-  if (auto account = backfill_.take_account(now); !account.empty())
-    return write(std::move(account));
-  if (!is_live(now, round_trip)) return;
-  auto part = backfill_.take_part(now, rate_.bytes_per_s(), rate_.served_at(round_trip));
-  if (part.empty()) return;
-  write(std::move(part));
-  backfill_.on_part_written();
+  if (write(backfill_.take_account(now)) || !is_live(now, round_trip)) return;
+  if (write(backfill_.take_part(now, rate_.bytes_per_s(), rate_.served_at(round_trip)))) {
+    backfill_.on_part_written();
+  }
 }
 
 /// A frame that is overdue waits in the link's queue: a late one would hold up the next.
@@ -234,6 +226,12 @@ std::chrono::nanoseconds Sender::measure_round_trip() const {
   return progress ? progress->least_round_trip : std::chrono::microseconds(0);
 }
 
+void Sender::write_report() {
+  auto report = next_report();
+  backfill_.on_written(Clock::now(), report.size(), rate_.bytes_per_s());
+  link_.write(std::move(report));
+}
+
 std::vector<std::uint8_t> Sender::next_report() {
   auto report = reporter_.take(Clock::now(), buffer_.report());
   report.clock_offset_ns = clock_offset_.count();
@@ -247,10 +245,10 @@ void Sender::say_bye() {
   std::vector<std::uint8_t> message;
   const auto add = [&](const std::vector<std::uint8_t>& part) {
     message.insert(message.end(), part.begin(), part.end());
-    return !part.empty();
   };
   note_progress();
-  while (add(backfill_.take_account(Clock::now(), true))) {
+  while (const auto account = backfill_.take_account(Clock::now(), true)) {
+    add(wire::encode(*account));
   }
   add(next_report());
   wire::Position end{buffer_.stats().captured, drops_.end()};

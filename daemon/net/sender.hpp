@@ -71,20 +71,20 @@ class Sender final : private ServerLink::Owner {
 
   void report_each_second();
   void write_next();
-  void write(std::vector<std::uint8_t> message);
+  bool write(const std::optional<wire::Items>& items);
   void write_late(std::chrono::nanoseconds round_trip);
   bool is_live(std::chrono::steady_clock::time_point now,
                std::chrono::nanoseconds round_trip) const;
   FramePtr take_frame(std::chrono::nanoseconds round_trip);
   SendMoment moment(std::chrono::steady_clock::time_point now,
                     std::chrono::nanoseconds round_trip) const;
-  bool write_samples(std::vector<std::uint8_t> message);
   void write_chosen();
   bool is_too_large(const EncodedFrame& frame);
   void collect(bool those_at_risk = false);
   void note_progress();
   bool is_settled() const;
   std::chrono::nanoseconds measure_round_trip() const;
+  void write_report();
   std::vector<std::uint8_t> next_report();
   void say_bye();
   void give_up_waiting();

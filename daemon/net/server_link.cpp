@@ -485,7 +485,7 @@ void ServerLink::on_silence() {
   const bool has_another = candidate_ && candidate_->way().to.server != from;
   if (addresses_.count() > 1 && !has_another) end_stall();
   leave(from, Clock::now());
-  on_connection_lost(*silent, {fmt::format("the server has acknowledged no frame for {:.1f} s",
+  on_connection_lost(*silent, {fmt::format("the server has acknowledged nothing for {:.1f} s",
                                            to_seconds(ack_watch_.silent_for()))});
 }
 

@@ -157,9 +157,17 @@ class ServerLink final : private ServerConnection::Owner {
     watch_closely();
     connection_->write(std::move(message));
   }
+  /// Returns the bytes of the message.
+  std::size_t write(const wire::Items& items) {
+    ack_watch_.on_item(items.stream, items.first);
+    auto message = wire::encode(items);
+    const std::size_t bytes = message.size();
+    write(std::move(message));
+    return bytes;
+  }
   void write(FramePtr frame) {
     watch_closely();
-    ack_watch_.on_frame(frame->sequence);
+    ack_watch_.on_item(wire::kFrames, frame->sequence);
     connection_->write(std::move(frame));
   }
 

@@ -6,15 +6,14 @@
 #include <cstdint>
 #include <optional>
 
-#include "common/frame.hpp"
 #include "common/wire.hpp"
 #include "daemon/net/tcp_progress.hpp"
 
 namespace orbbuf {
 
 /// Finds a server whose kernel has taken all that was written, while the server itself says nothing
-/// about the frames in it for `timeout`. A slow link is none, since bytes are then outstanding.
-/// Knows no clock and no socket. Reentrant.
+/// about the frames or other items in it for `timeout`. A slow link is none, since bytes are then
+/// outstanding. Knows no clock and no socket. Reentrant.
 class AckWatch {
  public:
   using Time = std::chrono::steady_clock::time_point;
@@ -23,17 +22,17 @@ class AckWatch {
 
   /// A new connection begins.
   void restart() {
-    owed_ = acknowledged_ = 0;
+    owed_ = acknowledged_ = {};
     taken_.reset();
     silent_for_ = std::chrono::nanoseconds(0);
   }
 
-  /// A frame is written to it.
-  void on_frame(Sequence sequence) { owed_ = sequence + 1; }
+  /// This item of a stream is written to it: a frame, by its sequence number, or another.
+  void on_item(wire::StreamId stream, std::uint64_t number) { owed_[stream] = number + 1; }
 
   /// Any word of it counts, even one that repeats the last.
   void on_ack(const wire::Ack& ack) {
-    acknowledged_ = ack.position[wire::kFrames];
+    acknowledged_ = ack.position;
     taken_.reset();
   }
 
@@ -54,16 +53,21 @@ class AckWatch {
     silent_for_ = {};
   }
 
-  bool is_owed() const { return owed_ > acknowledged_; }
+  bool is_owed() const {
+    for (wire::StreamId id = 0; id < wire::kMostStreams; ++id) {
+      if (owed_[id] > acknowledged_[id]) return true;
+    }
+    return false;
+  }
   /// How long, at the last look, the server had owed an answer.
   std::chrono::nanoseconds silent_for() const { return silent_for_; }
   bool is_silent() const { return silent_for_ >= timeout_; }
 
  private:
   const std::chrono::nanoseconds timeout_;
-  Sequence owed_ = 0;          // frames below it are to be acknowledged
-  Sequence acknowledged_ = 0;  // those below it are
-  std::optional<Time> taken_;  // since then the kernel has what is owed, and no word came
+  wire::Position owed_;          // what is below it is to be acknowledged
+  wire::Position acknowledged_;  // what is below it is
+  std::optional<Time> taken_;    // since then the kernel has what is owed, and no word came
   std::chrono::nanoseconds silent_for_{0};
 };
 

@@ -163,27 +163,26 @@ bool SampleStreams::can_be_at(const wire::Position& position) const {
   });
 }
 
-std::vector<std::uint8_t> SampleStreams::take_message(std::int64_t upto_ns) {
+std::optional<wire::Items> SampleStreams::take_message(std::int64_t upto_ns) {
   for (Stream& stream : streams_) {
-    if (auto message = take_from(stream, upto_ns); !message.empty()) return message;
+    if (auto items = take_from(stream, upto_ns)) return items;
   }
-  return {};
+  return std::nullopt;
 }
 
-std::vector<std::uint8_t> SampleStreams::take_batch(EventRate::Time now) {
+std::optional<wire::Items> SampleStreams::take_batch(EventRate::Time now) {
   const auto due = std::ranges::find_if(streams_, [now](const Stream& stream) {
     const bool is_left = stream.queue.has_due() && now - stream.newest >= kBatch;
     return has_batch(stream) || (stream.is_taken && is_left);
   });
-  if (due == streams_.end()) return {};
+  if (due == streams_.end()) return std::nullopt;
   return take_from(*due, std::numeric_limits<std::int64_t>::max());
 }
 
-std::vector<std::uint8_t> SampleStreams::take_from(Stream& stream, std::int64_t upto_ns) {
+std::optional<wire::Items> SampleStreams::take_from(Stream& stream, std::int64_t upto_ns) {
   const auto batch = stream.is_taken ? stream.queue.take(upto_ns) : std::nullopt;
-  if (!batch) return {};
-  return wire::encode(
-      wire::Items{stream.declaration.id, batch->first, wire::encode_samples(batch->samples)});
+  if (!batch) return std::nullopt;
+  return wire::Items{stream.declaration.id, batch->first, wire::encode_samples(batch->samples)};
 }
 
 bool SampleStreams::is_settled() const {

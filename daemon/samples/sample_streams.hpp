@@ -6,13 +6,14 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "common/drop_record.hpp"
 #include "common/event_rate.hpp"
-#include "daemon/samples/sample_queue.hpp"
 #include "daemon/capture/stamp_clock.hpp"
+#include "daemon/samples/sample_queue.hpp"
 #include "daemon/samples/sample_source.hpp"
 
 namespace orbbuf {
@@ -46,10 +47,10 @@ class SampleStreams {
     session_time_ = std::move(session_time);
   }
 
-  /// A frame of that time was captured.
   /// The stamps of the frames have jumped by that, in all, and their times have not.
   void set_frames_step(std::int64_t step_ns) { frames_step_ns_ = step_ns; }
 
+  /// A frame of that time was captured.
   void on_frame(std::int64_t time_ns);
   /// As SampleQueue has them.
   void on_frame_sent(std::int64_t time_ns);
@@ -65,10 +66,10 @@ class SampleStreams {
   void on_ack(const wire::Position& position);
   bool can_be_at(const wire::Position& position) const;
 
-  /// A message with samples not sent yet, up to `upto_ns`; empty: there are none.
-  std::vector<std::uint8_t> take_message(std::int64_t upto_ns);
+  /// Samples not sent yet, up to `upto_ns`, for a message; nothing: there are none.
+  std::optional<wire::Items> take_message(std::int64_t upto_ns);
   /// The same, of a stream of which a batch waits, or what waits behind no newer one for kBatch.
-  std::vector<std::uint8_t> take_batch(EventRate::Time now = EventRate::Clock::now());
+  std::optional<wire::Items> take_batch(EventRate::Time now = EventRate::Clock::now());
 
   /// All that the server takes is acknowledged.
   bool is_settled() const;
@@ -95,8 +96,8 @@ class SampleStreams {
   struct Stream {
     wire::StreamDeclaration declaration;
     SampleQueue queue;
-    EventRate rate{};
     StampClock stamps;  // of a driver's samples
+    EventRate rate{};
     EventRate::Time newest{};  // when it came
     std::unique_ptr<SampleSource> source{};
     bool has_system_time = false;
@@ -108,13 +109,13 @@ class SampleStreams {
 
   void take(Stream& stream, Sample sample);
   static bool has_batch(const Stream& stream);
-  static std::vector<std::uint8_t> take_from(Stream& stream, std::int64_t upto_ns);
+  static std::optional<wire::Items> take_from(Stream& stream, std::int64_t upto_ns);
 
   const std::function<void()> on_due_;
   std::function<std::int64_t(std::int64_t)> session_time_;
   bool has_frames_ = false;
-  std::vector<Stream> streams_;  // as many as at first: their sources know them
   std::int64_t frames_step_ns_ = 0;
+  std::vector<Stream> streams_;  // as many as at first: their sources know them
 };
 
 }  // namespace orbbuf

@@ -23,7 +23,7 @@ class AckWatchTest : public testing::Test {
 };
 
 TEST_F(AckWatchTest, FrameThatIsTakenAndNeverAcknowledgedIsSilence) {
-  watch_.on_frame(7);
+  watch_.on_item(wire::kFrames, 7);
   EXPECT_FALSE(is_silent(1s));
   EXPECT_FALSE(is_silent(59s, 2)) << "a report is on its way, but the frame was taken";
   EXPECT_TRUE(is_silent(1s));
@@ -33,20 +33,35 @@ TEST_F(AckWatchTest, FrameThatIsTakenAndNeverAcknowledgedIsSilence) {
 }
 
 TEST_F(AckWatchTest, FrameOnASlowLinkIsNotTakenYet) {
-  watch_.on_frame(7);
+  watch_.on_item(wire::kFrames, 7);
   for (int minute = 0; minute < 10; ++minute) EXPECT_FALSE(is_silent(60s, 1));
 }
 
 TEST_F(AckWatchTest, NothingIsOwedWithoutAFrame) {
   EXPECT_FALSE(is_silent(1000s));
-  watch_.on_frame(7);
+  watch_.on_item(wire::kFrames, 7);
   EXPECT_FALSE(is_silent(1s));
   ack(8);
   EXPECT_FALSE(is_silent(1000s));
 }
 
+TEST_F(AckWatchTest, ItemsOfAnyStreamAreOwedToo) {
+  for (const wire::StreamId stream : {wire::kDrops, wire::kLate, wire::kFirstOther}) {
+    watch_.restart();
+    watch_.on_item(stream, 7);
+    EXPECT_FALSE(is_silent(1s));
+    ack(8);
+    EXPECT_FALSE(is_silent(1s)) << "of frames only";
+    EXPECT_TRUE(is_silent(60s));
+    wire::Ack ack;
+    ack.position[stream] = 8;
+    watch_.on_ack(ack);
+    EXPECT_FALSE(is_silent(1000s));
+  }
+}
+
 TEST_F(AckWatchTest, ServerThatRepeatsItsPositionIsHeldAndNotSilent) {
-  watch_.on_frame(7);
+  watch_.on_item(wire::kFrames, 7);
   for (int i = 0; i < 10; ++i) {
     EXPECT_FALSE(is_silent(40s));
     ack(7);

@@ -347,6 +347,26 @@ TEST_F(SenderTest, ServerThatReadsAndNeverAcknowledgesIsLeftAndTriedAgain) {
   EXPECT_EQ(buffer_.stats().captured, 2U);
 }
 
+/// The camera is away.
+TEST_F(SenderTest, ServerThatAcknowledgesNoSamplesIsLeftAndTriedAgain) {
+  const test::TemporaryFolder folder;
+  std::ofstream(folder / "data.csv") << "500,1,2,3,4,5,6\n";
+  streams_ = {{"imu0", "euroc", folder / "data.csv"}};
+  link_.ack_timeout = std::chrono::milliseconds(200);
+  push(0, 0);
+  start();
+  asio::post(io_, [this] { samples_->on_frame(1000); });
+  server_.welcome({});
+  server_.read(Type::kFrame);
+  server_.ack({1, 0});
+  for (int connection = 0; connection < 2; ++connection) {
+    EXPECT_EQ(server_.read(Type::kItems).items().stream, wire::kFirstOther);
+    while (server_.read_any()) {
+    }
+    server_.welcome({1, 0});
+  }
+}
+
 TEST_F(SenderTest, ServerThatTalksNonsenseIsLeftAndTriedAgain) {
   push(0, 0);
   start();

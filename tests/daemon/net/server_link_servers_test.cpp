@@ -245,7 +245,7 @@ TEST_F(ServerLinkServers, AServerThatStandsStillIsLeftForAnother) {
   EXPECT_EQ(owner_.next(), "disconnected 0 0");
   b_.welcome({});
   expect_connected_to(b_);
-  EXPECT_EQ(log_.lines("has acknowledged no frame for 1.").size(), 1U);
+  EXPECT_EQ(log_.lines("has acknowledged nothing for 1.").size(), 1U);
 }
 
 /// The link stalls, too: another connection to that server is begun, and says hello.
@@ -261,7 +261,7 @@ TEST(ServerLinkInNetwork, AConnectionBegunAtASilentServerEndsWithTheOneBefore) {
       EXPECT_EQ(owner_.next(), "disconnected 0 0");
       b_.welcome({});
       expect_connected_to(b_);
-      EXPECT_EQ(log_.lines("has acknowledged no frame for 1.").size(), 1U);
+      EXPECT_EQ(log_.lines("has acknowledged nothing for 1.").size(), 1U);
       EXPECT_EQ(log_.lines("no answer").size(), 0U);
     }
   };

@@ -35,9 +35,9 @@ TEST_F(SampleStreamsTest, DeclaresEachAndSendsThemByNumber) {
   ASSERT_EQ(declared.size(), 2U);
   EXPECT_EQ(declared[1], (wire::StreamDeclaration{5, "imu1", "imu"}));
   streams_->on_frame(3);
-  EXPECT_FALSE(streams_->take_message(3).empty());
-  EXPECT_FALSE(streams_->take_message(3).empty());
-  EXPECT_TRUE(streams_->take_message(3).empty());
+  EXPECT_TRUE(streams_->take_message(3));
+  EXPECT_TRUE(streams_->take_message(3));
+  EXPECT_FALSE(streams_->take_message(3));
   wire::Position position;
   streams_->put_ends(position);
   EXPECT_EQ(position[4], 4U);
@@ -58,11 +58,11 @@ TEST_F(SampleStreamsTest, ABatchIsDueOnceItIsTwentyMillisecondsLong) {
   const auto before = EventRate::Clock::now();
   streams.on_frame(19'000'000);
   EXPECT_EQ(due_, 0);
-  EXPECT_TRUE(streams.take_batch(before).empty());
+  EXPECT_FALSE(streams.take_batch(before));
   streams.on_frame(20'000'000);
   EXPECT_EQ(due_, 1);
-  EXPECT_FALSE(streams.take_batch().empty());
-  EXPECT_TRUE(streams.take_message(20'000'000).empty());
+  EXPECT_TRUE(streams.take_batch());
+  EXPECT_FALSE(streams.take_message(20'000'000));
   EXPECT_EQ(streams.captured()[4], 21U);
   const auto second = EventRate::Clock::now() + std::chrono::seconds(1);
   EXPECT_THAT(
@@ -92,8 +92,8 @@ TEST_F(SampleStreamsTest, OnlyTimesOfTheSystemsClockAreChanged) {
   send(1005);
   EXPECT_EQ(streams.captured()[4], 1U);
   const std::string driver_only = streams.stats();
-  EXPECT_FALSE(streams.take_message(5).empty()) << driver_only;
-  EXPECT_FALSE(streams.take_message(5).empty()) << "of the file, from 0 on";
+  EXPECT_TRUE(streams.take_message(5)) << driver_only;
+  EXPECT_TRUE(streams.take_message(5)) << "of the file, from 0 on";
   EXPECT_EQ(streams.captured()[5], 4U);
 }
 
@@ -116,11 +116,11 @@ TEST_F(SampleStreamsTest, OneStampOfTheFutureIsLostAlone) {
 TEST_F(SampleStreamsTest, TheLastOnesOfASourceThatPausesDoNotWaitForMore) {
   const auto before = EventRate::Clock::now();
   streams_->on_frame(3);
-  EXPECT_TRUE(streams_->take_batch(before).empty());
+  EXPECT_FALSE(streams_->take_batch(before));
   const auto later = EventRate::Clock::now() + SampleStreams::kBatch;
-  EXPECT_FALSE(streams_->take_batch(later).empty());
-  EXPECT_FALSE(streams_->take_batch(later).empty()) << "of the other stream";
-  EXPECT_TRUE(streams_->take_batch(later).empty());
+  EXPECT_TRUE(streams_->take_batch(later));
+  EXPECT_TRUE(streams_->take_batch(later)) << "of the other stream";
+  EXPECT_FALSE(streams_->take_batch(later));
 }
 
 TEST_F(SampleStreamsTest, HandsEachSampleToTheRecordOnce) {
@@ -164,8 +164,8 @@ TEST_F(SampleStreamsTest, WhatTheRecordLostIsNotLate) {
 TEST_F(SampleStreamsTest, AStreamThatTheServerDoesNotTakeHoldsNothingUp) {
   streams_->on_connected({}, [](wire::StreamId id) { return id == wire::kFirstOther; });
   streams_->on_frame(3);
-  EXPECT_FALSE(streams_->take_message(3).empty());
-  EXPECT_TRUE(streams_->take_message(3).empty());
+  EXPECT_TRUE(streams_->take_message(3));
+  EXPECT_FALSE(streams_->take_message(3));
   wire::Position position;
   streams_->put_ends(position);
   streams_->on_ack(position);
