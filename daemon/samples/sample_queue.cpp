@@ -125,9 +125,10 @@ bool SampleQueue::add(const Entry& entry, Batch& batch) {
 }
 
 SampleQueue::Batch SampleQueue::unrecorded() const {
+  const std::uint64_t end = policy_ == TopicPolicy::kAll ? end_ : sent_end_;
   auto entry = std::ranges::lower_bound(waiting_, recorded_end_, {}, &Entry::number);
   Batch batch;
-  while (entry != waiting_.end() && add(*entry, batch)) ++entry;
+  while (entry != waiting_.end() && entry->number < end && add(*entry, batch)) ++entry;
   return batch;
 }
 

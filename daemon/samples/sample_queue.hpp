@@ -64,7 +64,9 @@ class SampleQueue {
   /// The next ones to send, up to `upto_ns`, or with kFrames those of frames that were sent;
   /// nothing: there are none.
   std::optional<Batch> take(std::int64_t upto_ns);
-  /// Those that wait and are not in the record yet, the oldest of them; it may be empty.
+  /// Those that wait and are not in the record yet, the oldest of them; it may be empty. Of a
+  /// policy that gives up, only those that were sent: the others may be given up, and must not come
+  /// late.
   Batch unrecorded() const;
   /// The record has all that wait below `end`.
   void set_recorded(std::uint64_t end) { recorded_end_ = end; }
@@ -97,9 +99,9 @@ class SampleQueue {
   std::uint64_t waiting() const { return waiting_.size(); }
   std::uint64_t late() const { return late_; }
   std::uint64_t lost() const { return lost_; }
+  std::uint64_t refused() const { return refused_; }  ///< of the lost ones
 
  private:
-  std::uint64_t refused() const { return refused_; }  ///< of the lost ones
   struct Entry {
     std::uint64_t number;
     Sample sample;
@@ -127,8 +129,8 @@ class SampleQueue {
   std::vector<Range> new_late_;
   std::uint64_t late_ = 0;
   std::uint64_t lost_ = 0;
+  std::uint64_t refused_ = 0;
   std::optional<std::int64_t> last_time_ns_;
 };
-  std::uint64_t refused_ = 0;
 
 }  // namespace orbbuf

@@ -169,6 +169,20 @@ TEST(TopicQueue, OnlyTheLatestWaitsToBeSent) {
   EXPECT_EQ(queue.lost(), 4U);
 }
 
+TEST(TopicQueue, WhatMayBeGivenUpIsNotForTheRecord) {
+  for (const TopicPolicy policy : {TopicPolicy::kLatest, TopicPolicy::kFrames}) {
+    SampleQueue queue(1 << 20, policy, std::chrono::nanoseconds(10));
+    queue.push(message_of(10, 10));
+    EXPECT_TRUE(queue.unrecorded().samples.empty());
+    queue.on_frame_sent(10);
+    queue.take(kAll);
+    EXPECT_EQ(queue.unrecorded().samples.size(), 1U);
+    queue.set_recorded(1);
+    queue.push(message_of(20, 10));
+    EXPECT_TRUE(queue.unrecorded().samples.empty());
+  }
+}
+
 /// Depth images of frames that are 10 ns apart.
 class TopicOfFramesTest : public ::testing::Test {
  protected:
