@@ -37,6 +37,7 @@ Record::Record(RecordSettings settings, const std::string& robot_id, const std::
       segment_bytes_(segment_bytes(settings_)),
       folder_(settings_.path),
       pace_(settings_.rate_bytes_per_s),
+      item_pace_(settings_.rate_bytes_per_s),
       state_(robot_id, session_id),
       refused_limit_(kLogInterval),
       damaged_limit_(kLogInterval),
@@ -88,8 +89,12 @@ void Record::give_up(std::span<const DropRecord> records) {
 
 bool Record::keep(const wire::Items& items) {
   if (!keeps_items()) return false;
+  const auto now = Clock::now();
+  const std::size_t bytes = items.payload.size();
   const std::lock_guard lock(mutex_);
-  if (state_.pending_item_bytes() + items.payload.size() > kMostPendingItemBytes) return false;
+  if (now < item_pace_.next()) return false;
+  if (state_.pending_item_bytes() + bytes > kMostPendingItemBytes) return false;
+  item_pace_.spend(bytes, now);
   state_.keep(items);
   return true;
 }
@@ -263,7 +268,10 @@ bool Record::write_notes(Lock& lock, Clock::time_point now) {
     const auto place = append(note.type, note.body, {});
     if (!place) failed = place.error();
     if (failed) break;
-    if (note.items) on_items_written(note, place.value());
+    if (note.items) {
+      on_items_written(note, place.value());
+      pace_.spend(note.body.size(), now);
+    }
     auto& released = index_[note.session].released;
     released.insert(released.end(), note.released.begin(), note.released.end());
   }

@@ -57,7 +57,7 @@ struct RecordSettings {
   std::filesystem::path path;                ///< empty: nothing is written
   bool keeps_frames = false;                 ///< with `spool.path`
   std::uint64_t size_bytes = 8ULL << 30;     ///< of all files; >= kMinBytes
-  std::uint64_t rate_bytes_per_s = 4 << 20;  ///< of frames, the most written; 0: no limit
+  std::uint64_t rate_bytes_per_s = 4 << 20;  ///< of frames and items, at most; 0: no limit
   std::uint64_t least_free_bytes = 1 << 20;  ///< of the disk, left to accounts
 
   static constexpr std::uint64_t kMinBytes = 4 << 20;
@@ -71,10 +71,10 @@ struct RecordSettings {
 ///
 /// Thread-bound to `main`, which it never has wait for the disk: a thread `record` of its own
 /// writes and syncs what is new after each note(), and reads ahead the frames that next() returns.
-/// Frames are written not faster than the rate, the rest before them. A disk that is full or fails
-/// costs frames and samples, never the process: a full disk takes no new ones, and keeps room for
-/// accounts; of one that fails the record tries again every 5 s. Without a path it writes
-/// nothing, and holds no frames.
+/// Items are taken not faster than the rate, and frames are written with what these leave of it. A
+/// disk that is full or fails costs frames and samples, never the process: a full disk takes no new
+/// ones, and keeps room for accounts; of one that fails the record tries again every 5 s. Without a
+/// path it writes nothing, and holds no frames.
 ///
 /// The journal is a ring: its oldest segment is removed when no frame in it is held and two newer
 /// ones have the accounts, or, which costs the frames in it, when the files are as large as they
@@ -129,7 +129,8 @@ class Record {
 
   void give_up(std::span<const DropRecord> records);
   /// Items of a stream that wait for the server, written with the next note(): the next start sends
-  /// them if that note() does not come that has them settled. False: they are not kept.
+  /// them if that note() does not come that has them settled. False: they are not kept now, since
+  /// they are too many for the rate or the disk.
   bool keep(const wire::Items& items);
   /// Of what was kept, those of these numbers do not wait any more: next() returns them. Returns
   /// how many of them the record has lost.
@@ -215,13 +216,14 @@ class Record {
   std::uint64_t segment_end_ = 0;        // where it is complete; 0: a new one is next
   std::uint32_t synced_segment_ = 0;     // the newest of which the device has the checkpoint
   std::deque<RecordState::Note> notes_;  // to be written
-  WritePace pace_;
+  WritePace pace_;                       // of frames, which wait for what items have taken
   Clock::time_point sync_at_ = Clock::time_point::max();  // max: all is synced
   Clock::time_point retry_at_{};                          // nothing is written before
   Clock::time_point read_at_{};                           // nor read before this
   int failed_reads_ = 0;                                  // of the frame that is next
 
   mutable std::mutex mutex_;
+  WritePace item_pace_;  // guarded by mutex_
   std::condition_variable_any woken_;
   RecordState state_;              // guarded by mutex_
   bool is_woken_ = false;          // guarded by mutex_

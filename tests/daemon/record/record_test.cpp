@@ -79,6 +79,15 @@ TEST_F(RecordTest, SamplesThatWaitedAreSentByTheNextStart) {
   }
 }
 
+/// Those that are too many wait in memory, and are offered again with the next note().
+TEST_F(RecordTest, TheRateHoldsForSamplesToo) {
+  RecordSettings slow = without_frames();
+  slow.rate_bytes_per_s = 1;
+  WatchedRecord record(slow, "a");
+  EXPECT_TRUE(record->keep(wire::Items{4, 7, {0, 2, 1, 2, 3}}));
+  EXPECT_FALSE(record->keep(wire::Items{4, 9, {0, 2, 1, 2, 3}}));
+}
+
 TEST_F(RecordTest, WithoutAPathSamplesAreNotKept) {
   WatchedRecord record(RecordSettings{}, "a");
   EXPECT_FALSE(record->keep(wire::Items{4, 7, {0, 2, 1, 2, 3}}));
