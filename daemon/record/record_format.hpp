@@ -85,6 +85,8 @@ struct StreamAccount {
   wire::StreamDeclaration stream;
   std::uint64_t captured = 0;
   std::uint64_t settled = 0;  ///< those below it are with the server, or lost
+
+  friend bool operator==(const StreamAccount&, const StreamAccount&) = default;
 };
 
 /// Without its drop records.

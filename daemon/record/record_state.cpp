@@ -176,14 +176,10 @@ void RecordState::give_up(std::span<const DropRecord> records) {
 
 bool RecordState::note(const SessionProgress& progress) {
   Session& session = present();
-  const bool has_notes = std::exchange(is_first_note_, false) || is_noted_ || !released_.empty() ||
-                         !new_items_.empty() || !settled_.empty();
-  if (!has_notes && progress.captured == session.captured &&
-      progress.last_capture_time_ns == session.last_capture_time_ns &&
-      progress.confirmed == session.confirmed && progress.settled_below == session.settled_below &&
-      progress.streams.empty() && session.streams.empty()) {
-    return false;
-  }
+  const bool has_notes =
+      is_noted_ || !released_.empty() || !new_items_.empty() || !settled_.empty();
+  if (!has_notes && progress == noted_progress_) return false;
+  noted_progress_ = progress;
   session.captured = progress.captured;
   session.last_capture_time_ns = progress.last_capture_time_ns;
   session.confirmed = progress.confirmed;

@@ -32,6 +32,8 @@ struct SessionProgress {
   Sequence confirmed = 0;                               ///< the server has all frames below it
   Sequence settled_below = 0;                           ///< and all drop records of frames below it
   std::vector<record_format::StreamAccount> streams{};  ///< what the server has counts as settled
+
+  friend bool operator==(const SessionProgress&, const SessionProgress&) = default;
 };
 
 /// What the robot's record says, in memory: its sessions, the frames of them that are held, and the
@@ -180,7 +182,7 @@ class RecordState {
   std::map<std::uint32_t, Segment> segments_;
   DropRanges new_drops_;  // of the present session, not noted yet
   bool is_noted_ = false;
-  bool is_first_note_ = true;
+  std::optional<SessionProgress> noted_progress_;
   std::map<std::string, std::vector<Sequence>> released_;  // not noted yet
   std::deque<Note> new_items_;                             // not noted yet
   /// Numbers of the present session that may wait elsewhere: from, to.

@@ -146,6 +146,11 @@ TEST(RecordState, WhileNothingHappensThereIsNoNote) {
   one->give_up(std::vector{drop(0)});
   EXPECT_TRUE(one->note(progress(1)));
   EXPECT_THAT(one->take_notes(), SizeIs(1));
+  auto samples = progress(1);
+  samples.streams = {{{4, "imu0", "imu"}, 9, 7}};
+  EXPECT_TRUE(one->note(samples));
+  EXPECT_THAT(one->take_notes(), SizeIs(1));
+  EXPECT_FALSE(one->note(samples)) << "no camera, and no samples without its frames";
 }
 
 TEST(RecordState, ASessionOfWhichFramesAreHeldIsNotForgotten) {
