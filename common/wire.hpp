@@ -206,7 +206,7 @@ struct LateFrame {
 struct StreamAccount {
   StreamDeclaration stream;
   std::uint64_t captured = 0;  ///< items below it were captured, at least
-  std::uint64_t held = 0;      ///< records with items on its disk, to be sent late
+  std::uint64_t held = 0;      ///< items on its disk, to be sent late; some may be sent already
 
   friend bool operator==(const StreamAccount&, const StreamAccount&) = default;
 };

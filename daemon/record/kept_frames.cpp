@@ -21,7 +21,7 @@ bool KeptFrames::add(const KeptFrame& frame) {
   } else {
     return false;
   }
-  ++held_;
+  held_ += frame.count;
   if (frame.state == State::kWritten) next_ = std::min(next_, frame.sequence);
   return true;
 }
@@ -57,7 +57,7 @@ void KeptFrames::give_back(KeptFrame& frame) {
 
 void KeptFrames::remove(KeptFrame& frame) {
   frame.state = State::kGone;
-  --held_;
+  held_ -= frame.count;
   trim();
 }
 
@@ -85,8 +85,8 @@ std::vector<KeptFrame> KeptFrames::remove_segment(std::uint32_t segment, std::ui
     if (!is_in || at->segment != segment) continue;
     removed.push_back(*at);
     at->state = State::kGone;
+    held_ -= at->count;
   }
-  held_ -= removed.size();
   trim();
   return removed;
 }

@@ -54,6 +54,7 @@ class KeptFrames {
   /// Removes those written to `segment`, at most `most` of them, and returns them.
   std::vector<KeptFrame> remove_segment(std::uint32_t segment, std::uint64_t most);
 
+  /// Frames, or single items.
   std::uint64_t held() const { return held_; }
   /// The lowest number; 0 without any.
   Sequence first() const { return frames_.empty() ? 0 : frames_.front().sequence; }

@@ -140,7 +140,7 @@ class RecordState {
   std::uint64_t bytes() const;  ///< of all segments
 
   std::uint64_t held() const;        ///< frames
-  std::uint64_t held_items() const;  ///< records with items of other streams
+  std::uint64_t held_items() const;  ///< of other streams
   /// One line for each earlier session that the server has not settled, at most `most`.
   std::vector<std::string> describe_earlier(std::size_t most) const;
 

@@ -166,8 +166,9 @@ class Check {
       const SampleTotals& totals = read.value();
       const bool is_lost = totals.is_final || totals.lost() == 0;
       report_.notes.push_back(fmt::format(
-          "{}: {} samples, {} {}", stream.name, totals.samples, totals.lost(),
-          is_lost ? "lost on the robot" : "missing, of which the robot may still have some"));
+          "{}: {} samples, {}{} {}", stream.name, totals.samples,
+          totals.on_robot > 0 ? fmt::format("{} on the robot, ", totals.on_robot) : "",
+          totals.lost(), is_lost ? "lost" : "missing, of which the robot may still have some"));
       if (totals.backward > 0) {
         problem("{}: {} samples are not newer than the one before", stream.name, totals.backward);
       }

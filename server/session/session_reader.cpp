@@ -219,11 +219,12 @@ class LateSamples {
   std::uint64_t end_ = 0;
 };
 
-/// Behind the samples that the robot says it captured; nothing: more of them may come.
-std::optional<std::uint64_t> end_of(const SessionSummary& summary, wire::StreamId stream) {
+/// What the robot says of the samples; nothing: it captures more of them.
+std::optional<wire::StreamAccount> account_of(const SessionSummary& summary,
+                                              wire::StreamId stream) {
   if (!summary.account || !summary.account->is_final) return std::nullopt;
   for (const wire::StreamAccount& each : summary.account->streams) {
-    if (each.stream.id == stream && each.held == 0) return each.captured;
+    if (each.stream.id == stream) return each;
   }
   return std::nullopt;
 }
@@ -396,10 +397,11 @@ Result<SampleTotals> for_each_sample(const fs::path& folder, const wire::StreamD
                                      const std::function<void(const Sample&)>& take) {
   SampleTotals totals;
   LateSamples late(folder, stream);
+  std::optional<wire::StreamAccount> account;
   if (const auto summary = read_summary(folder)) {
-    const auto end = end_of(*summary, stream.id);
-    totals.next = end.value_or(0);
-    totals.is_final = end.has_value();
+    account = account_of(*summary, stream.id);
+    if (account) totals.next = account->captured;
+    totals.is_final = account.has_value();
     if (summary->totals.late_items > 0) {
       if (auto error = late.find()) return std::move(*error);
     }
@@ -420,6 +422,7 @@ Result<SampleTotals> for_each_sample(const fs::path& folder, const wire::StreamD
     if (!entry.value()) {
       if (auto error = late.take_below(~std::uint64_t{0}, hand_on)) return std::move(*error);
       totals.next = std::max(totals.next, late.end());
+      if (account) totals.on_robot = std::min(account->held, totals.lost());
       return totals;
     }
     const RecordBody& body = entry.value()->record.body;

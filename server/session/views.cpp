@@ -167,8 +167,9 @@ std::optional<Error> make_views(const fs::path& folder, Views views) {
                                   : for_each_sample(folder, stream, [](const Sample&) {});
     if (!totals) return totals.error();
     const bool is_lost = totals.value().is_final || totals.value().lost() == 0;
-    samples += fmt::format("{} delivered {} {} {}\n", stream.name, totals.value().samples,
-                           is_lost ? "lost" : "missing", totals.value().lost());
+    samples +=
+        fmt::format("{} delivered {} on_robot {} {} {}\n", stream.name, totals.value().samples,
+                    totals.value().on_robot, is_lost ? "lost" : "missing", totals.value().lost());
   }
   View session(folder, session_names::kSession);
   session.add(session_text(outline.value().summary, drops.value()) + samples);

@@ -187,6 +187,26 @@ TEST_F(CheckSession, CountsWhatTheRobotStillHas) {
   EXPECT_EQ(counts(3, 3), Counts(3, 0));
 }
 
+/// The robot ended in an outage, its next start accounted for the session and died.
+TEST_F(CheckSession, SamplesThatTheRobotHoldsAreOnTheRobot) {
+  const wire::StreamDeclaration stream{4, "imu0", "imu"};
+  auto opened =
+      SessionStore::open(session_, {"robot", "session", "", {}, {stream}}, Durability::kAck);
+  SessionStore& store = *opened.value();
+  ASSERT_FALSE(store.write(*frame(0), 0));
+  ASSERT_FALSE(store.write_items({4, 0, 2, wire::encode_samples({{{1, {}, {}}, {2, {}, {}}}})}));
+  wire::Account account;
+  account.session_id = "session";
+  account.is_final = account.has_ended = true;
+  account.captured = 1;
+  account.streams = {{stream, 10, 7}};
+  ASSERT_FALSE(store.take_account(account));
+  ASSERT_FALSE(store.finish(true));
+  EXPECT_THAT(check().notes, ElementsAre("imu0: 2 samples, 7 on the robot, 1 lost"));
+  EXPECT_THAT(read_file(session_ / "session.txt"),
+              HasSubstr("imu0 delivered 2 on_robot 7 lost 1\n"));
+}
+
 TEST_F(CheckSession, WhatIsNotNamedMayBeOnTheRobot) {
   const auto store = open();
   for (const Sequence sequence : delivered()) ASSERT_FALSE(store->write(*frame(sequence), 0));

@@ -195,7 +195,7 @@ TEST_F(SessionReaderTest, ItemsComeInTheirOrder) {
 
 TEST_F(SessionReaderTest, LateSamplesAreMergedRecordByRecord) {
   wire::Account said = account(0);
-  said.streams = {{{4, "imu0", "imu"}, 40, 1}};
+  said.streams = {{{4, "imu0", "imu"}, 40, 10}};
   const auto store = open();
   EXPECT_FALSE(store->take_account(said));
   const auto samples = [](std::uint64_t first, std::uint64_t end) {
@@ -218,7 +218,8 @@ TEST_F(SessionReaderTest, LateSamplesAreMergedRecordByRecord) {
   ASSERT_TRUE(totals);
   EXPECT_THAT(times, ElementsAre(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 15, 20, 21, 22, 23,
                                  24, 25, 26, 27, 28, 29));
-  EXPECT_EQ(totals.value().next, 30U);
+  EXPECT_EQ(totals.value().next, 40U);
+  EXPECT_EQ(totals.value().on_robot, 10U);
   EXPECT_EQ(totals.value().lost(), 5U);
   EXPECT_EQ(totals.value().backward, 0U);
 }

@@ -78,8 +78,9 @@ TEST_F(ViewsTest, HaveTheSamplesOfEachSensorAndHowManyWereLost) {
   EXPECT_EQ(read_file(folder_ / "imu0/data.csv"),
             std::string(kEurocImuHeader) + "10,1,2,3,4,5,6\n20,0,0,0,0,0,0\n70,0.5,0,0,0,0,0\n");
   EXPECT_EQ(read_file(folder_ / "imu_b/data.csv"), kEurocImuHeader);
-  EXPECT_THAT(read_file(folder_ / "session.txt"),
-              HasSubstr("imu0 delivered 3 missing 3\nimu_b delivered 0 lost 0\n"));
+  EXPECT_THAT(
+      read_file(folder_ / "session.txt"),
+      HasSubstr("imu0 delivered 3 on_robot 0 missing 3\nimu_b delivered 0 on_robot 0 lost 0\n"));
 }
 
 TEST_F(ViewsTest, HaveLateSamplesAmongTheOthersEachOnce) {
@@ -97,12 +98,13 @@ TEST_F(ViewsTest, HaveLateSamplesAmongTheOthersEachOnce) {
   wire::Account account;
   account.session_id = "session";
   account.is_final = true;
-  account.streams = {{stream, 8, 1}};
+  account.streams = {{stream, 8, 5}};
   EXPECT_FALSE(store.take_account(account));
   EXPECT_FALSE(store.write_items({4, 0, 2, samples({0, 10})}));
   EXPECT_FALSE(store.write_items({4, 4, 5, samples({40})}));
   make();
-  EXPECT_THAT(read_file(folder_ / "session.txt"), HasSubstr("imu0 delivered 3 missing 2\n"));
+  EXPECT_THAT(read_file(folder_ / "session.txt"),
+              HasSubstr("imu0 delivered 3 on_robot 5 lost 0\n"));
   EXPECT_FALSE(store.write_late(wire::Items{4, 1, samples({10, 20, 30, 40})}));
   EXPECT_FALSE(store.write_late(wire::Items{4, 1, samples({10, 20, 30, 40})}));
   EXPECT_FALSE(store.write_late(wire::Items{4, 5, samples({50})}));
@@ -115,7 +117,8 @@ TEST_F(ViewsTest, HaveLateSamplesAmongTheOthersEachOnce) {
             std::string(kEurocImuHeader) +
                 "0,0,0,0,0,0,0\n10,0,0,0,0,0,0\n20,0,0,0,0,0,0\n"
                 "30,0,0,0,0,0,0\n40,0,0,0,0,0,0\n50,0,0,0,0,0,0\n");
-  EXPECT_THAT(read_file(folder_ / "session.txt"), HasSubstr("imu0 delivered 6 lost 2\n"));
+  EXPECT_THAT(read_file(folder_ / "session.txt"),
+              HasSubstr("imu0 delivered 6 on_robot 0 lost 2\n"));
 }
 
 TEST_F(ViewsTest, AStrangersRecordOfManyFramesMakesNoLongFile) {
