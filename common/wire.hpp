@@ -244,7 +244,7 @@ enum class ErrorCode : std::uint16_t {
   kTimeout = 5,     ///< nothing came for too long
   kReplaced = 6,    ///< the same robot connected again
   kRefused = 7,     ///< a limit of the server, or not now
-  kMoved = 8,       ///< go to the server that the text names: HOST:PORT
+  kSentAway = 8,    ///< the server cannot keep frames: connect again, to another if there is one
 };
 
 struct ErrorMessage {

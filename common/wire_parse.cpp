@@ -330,7 +330,7 @@ Parsed<ErrorMessage> parse_error(const Header& header, std::span<const std::uint
   assert(header.type == Type::kError);
   Body in(header, body);
   const auto code = in.take<std::uint16_t>();
-  const bool is_known = code != 0 && code <= static_cast<std::uint16_t>(ErrorCode::kMoved);
+  const bool is_known = code != 0 && code <= static_cast<std::uint16_t>(ErrorCode::kSentAway);
   // A newer peer may have reasons of its own; its text still tells them.
   return in.finish(ErrorMessage{is_known ? static_cast<ErrorCode>(code) : ErrorCode::kRefused,
                                 clean(in.take_text("text", kMaxTextBytes))});

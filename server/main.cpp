@@ -9,15 +9,18 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "common/command_line.hpp"
 #include "common/config.hpp"
 #include "common/log.hpp"
 #include "common/net/tls.hpp"
+#include "common/wire.hpp"
 #include "server/dataset/check_session.hpp"
 #include "server/dataset/export_session.hpp"
-#include "server/fleet_commands.hpp"
+#include "server/dataset/join_session.hpp"
 #include "server/live/control_socket.hpp"
 #include "server/runtime/lock_folder.hpp"
 #include "server/serve.hpp"
@@ -199,6 +202,76 @@ void add_status(orbbuf::CommandLine& app, Command& command) {
       .value_name("");
 }
 
+struct JoinOptions {
+  std::string session;
+  std::vector<std::filesystem::path> paths;
+  std::filesystem::path output;
+};
+
+int join(const JoinOptions& options) {
+  const auto slash = options.session.find('/');
+  if (slash == std::string::npos ||
+      !orbbuf::wire::is_valid_id(std::string_view(options.session).substr(0, slash)) ||
+      !orbbuf::wire::is_valid_id(std::string_view(options.session).substr(slash + 1))) {
+    throw std::runtime_error("not ROBOT/SESSION: " + options.session);
+  }
+  const std::filesystem::path out =
+      options.output.empty() ? options.session.substr(slash + 1) : options.output.string();
+  std::vector<std::filesystem::path> folders;
+  for (const auto& path : options.paths) {
+    if (exists(path / options.session)) folders.push_back(path / options.session);
+  }
+  const auto joined = orbbuf::join_session(folders, out);
+  if (!joined) throw std::runtime_error(joined.error().text);
+  for (const std::string& problem : joined.value().problems) {
+    std::cout << out.string() << ": " << problem << '\n';
+  }
+  std::cout << out.string() << ": " << joined.value().parts << " folders, " << joined.value().frames
+            << " frames; in two folders: " << joined.value().repeats << '\n';
+  const int checked = check({out.string()});
+  return joined.value().problems.empty() ? checked : EXIT_FAILURE;
+}
+
+void add_join(orbbuf::CommandLine& app, Command& command) {
+  const auto options = std::make_shared<JoinOptions>();
+  auto join_app =
+      app.add_subcommand("join", "Make one session of what several servers have of it",
+                         [&command, options] { command = [options] { return join(*options); }; });
+  join_app.add_option("SESSION", options->session, "ROBOT/SESSION").required().value_name("");
+  join_app.add_option("PATH", options->paths, "files.path of a server, or a copy of it")
+      .required()
+      .value_name("");
+  join_app.add_option("--output", options->output, "Folder to make; without one, SESSION")
+      .value_name("DIR");
+  join_app.add_footer("Then it checks what it has made, as `check` does.");
+}
+
+int drain(const std::string& socket, int patience_s) {
+  const auto answer = orbbuf::ask_server(socket, "drain", std::chrono::seconds(patience_s));
+  if (answer) return EXIT_SUCCESS;
+  orbbuf::log_error("drain: {}", answer.error().text);
+  return EXIT_FAILURE;
+}
+
+void add_drain(orbbuf::CommandLine& app, Command& command) {
+  constexpr int kPatience = 60;
+  const auto socket = std::make_shared<std::string>(orbbuf::kAutomaticSocket);
+  const auto patience = std::make_shared<int>(kPatience);
+  auto drain_app = app.add_subcommand(
+      "drain", "Have the server that runs take no robots any more, end its sessions, and wait",
+      [&command, socket, patience] {
+        command = [socket, patience] { return drain(*socket, *patience); };
+      });
+  drain_app.add_option("SOCKET", *socket, "Its status.socket; without one, this user's server")
+      .value_name("");
+  drain_app.add_option("--timeout", *patience, "Wait so long at most, in seconds")
+      .value_name("SECONDS")
+      .in_range(1, 1e6);
+  drain_app.add_footer(
+      "Exit status 0: no robot is there any more, and the server can be stopped.\n"
+      "It takes none until it is started again.");
+}
+
 }  // namespace
 
 int main(int argc, char** argv) try {
@@ -229,7 +302,8 @@ int main(int argc, char** argv) try {
   app.add_script("doctor", "Name what is wrong on this machine, and what to do",
                  "Option:\n"
                  "  --config FILE               By default /etc/orbbuf/orbbuf-server.toml");
-  orbbuf::add_fleet_commands(app, command);
+  add_join(app, command);
+  add_drain(app, command);
   if (const auto status = app.parse(argc, argv)) return *status;
   return command();
 } catch (const std::exception& error) {

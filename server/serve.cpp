@@ -18,7 +18,6 @@
 #include "common/log.hpp"
 #include "common/service_status.hpp"
 #include "server/dataset/mcap/recording_parts.hpp"
-#include "server/fleet_member.hpp"
 #include "server/http/http_server.hpp"
 #include "server/link/listener.hpp"
 #include "server/live/control_socket.hpp"
@@ -165,26 +164,27 @@ std::string folders_of(const Metrics& metrics, const std::filesystem::path& file
   const auto folder = std::filesystem::canonical(files, ignored);
   std::string lines;
   for (const auto& [id, robot] : metrics.robots()) {
-    if (!robot->is_ended()) lines += (folder / id / robot->info().folder()).string() + '\n';
+    if (!robot->is_ended()) lines += (folder / id / robot->info().session_id).string() + '\n';
   }
   return lines;
 }
 
-/// What `orbbuf-server status`, `check` and `drain` ask for. `fleet` may be null.
+/// What `orbbuf-server status`, `check` and `drain` ask for. `listener` is there before the first
+/// command.
 std::map<std::string, ControlSocket::Command> commands_of(const Metrics& metrics,
                                                           const std::filesystem::path& files,
-                                                          FleetMember* fleet) {
-  std::map<std::string, ControlSocket::Command> commands;
-  commands["sessions"] = [&metrics, files](const ControlSocket::Answer& answer) {
-    answer(folders_of(metrics, files));
-  };
-  commands["status"] = [&metrics](const ControlSocket::Answer& answer) {
-    answer(to_table(metrics, RobotMetrics::Clock::now()));
-  };
-  if (fleet != nullptr) {
-    commands["drain"] = [fleet](ControlSocket::Answer answer) { fleet->drain(std::move(answer)); };
-  }
-  return commands;
+                                                          std::optional<Listener>& listener) {
+  return {{"sessions",
+           [&metrics, files](const ControlSocket::Answer& answer) {
+             answer(folders_of(metrics, files));
+           }},
+          {"status",
+           [&metrics](const ControlSocket::Answer& answer) {
+             answer(to_table(metrics, RobotMetrics::Clock::now()));
+           }},
+          {"drain", [&listener](ControlSocket::Answer answer) {
+             listener->drain([answer = std::move(answer)] { answer("drained\n"); });
+           }}};
 }
 
 }  // namespace
@@ -203,15 +203,13 @@ void serve(const Settings& settings, const std::function<std::vector<std::string
   name_threads(files, "files", kFilesThreads);
   begin_sinks(settings.sinks);
   Metrics metrics(settings.listen.max_robots, settings.http_address.has_value());
-  const auto fleet = make_fleet_member(main, files, settings);
+  std::optional<Listener> listening;
   const auto control = open_control(main, settings.status_socket,
-                                    commands_of(metrics, settings.sinks.files_path, fleet.get()));
+                                    commands_of(metrics, settings.sinks.files_path, listening));
   std::optional<HttpServer> http;
-  if (settings.http_address) {
-    http.emplace(main, files, settings, metrics, fleet ? fleet->page() : FleetPage{});
-  }
-  Listener listener(main, files, settings, http || control ? &metrics : nullptr);
-  if (fleet) fleet->share(listener);
+  if (settings.http_address) http.emplace(main, files, settings, metrics);
+  Listener& listener =
+      listening.emplace(main, files, settings, http || control ? &metrics : nullptr);
   ServiceStatus service;
   Health health(main, files, service, listener);
   const auto retention = make_retention(main, files, settings, listener);
@@ -241,14 +239,12 @@ void serve(const Settings& settings, const std::function<std::vector<std::string
       retention->stop();
       if (http) http->stop();
       if (control) control->stop();
-      if (!fleet) return main.stop();
-      fleet->async_stop([&main] { main.stop(); });
+      main.stop();
     };
     listener.stop([&parts, end] { parts ? parts->stop(end) : end(); });
   });
   if (http) http->start();
   if (control) control->start();
-  if (fleet) fleet->start();
   if (parts) parts->start();
   listener.start();
   health.start();

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <array>
-#include <boost/asio/ip/host_name.hpp>
 #include <limits>
 #include <span>
 #include <string_view>
@@ -186,54 +185,6 @@ void load_quota(ConfigReader& reader, Quota& quota) {
   reader.read("files.keep_time", quota.age, milliseconds(0), std::chrono::nanoseconds(kMost));
 }
 
-/// What robots and servers are told, so it must mean the same to all of them.
-std::string load_public(ConfigReader& reader, const std::string& key, const Address& listen) {
-  const auto is_any = [](const Address& address) {
-    return address.host == "0.0.0.0" || address.host == "::";
-  };
-  std::string text = reader.text(key, "");
-  if (text.empty() && !is_any(listen)) text = to_string(listen);
-  if (text.empty()) reader.fail(key, "needed: where others reach this server, HOST:PORT");
-  const Address address = to_address(reader, key, text);
-  if (is_any(address)) reader.fail(key, "no address that others can reach: " + address.host);
-  if (address.port == 0) reader.fail(key, "needs a port");
-  return text;
-}
-
-void load_fleet(ConfigReader& reader, Settings& settings) {
-  FleetSettings& fleet = settings.fleet;
-  constexpr std::int64_t kLongest = 60;
-  for (const std::string& text : reader.texts("fleet.etcd")) {
-    fleet.etcd.push_back(to_address(reader, "fleet.etcd", text));
-  }
-  reader.read("fleet.name", fleet.name);
-  const std::string address = reader.text("fleet.address", "");
-  const std::string http = reader.text("fleet.http", "");
-  fleet.lease = std::chrono::duration_cast<std::chrono::seconds>(reader.duration(
-      "fleet.lease", fleet.lease, std::chrono::seconds(2), std::chrono::seconds(kLongest)));
-  if (reader.flag("fleet.etcd_tls", false)) {
-    if (!settings.listen.tls.is_on()) reader.fail("fleet.etcd_tls", "needs [tls]");
-    fleet.tls = settings.listen.tls;
-  }
-  if (!fleet.is_on()) {
-    fleet = {};
-    return;
-  }
-  boost::system::error_code no_name;
-  if (fleet.name.empty()) fleet.name = boost::asio::ip::host_name(no_name);
-  if (!wire::is_valid_id(fleet.name)) reader.fail("fleet.name", "not an id: " + fleet.name);
-  fleet.address = load_public(reader, "fleet.address", settings.listen.address);
-  if (settings.http_address) {
-    fleet.http = load_public(reader, "fleet.http", *settings.http_address);
-  }
-  if (!settings.sinks.files_enabled || settings.sinks.files_sync != Durability::kAck) {
-    reader.fail("fleet.etcd", "needs files.enabled = true and files.sync = \"ack\"");
-  }
-  if (settings.sinks.mcap_enabled) {
-    reader.fail("fleet.etcd", "excludes mcap.enabled: a session's parts are joined as files");
-  }
-}
-
 }  // namespace
 
 Settings load_settings(ConfigReader& reader) {
@@ -246,7 +197,6 @@ Settings load_settings(ConfigReader& reader) {
   reader.read("session.drain_timeout", settings.drain_timeout, milliseconds(0), hours(1));
   load_sinks(reader, settings.sinks);
   load_quota(reader, settings.quota);
-  load_fleet(reader, settings);
   reader.reject_unknown();
   return settings;
 }

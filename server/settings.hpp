@@ -11,7 +11,6 @@
 #include "common/address.hpp"
 #include "common/config.hpp"
 #include "common/net/tls.hpp"
-#include "server/fleet/fleet_settings.hpp"
 #include "server/live/control_socket.hpp"
 #include "server/retention/quota.hpp"
 #include "server/sink/make_sinks.hpp"
@@ -44,7 +43,6 @@ struct Settings {
   std::chrono::nanoseconds session_timeout = std::chrono::minutes(10);
   std::chrono::nanoseconds drain_timeout = std::chrono::seconds(2);
   SinkSettings sinks;
-  FleetSettings fleet;
   Quota quota;  ///< of sinks.files_path, for each robot
 
   friend bool operator==(const Settings&, const Settings&) = default;

@@ -33,7 +33,8 @@ class RobotClient {
   /// Says hello and returns where the welcome puts the robot; nothing if there was none.
   std::optional<wire::Position> hello(const std::string& robot, const std::string& session) const;
 
-  /// Reads the next message if it is of that kind.
+  /// Reads the next message if it is of that kind. Acks are passed over where another one is asked
+  /// for, and where the server only repeats itself, for two seconds at most.
   std::optional<wire::Position> welcome() const;
   std::optional<wire::Position> ack() const;
   std::optional<wire::Ack> whole_ack() const;
@@ -58,6 +59,7 @@ class RobotClient {
   bool read_exactly(std::span<std::uint8_t> bytes) const;
 
   UniqueFd socket_;
+  mutable wire::Ack last_;  // that the server said
 };
 
 }  // namespace orbbuf::test

@@ -31,7 +31,6 @@ daemon/samples: common daemon/capture daemon/capture/replay daemon/topics
 daemon/net: common common/net daemon/buffer daemon/record daemon/samples
 daemon/settings: common daemon/buffer daemon/capture daemon/image daemon/net daemon/record daemon/samples
 daemon: common common/net daemon/topics daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/net daemon/samples daemon/settings daemon/capture/list_cameras daemon/capture/make_source
-server/fleet/fleet_settings: common common/net
 server/runtime: common
 server/session: common common/journal common/calibration server/runtime
 server/foxglove: common common/calibration
@@ -39,8 +38,6 @@ server/dataset/mcap: common server/runtime server/session common/calibration ser
 server/dataset: common common/journal common/calibration server/session server/dataset/mcap
 server/retention: common common/journal server/runtime server/session
 server/live: common server/session
-server/link/session_claim: common server/session
-server/fleet: common common/journal common/net server/fleet/fleet_settings server/runtime server/session server/link/session_claim
 server/sink: common server/session
 server/sink/pipe: common server/runtime server/session server/sink
 server/sink/losses: common
@@ -48,9 +45,9 @@ server/sink/paced_sink: common server/runtime server/session server/sink server/
 server/sink/dds: common common/dds server/session server/sink server/sink/paced_sink
 server/sink/ros: common common/calibration server/session server/sink server/sink/paced_sink
 server/sink/make_sinks: common server/runtime server/session server/sink server/sink/pipe server/sink/dds server/sink/ros
-server/settings: common common/net server/fleet/fleet_settings server/live server/retention server/sink/make_sinks
+server/settings: common common/net server/live server/retention server/sink/make_sinks
 server/http: common common/journal common/net server/runtime common/calibration server/session server/foxglove server/live server/settings
-server/link: common common/net server/link/session_claim server/runtime server/session server/live server/sink server/sink/make_sinks server/settings
+server/link: common common/net server/runtime server/session server/live server/sink server/sink/make_sinks server/settings
 bench:
 bench/sim:
 evaluation: common/calibration
@@ -61,7 +58,7 @@ evaluation/trial: common bench daemon/buffer daemon/image bench/sim evaluation e
 evaluation/outages: common bench daemon/buffer daemon/capture/make_source daemon/image bench/sim evaluation/odometry evaluation/trial
 evaluation/real: common bench bench/sim
 evaluation/quality: common bench daemon/buffer daemon/image bench/sim evaluation evaluation/odometry evaluation/trial
-server: common common/journal common/net server/fleet server/runtime server/session server/dataset server/dataset/mcap server/retention server/live server/sink/make_sinks server/settings server/http server/link
+server: common common/net server/runtime server/session server/dataset server/dataset/mcap server/retention server/live server/sink/make_sinks server/settings server/http server/link
 ALLOWED
 }
 

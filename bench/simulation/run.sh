@@ -37,7 +37,7 @@ git -C "$tree" checkout --quiet --detach "$(git rev-parse HEAD)"
 git -C "$tree" checkout --quiet .
 cmake -S "$tree" --preset dev -DORBBUF_BUILD_EVALUATION=OFF > /dev/null
 head=$(git rev-parse HEAD:{common,daemon,server,testing/simulation} | tr '\n' ' ') programs=(daemon/orbbufd server/orbbuf-server
-  testing/simulation/{orbbuf-simulate,orbbuf-stranger,orbbuf-etcd-model,liborbbuf-simulated.so})
+  testing/simulation/{orbbuf-simulate,orbbuf-stranger,liborbbuf-simulated.so})
 found=0 chaos_found=0 times=()
 for name; do # one tree for all, so that only what a patch touches is compiled
   stamp="$head $(sha256sum < "$patches/$name.patch")" copy=$tree/build/$name

@@ -283,12 +283,11 @@ void without_tls(const Options& options, Totals& totals) {
       "sessions", stage.link(), 64,
       [n = std::make_shared<int>()] { return hello(fmt::format("x{}", ++*n), "s"); }, true);
 
-  // A server that sends each robot to a name that there is not.
+  // A server that sends each robot away at its hello.
   tcp::acceptor nowhere(stage.io(), {asio::ip::address_v4::loopback(), 0});
   std::atomic<std::size_t> hellos = 0;
   std::jthread redirector([&] {
-    const Bytes moved =
-        wire::encode(wire::ErrorMessage{wire::ErrorCode::kMoved, "no-such-server.invalid:7722"});
+    const Bytes away = wire::encode(wire::ErrorMessage{wire::ErrorCode::kSentAway, "full"});
     boost::system::error_code failed;
     while (!failed) {
       tcp::socket socket(stage.io());
@@ -297,7 +296,7 @@ void without_tls(const Options& options, Totals& totals) {
       boost::system::error_code gone;
       if (failed || socket.read_some(asio::buffer(bytes), gone) == 0) continue;
       ++hellos;
-      asio::write(socket, asio::buffer(moved), gone);
+      asio::write(socket, asio::buffer(away), gone);
     }
   });
   {

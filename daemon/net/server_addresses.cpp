@@ -138,7 +138,7 @@ ServerAddresses::Endpoint ServerAddresses::Server::next() {
   return all[other++ % all.size()];
 }
 
-ServerAddresses::ServerAddresses(std::vector<Address> servers) : configured_(servers.size()) {
+ServerAddresses::ServerAddresses(std::vector<Address> servers) {
   for (Address& server : servers) servers_.emplace_back(std::move(server));
 }
 
@@ -160,34 +160,21 @@ bool ServerAddresses::is_known(const Address& server) const {
 }
 
 bool ServerAddresses::found(const Address& server, const std::vector<Endpoint>& endpoints) {
-  auto* const named = find(servers_, server);  // null: forgotten meanwhile
-  return named != nullptr && named->found(endpoints);
+  return find(servers_, server)->found(endpoints);
 }
 
 void ServerAddresses::welcomed_at(const ServerAddress& address) {
-  if (auto* const server = find(servers_, address.server)) {
-    server->good = address.endpoint;
-    server->turn = 0;
-  }
+  Server* const server = find(servers_, address.server);
+  server->good = address.endpoint;
+  server->turn = 0;
   preferred_ = address.server;
   answered_.reset();
   forget_failures();
 }
 
-void ServerAddresses::move_to(const Address& server) {
-  if (find(servers_, server) == nullptr) {
-    if (servers_.size() > configured_) servers_.pop_back();
-    servers_.emplace_back(server);
-  }
-  find(servers_, server)->has_failed = false;
-  preferred_ = server;
-  answered_.reset();
-}
-
 void ServerAddresses::failed(const Address& server, Time ready) {
   if (preferred_ == server) preferred_.reset();
-  auto* const named = find(servers_, server);
-  if (named == nullptr) return;
+  Server* const named = find(servers_, server);
   named->has_failed = true;
   named->ready = ready;
   turn_ = static_cast<std::size_t>(named - servers_.data()) + 1;

@@ -55,8 +55,8 @@ struct ServerAddress {
 /// others to each in turn, so that a server with several addresses, of both families or not, is
 /// reached if any of them works.
 ///
-/// With several servers, the one that last welcomed the robot, or that another sends it to, is
-/// preferred: each attempt goes there, and one at another server, in turn, goes beside it. Without
+/// With several servers, the one that last welcomed the robot is preferred: each attempt goes
+/// there, and one at another server, in turn, goes beside it. Without
 /// a preferred server each has its turn. When another one answers, the link is there, and the
 /// preferred one has a round trip more to answer: an outage of the link does not change the server.
 /// Knows no clock and no socket. Reentrant.
@@ -80,9 +80,6 @@ class ServerAddresses {
   /// known.
   bool found(const Address& server, const std::vector<Endpoint>& endpoints);
   void welcomed_at(const ServerAddress& address);
-  /// `server` is preferred from now on. One that the configuration does not name is forgotten when
-  /// the next such one comes.
-  void move_to(const Address& server);
   /// `server` answered and did not welcome the robot: others are preferred, and it is not tried
   /// before `ready` if another may be.
   void failed(const Address& server, Time ready);
@@ -123,7 +120,6 @@ class ServerAddresses {
   void forget_failures();
 
   std::vector<Server> servers_;
-  const std::size_t configured_;      // of servers_; one may follow to which the robot was sent
   std::optional<Address> preferred_;  // one of servers_
   std::size_t turn_ = 0;              // whose turn it is among servers_
   std::optional<Time> answered_;      // since the last welcome a server did that is not preferred

@@ -197,12 +197,8 @@ void ServerConnection::on_error(const wire::ErrorMessage& error) {
   if (error.code == wire::ErrorCode::kReplaced || error.code == wire::ErrorCode::kTimeout) {
     return fail(why);
   }
-  if (error.code != wire::ErrorCode::kMoved) return refuse(why);
-  const auto to = parse_address(error.text);
-  if (!to) return refuse({"the server moves this robot to no address: " + to.error().text});
-  if (to.value().port == 0) return refuse({"the server moves this robot to port 0: " + error.text});
-  moved_to_ = to.value();
-  refuse({"the server moves this robot to " + to_string(*moved_to_)});
+  was_sent_away_ = welcome_ && error.code == wire::ErrorCode::kSentAway;
+  was_sent_away_ ? fail(why) : refuse(why);
 }
 
 void ServerConnection::refuse(const Error& error) {

@@ -76,8 +76,8 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   /// The server's side answered and wants no connection with this robot: its error says so, or the
   /// certificates do not fit. There is no use in asking again at once.
   bool was_refused() const { return was_refused_; }
-  /// Where the server that refused the robot sends it, if it does.
-  const std::optional<Address>& moved_to() const { return moved_to_; }
+  /// The server had welcomed the robot, and cannot keep what it sends.
+  bool was_sent_away() const { return was_sent_away_; }
 
   /// From then on the server may have given this connection the place of an older one.
   bool has_said_hello() const { return has_said_hello_; }
@@ -116,7 +116,7 @@ class ServerConnection : public std::enable_shared_from_this<ServerConnection> {
   Owner* owner_;  // null once closed
   Way way_;
   bool was_refused_ = false;
-  std::optional<Address> moved_to_;
+  bool was_sent_away_ = false;
   bool is_writable_ = false;
   bool has_said_hello_ = false;
   std::optional<wire::Welcome> welcome_;

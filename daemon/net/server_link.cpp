@@ -29,7 +29,6 @@ constexpr seconds kShortestLookupInterval{2};
 constexpr seconds kLongestLookupInterval{30};
 constexpr int kLookupPartOfOutage = 30;
 constexpr std::size_t kMostErrors = 16;
-constexpr seconds kMovesInARow{5};
 
 Error no_answer(const ServerConnection& from) { return {"no answer" + from.way().over()}; }
 
@@ -239,7 +238,6 @@ void ServerLink::on_candidate_failed(const Error& why) {
   const auto failed = std::exchange(candidate_, nullptr);
   failed->close();
   if (state_ == State::kConnected) return on_return_failed(why);
-  if (has_moved(*failed)) return;
   note_failure(failed->way().to.server, why);
   if (failed->was_refused()) return on_refused(*failed);
   const auto now = Clock::now();
@@ -262,26 +260,6 @@ void ServerLink::on_refused(const ServerConnection& from) {
   attempt_at(addresses_.is_any_ready(now) ? now : ready);
 }
 
-/// Whether `from` ended since its server sends the robot to another one, which it then goes to.
-bool ServerLink::has_moved(const ServerConnection& from) {
-  if (!from.moved_to()) return false;
-  const auto now = Clock::now();
-  if (moves_ == 0 || now - first_move_time_ > kMovesInARow) {
-    moves_ = 0;
-    first_move_time_ = now;
-  }
-  if (moves_ == kMostMoves) return false;
-  ++moves_;
-  has_tried_ = true;
-  const Address& to = *from.moved_to();
-  log_info("link: {} moves this robot to {}", to_string(from.way().to.server), to_string(to));
-  addresses_.move_to(to);
-  round_.clear();
-  begin_outage();
-  attempt_at(addresses_.is_known(to) ? now : pace_.next_elsewhere(now));
-  return true;
-}
-
 /// The stream is where it was. It says nothing about attempts to come: something else may have
 /// answered on that interface, such as the page of a network that wants a login.
 void ServerLink::on_return_failed(const Error& why) {
@@ -293,11 +271,11 @@ void ServerLink::on_connection_lost(const ServerConnection& from, const Error& w
   connection_.reset();
   const bool was_stalled = std::exchange(state_, State::kConnecting) == State::kStalled;
   owner_.on_disconnected();
-  log_at(was_stalled || candidate_ || from.moved_to() ? LogLevel::kInfo : LogLevel::kWarn,
+  log_at(was_stalled || candidate_ ? LogLevel::kInfo : LogLevel::kWarn,
          "link: connection to {} lost: {}", from.way().name(), why.text);
-  if (was_stalled && !from.moved_to()) return;  // others are on their way already
+  if (from.was_sent_away()) leave(from.way().to.server, Clock::now());
+  if (was_stalled) return;  // others are on their way already
   interfaces_.start_over();
-  if (has_moved(from)) return;
   begin_outage();
   if (from.was_refused()) return on_refused(from);
   attempt_at(pace_.first(Clock::now()));
@@ -356,7 +334,6 @@ void ServerLink::on_welcome(const wire::Position& position) {
   state_ = State::kConnected;
   pace_.on_welcome();
   addresses_.welcomed_at(connection_->way().to);
-  moves_ = 0;
   if (std::exchange(pausing_, server()) != server()) pause_.clear();
   interfaces_.on_connected(connection_->way().interface, Clock::now());
   last_error_.clear();
@@ -471,7 +448,7 @@ void ServerLink::check_connection() {
 /// A stalled connection says nothing of the server.
 bool ServerLink::is_silent() const {
   if (ack_watch_.is_silent()) return true;
-  if (addresses_.count() == 1 || !connection_->welcome().has_heartbeat) return false;
+  if (!connection_->welcome().has_heartbeat) return false;
   return !connection_watch_.is_stalled() &&
          ack_watch_.silent_for() >= std::max(kSilence, 4 * pace_.round_trip());
 }

@@ -43,8 +43,7 @@ struct LinkSettings {
   /// long (or two round trips, if that is longer) others are tried.
   std::chrono::nanoseconds stall_timeout = std::chrono::milliseconds(300);
   /// A connection whose server acknowledges none of the frames that its kernel has taken is
-  /// replaced after this long. If there are several servers, and this one has a heartbeat, after
-  /// 1 s.
+  /// replaced after this long; after 1 s if the server has a heartbeat.
   std::chrono::nanoseconds ack_timeout = std::chrono::seconds(60);
   /// At the end: how long to go on delivering what waits.
   std::chrono::nanoseconds drain_timeout = std::chrono::seconds(10);
@@ -86,9 +85,8 @@ struct LinkSettings {
 /// back. That one becomes a candidate beside the connection, which goes on until the welcome.
 ///
 /// A server that refuses the robot, or fails it in another way once TCP is there, is left for the
-/// others at once; only if all of them do so, the intervals grow. A server may send the robot to
-/// another one (wire::ErrorCode::kMoved), whether or not the configuration names it: that one is
-/// next and preferred. After kMostMoves in a row without a welcome this counts as a refusal.
+/// others at once; only if all of them do so, the intervals grow. They do not grow for one that
+/// sends the robot away (wire::ErrorCode::kSentAway): others are next.
 ///
 /// The addresses of a name are looked up beside the attempts, which go on with those last known.
 /// Thread-bound to `main`, the thread that runs the io_context.
@@ -189,7 +187,6 @@ class ServerLink final : private ServerConnection::Owner {
   };
 
   static constexpr std::size_t kMostAttempts = 8;
-  static constexpr int kMostMoves = 3;
 
   bool is_attempt_due() const;
   void begin_outage();
@@ -210,7 +207,6 @@ class ServerLink final : private ServerConnection::Owner {
   void on_candidate_failed(const Error& why);
   void on_return_failed(const Error& why);
   void on_connection_lost(const ServerConnection& from, const Error& why);
-  bool has_moved(const ServerConnection& from);
   void leave(const Address& server, Clock::time_point ready);
   void on_refused(const ServerConnection& from);
   std::chrono::nanoseconds patience() const;
@@ -251,8 +247,6 @@ class ServerLink final : private ServerConnection::Owner {
 
   ServerAddresses addresses_;
   std::vector<ServerAddress> round_;  // where the attempts of a round of interfaces go
-  int moves_ = 0;                     // in a row, since first_move_time_
-  Clock::time_point first_move_time_;
   NameLookup lookup_;
   Clock::time_point lookup_time_;  // of the last
   NetworkNews news_;

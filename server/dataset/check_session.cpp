@@ -91,14 +91,13 @@ class Check {
   /// Every number is a frame's that is here, or named, or may be on the robot.
   void account_for(const std::vector<DropRecord>& drops) {
     const SessionSummary& summary = outline_.summary;
-    const Sequence begin = summary.info.segment.from[wire::kFrames];  // what is before, others have
-    const Sequence end = std::max(begin, summary.captured());
+    const Sequence end = summary.captured();
     const std::uint64_t held = summary.account ? summary.account->held : 0;
     const Sequence first_held = held > 0 ? summary.account->first_held : end;
-    report_.captured = end - begin;
+    report_.captured = end;
     std::uint64_t named = 0;
     std::uint64_t named_may_be_held = 0;
-    Sequence next = begin;
+    Sequence next = 0;
     for (const DropRecord& drop : drops) {
       report_.reasons[drop.reason] += drop.frames;
       named += drop.frames;

@@ -25,7 +25,7 @@ namespace fs = std::filesystem;
 
 constexpr std::uint64_t kSegmentBytes = std::uint64_t{1} << 20;
 
-/// A segment as a server has recorded it.
+/// A folder as a server has recorded it.
 struct Part {
   fs::path folder;
   SessionOutline outline;
@@ -61,13 +61,12 @@ bool have_same_bytes(const RecordedFrame& one, const RecordedFrame& other) {
 class Join {
  public:
   Join(std::vector<Part> parts, fs::path out) : parts_(std::move(parts)), out_(std::move(out)) {
-    report_.segments = parts_.size();
+    report_.parts = parts_.size();
     for (const Part& part : parts_) {
       const std::string older = std::move(summary_.info.calibration);
       summary_.info = part.outline.summary.info;
       if (summary_.info.calibration.empty()) summary_.info.calibration = older;
     }
-    summary_.info.segment = {};
   }
 
   Result<JoinReport> run() {
@@ -202,7 +201,7 @@ class Join {
     add(body, summary_);
   }
 
-  const std::vector<Part> parts_;  // by epoch
+  const std::vector<Part> parts_;  // the one that got furthest last
   const fs::path out_;
   std::map<Sequence, Source> frames_;
   SessionSummary summary_;  // of what is made
@@ -213,9 +212,9 @@ class Join {
 
 }  // namespace
 
-Result<JoinReport> join_session(const std::vector<fs::path>& segments, const fs::path& out) {
+Result<JoinReport> join_session(const std::vector<fs::path>& folders, const fs::path& out) {
   std::vector<Part> parts;
-  for (const fs::path& folder : segments) {
+  for (const fs::path& folder : folders) {
     const auto journal = journal::segments_in(folder);
     if (journal && journal.value().empty()) continue;  // its server died before the first record
     auto outline = read_outline(folder);
@@ -224,13 +223,11 @@ Result<JoinReport> join_session(const std::vector<fs::path>& segments, const fs:
   }
   if (parts.empty()) {
     return Error{fmt::format("cannot join {}: no journal in any of the {} folders", out.string(),
-                             segments.size())};
+                             folders.size())};
   }
-  if (parts.empty()) return Error{"no segment of the session was found"};
-  // A server that has only late frames made a folder of the first epoch, whatever was there before.
   std::ranges::stable_sort(parts, {}, [](const Part& part) {
     const SessionSummary& summary = part.outline.summary;
-    return std::pair(summary.info.segment.epoch, summary.totals.live > 0);
+    return std::pair(summary.totals.live > 0, summary.position[wire::kFrames]);
   });
   std::error_code failed;
   if (fs::exists(out, failed) && !fs::is_empty(out, failed)) {

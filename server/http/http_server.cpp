@@ -227,11 +227,11 @@ class HttpServer::Connection final : public std::enable_shared_from_this<Connect
 };
 
 HttpServer::HttpServer(asio::io_context& main, asio::thread_pool& files, const Settings& settings,
-                       Metrics& metrics, FleetPage fleet)
+                       Metrics& metrics)
     : files_(asio::make_strand(files)),
       tls_(make_tls_context(settings.listen.tls)),
       router_(main, files_, metrics, folder_of(settings.sinks),
-              !tls_ && is_loopback(*settings.http_address), std::move(fleet)),
+              !tls_ && is_loopback(*settings.http_address)),
       foxglove_(std::make_shared<FoxgloveServer>(main, metrics)),
       acceptor_(listen_on(main, "serve http on", *settings.http_address)),
       retry_(main) {

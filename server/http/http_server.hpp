@@ -40,9 +40,9 @@ class HttpServer {
   static constexpr std::chrono::seconds kPartingTime{1};
 
   /// Listens on settings.http_address, which must be set. Throws std::runtime_error, saying on what
-  /// and why not. `metrics` must outlive it, and what `fleet` asks.
+  /// and why not. `metrics` must outlive it.
   HttpServer(boost::asio::io_context& main, boost::asio::thread_pool& files,
-             const Settings& settings, Metrics& metrics, FleetPage fleet = {});
+             const Settings& settings, Metrics& metrics);
 
   boost::asio::ip::tcp::endpoint endpoint() const { return acceptor_.local_endpoint(); }
 

@@ -79,13 +79,12 @@ fs::path file_in_session(const std::vector<std::string>& words) {
 }  // namespace
 
 Router::Router(asio::io_context& main, PoolStrand files, const Metrics& metrics, fs::path folder,
-               bool is_local, FleetPage fleet)
+               bool is_local)
     : main_(main),
       files_(std::move(files)),
       metrics_(metrics),
       folder_(std::move(folder)),
-      is_local_(is_local),
-      fleet_(std::move(fleet)) {}
+      is_local_(is_local) {}
 
 void Router::answer(const HttpRequest& request, Answer answer) const {
   if (!is_for_this_host(request)) {
@@ -102,10 +101,7 @@ bool Router::is_for_this_host(const HttpRequest& request) const {
 void Router::answer_path(const HttpRequest& request, const Words& words, Answer answer) const {
   const std::string& first = words.front();
   if (first == "healthz" && words.size() == 1) return answer(health(metrics_));
-  if (first == "metrics" && words.size() == 1) {
-    return answer(prometheus());
-  }
-  if (first == "fleet.json" && words.size() == 1) return fleet(request.query, std::move(answer));
+  if (first == "metrics" && words.size() == 1) return answer(prometheus());
   if (first == "robots" && words.size() == 3 && words[2] == "image") return answer(image(words[1]));
   if (first == "api" && words.size() == 2 && words[1] == "robots") {
     return answer(robots(request.query));
@@ -114,25 +110,13 @@ void Router::answer_path(const HttpRequest& request, const Words& words, Answer 
     return sessions(words, std::move(answer));
   }
   if (first == "sessions" && words.size() > 3) return session_file(words, std::move(answer));
-  const bool is_page =
-      first == "sessions" || ((first.empty() || first == "fleet") && words.size() == 1);
-  if (is_page && words.size() <= 3) return answer(page(fleet_.overview != nullptr));
+  const bool is_page = first == "sessions" || (first.empty() && words.size() == 1);
+  if (is_page && words.size() <= 3) return answer(page());
   answer(error_response(kNotFound));
 }
 
 HttpResponse Router::prometheus() const {
-  std::string text = to_prometheus(metrics_, RobotMetrics::Clock::now());
-  if (fleet_.metrics) text += fleet_.metrics();
-  return text_response(std::move(text), kMetricsType);
-}
-
-void Router::fleet(const std::string& query, Answer answer) const {
-  if (!fleet_.overview) return answer(error_response(kNotFound, "[fleet] is not set"));
-  const std::string from(value_of(query, "from="));
-  fleet_.overview(from, [answer = std::move(answer)](const Result<std::string>& overview) {
-    answer(overview ? text_response(overview.value(), kJson)
-                    : error_response(kUnavailable, overview.error().text));
-  });
+  return text_response(to_prometheus(metrics_, RobotMetrics::Clock::now()), kMetricsType);
 }
 
 HttpResponse Router::robots(const std::string& query) const {

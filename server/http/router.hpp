@@ -15,15 +15,6 @@
 
 namespace orbbuf {
 
-/// What the page shows of a fleet of servers; empty functions: this server is alone.
-struct FleetPage {
-  /// Servers and a page of sessions, from `from` on, as JSON: the answer comes later, or from
-  /// within the call.
-  std::function<void(const std::string& from, std::function<void(const Result<std::string>&)>)>
-      overview;
-  std::function<std::string()> metrics;  ///< in Prometheus' form
-};
-
 /// What there is to be seen, by path (docs/live-page.md). Read-only. Thread-bound to `main`; what
 /// reads the disk is done on `files`, one thing at a time: robots' frames wait for no more of it.
 class Router {
@@ -33,7 +24,7 @@ class Router {
   /// `folder`: where sessions are kept; empty: nowhere. `is_local`: only this machine can connect,
   /// so a request for another host was sent by a page from there that misleads a browser here.
   Router(boost::asio::io_context& main, PoolStrand files, const Metrics& metrics,
-         std::filesystem::path folder, bool is_local, FleetPage fleet = {});
+         std::filesystem::path folder, bool is_local);
 
   /// Runs `answer` once, from within the call or later.
   void answer(const HttpRequest& request, Answer answer) const;
@@ -46,7 +37,6 @@ class Router {
 
   void answer_path(const HttpRequest& request, const Words& words, Answer answer) const;
   HttpResponse prometheus() const;
-  void fleet(const std::string& query, Answer answer) const;
   HttpResponse robots(const std::string& query) const;
   HttpResponse image(const std::string& robot) const;
   void session_file(const Words& words, Answer answer) const;
@@ -58,7 +48,6 @@ class Router {
   const Metrics& metrics_;
   const std::filesystem::path folder_;
   const bool is_local_;
-  const FleetPage fleet_;
 };
 
 }  // namespace orbbuf

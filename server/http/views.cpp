@@ -311,9 +311,8 @@ std::string with(std::string text, std::string_view placeholder, std::string_vie
   return text.replace(text.find(placeholder), placeholder.size(), part);
 }
 
-HttpResponse make_page(bool has_fleet) {
+HttpResponse make_page() {
   auto html = with(with(kPageHtml, "/* page.css */", kPageCss), "/* page.js */", kPageJs);
-  if (has_fleet) html = with(std::move(html), "data-nav=\"fleet\" hidden", "data-nav=\"fleet\"");
   auto response = text_response(std::move(html), "text/html; charset=utf-8");
   response.policy = fmt::format(
       "default-src 'none'; script-src {}; style-src {}; img-src 'self' data:; connect-src 'self'; "
@@ -429,10 +428,9 @@ HttpResponse health(const Metrics& metrics) {
   return response;
 }
 
-HttpResponse page(bool has_fleet) {
-  static const HttpResponse alone = make_page(false);
-  static const HttpResponse one_of_several = make_page(true);
-  return has_fleet ? one_of_several : alone;
+HttpResponse page() {
+  static const HttpResponse made = make_page();
+  return made;
 }
 
 }  // namespace orbbuf

@@ -18,8 +18,8 @@ HttpResponse health(const Metrics& metrics);
 
 /// The one page there is, with its style and its script in it: what it shows depends on the path.
 /// Its policy of contents allows these two, by their hashes, and what this server sends; nothing
-/// else. has_fleet: this server is in one.
-HttpResponse page(bool has_fleet);
+/// else.
+HttpResponse page();
 
 /// All robots, as JSON. Of the timelines the seconds that have changed since `since_ms`, which is
 /// what an earlier answer gave as its `clock_ms`.

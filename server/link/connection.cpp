@@ -95,7 +95,7 @@ void Connection::on_attached(wire::Position position) {
   welcome.takes.set(wire::kFrames).set(wire::kDrops);
   if (owner_.stores() != nullptr) welcome.takes.set(wire::kLate).set(wire::kAccounts);
   for (const auto& stream : session_->info().streams) welcome.takes.set(stream.id);
-  welcome.has_heartbeat = owner_.has_heartbeat();
+  welcome.has_heartbeat = true;
   takes_ = welcome.takes;
   send(encode(welcome));
   read();
@@ -112,10 +112,9 @@ void Connection::on_replaced() {
   part(encode(wire::ErrorMessage{ErrorCode::kReplaced, "the robot connected again"}));
 }
 
-void Connection::on_moved(const std::string& address) {
-  if (address.empty()) return refuse("another server has this session", LogLevel::kInfo);
-  log_info("{}: sent to {}", name(), address);
-  part(encode(wire::ErrorMessage{ErrorCode::kMoved, address}));
+void Connection::on_sent_away(const std::string& why) {
+  log_info("{}: sent away", name());
+  part(encode(wire::ErrorMessage{ErrorCode::kSentAway, "this server cannot keep frames: " + why}));
 }
 
 void Connection::read() {

@@ -36,8 +36,6 @@ class ConnectionOwner {
                         const wire::Hello& hello) = 0;
   /// Null: nothing is kept on disk, and late frames are not taken.
   virtual SessionStores* stores() = 0;
-  /// Whether it calls beat() on each connection every wire::kHeartbeat.
-  virtual bool has_heartbeat() const = 0;
   /// The last call: the socket is closed.
   virtual void on_closed(const std::shared_ptr<Connection>& connection) = 0;
 };
@@ -77,9 +75,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void join(std::shared_ptr<Session> session);
   /// Answers the hello, or ends the wait for one, by an error message and the end.
   void refuse(std::string_view why, LogLevel level = LogLevel::kWarn);
-  /// Answers the hello by the address of another server.
-  void move(const std::string& address) { on_moved(address); }
-  /// Tells the robot that this server lives.
+  /// Tells the robot that this server lives: every wire::kHeartbeat.
   void beat() { on_kept(); }
   bool is_introduced() const { return state_ > State::kHello; }
   /// It serves no robot: it has not said hello, or it is over.
@@ -93,7 +89,7 @@ class Connection final : public SessionPeer, public std::enable_shared_from_this
   void on_attached(wire::Position position) override;
   void on_kept() override;
   void on_replaced() override;
-  void on_moved(const std::string& address) override;
+  void on_sent_away(const std::string& why) override;
   void on_end_lost() override { refuse("the end of the session could not be recorded"); }
   void on_ended(wire::Position position) override { part(encode(wire::Bye{position})); }
 

@@ -60,7 +60,7 @@ void Listener::start() {
              to_string(settings_.listen.address));
   }
   accept();
-  if (has_heartbeat()) beat();
+  beat();
 }
 
 void Listener::beat() {
@@ -95,17 +95,12 @@ std::size_t Listener::robots() const {
 }
 
 bool Listener::has_session(const std::string& robot_id, const std::string& session_id) const {
-  const SessionKey key(robot_id, session_in(session_id));
+  const SessionKey key(robot_id, session_id);
   return sessions_.contains(key) || opening_.contains(key);
 }
 
 bool Listener::is_in_use(const std::string& robot_id, const std::string& folder) const {
-  return has_session(robot_id, folder) ||
-         (stores_ && stores_->is_expected(robot_id, session_in(folder)));
-}
-
-std::string Listener::session_in(const std::string& folder) const {
-  return claims_ == nullptr ? folder : claims_->session_in(folder);
+  return has_session(robot_id, folder) || (stores_ && stores_->is_expected(robot_id, folder));
 }
 
 void Listener::accept() {
@@ -173,22 +168,21 @@ std::string Listener::make_room(const asio::ip::address& address) {
 }
 
 void Listener::on_hello(const std::shared_ptr<Connection>& connection, const wire::Hello& hello) {
-  if (stopped_) return connection->refuse("the server stops");
+  if (!acceptor_.is_open()) return connection->refuse("the server stops");
+  if (has_device_failed()) {
+    return refuse(*connection, "the server's disk has failed, it must be started again");
+  }
   const SessionKey key(hello.robot_id, hello.session_id);
   if (const std::string why = reason_to_refuse(key); !why.empty()) return refuse(*connection, why);
   close_other_sessions(key);
   SessionInfo info{key.first, key.second, hello.calibration};
   std::ranges::copy_if(hello.streams, std::back_inserter(info.streams), wire::is_sample_stream);
   const auto known = sessions_.find(key);
-  if (claims_ != nullptr) {
-    if (wait_for(key, connection)) enter(key, info);
-    return;
-  }
   if (known != sessions_.end() && !known->second->is_closing()) {
     return connection->join(known->second);
   }
   if (!wait_for(key, connection)) return;
-  known == sessions_.end() ? open(key, info, {}) : reopen_later(key, info);
+  known == sessions_.end() ? open(key, info) : reopen_later(key, info);
 }
 
 /// It will go on trying, several times a second.
@@ -208,86 +202,28 @@ bool Listener::wait_for(const SessionKey& key, const std::shared_ptr<Connection>
 /// Null: none waits any more, or may connect any more.
 std::shared_ptr<Connection> Listener::take_waiting(const SessionKey& key) {
   auto connection = std::move(opening_.extract(key).mapped());
-  if (moved_) asio::post(main_, [this] { move_next(); });
-  if (!connection) check_stopped();
+  if (!connection) check_empty();
   if (!connection || is_allowed(key.first)) return connection;
   connection->refuse(key.first + " is not among listen.robots any more");
   return nullptr;
 }
 
-/// Each hello asks, also that for a session which is open here: a welcome acknowledges.
-void Listener::enter(const SessionKey& key, const SessionInfo& info) {
-  claims_->async_enter({key.first, key.second},
-                       [this, key, info](const auto& outcome) { on_entered(key, info, outcome); });
+/// Nothing is acknowledged any more.
+bool Listener::has_device_failed() const {
+  return commit_ && commit_->has_failed() && settings_.sinks.files_sync == Durability::kAck;
 }
 
-void Listener::on_entered(const SessionKey& key, SessionInfo info,
-                          const SessionClaims::Outcome& outcome) {
-  const auto* const granted =
-      outcome ? std::get_if<SessionClaims::Granted>(&outcome.value()) : nullptr;
-  const auto known = sessions_.find(key);
-  if (granted != nullptr && known == sessions_.end()) {
-    info.segment = granted->segment;
-    return open(key, info, *granted);
-  }
-  const auto is_over = [granted](const Session& session) {
-    return session.is_closing() || session.claim() != granted->claim;
-  };
-  if (granted != nullptr && is_over(*known->second)) {
-    reopen_later(key, info);
-    return known->second->close(SessionEnd::kMoved);
-  }
-  const auto connection = take_waiting(key);
-  if (!connection) return;
-  if (!outcome) return refuse(*connection, outcome.error().text);
-  if (granted == nullptr) {
-    return connection->move(std::get<SessionClaims::Moved>(outcome.value()).address);
-  }
-  connection->join(known->second);
-}
-
-void Listener::move_all(std::function<void(std::vector<SessionKey>)> moved) {
-  moved_ = std::move(moved);
-  move_next();
-}
-
-/// What this server's disk does not take, another one's may. A session without a robot stays: the
-/// robot comes back when the link does.
+/// What this server's disk does not take, another one's may.
 void Listener::step_aside() {
-  const auto is_stuck = [this](const auto& entry) {
-    const Session& session = *entry.second;
-    const bool is_paused = session.is_paused() || (commit_ && commit_->has_failed());
-    return is_paused && session.has_peer() && !session.is_closing();
-  };
-  const auto now = std::chrono::steady_clock::now();
-  if (moved_ || now < step_aside_at_ || std::ranges::none_of(sessions_, is_stuck)) return;
-  step_aside_at_ = now + std::chrono::seconds(1);
-  claims_->async_step_aside([this, is_stuck](const std::optional<Error>& error) {
-    if (error || moved_) return;
-    auto sessions = sessions_;  // one that ends removes itself from the original
-    std::erase_if(sessions, std::not_fn(is_stuck));
-    for (const auto& [key, session] : sessions) session->move(claims_->refuge());
-  });
-}
-
-void Listener::move_next() {
-  if (!moved_) return;
-  if (sessions_.empty()) {
-    if (opening_.empty()) std::exchange(moved_, nullptr)(std::exchange(told_, {}));
-    return;
-  }
-  const auto [key, session] = *sessions_.begin();
-  if (session->is_closing()) return;
-  if (session->has_peer()) told_.push_back(key);
-  session->move(claims_->refuge());
+  const auto sessions = sessions_;  // one that ends removes itself from the original
+  for (const auto& [key, session] : sessions) session->step_aside(has_device_failed());
 }
 
 void Listener::on_session_closed(const SessionKey& key) {
   sessions_.erase(key);
-  if (moved_) asio::post(main_, [this] { move_next(); });
   if (stores_) stores_->on_closed(key.first, key.second);
   if (reopening_.contains(key)) asio::post(main_, [this, key] { reopen(key); });
-  check_stopped();
+  check_empty();
 }
 
 /// When the earlier one of `key` has ended.
@@ -311,10 +247,8 @@ void Listener::reopen(const SessionKey& key) {
   const auto reopening = reopening_.extract(key);
   if (!opening_.at(key)) {
     take_waiting(key);
-  } else if (claims_ != nullptr) {
-    enter(key, reopening.mapped().info);
   } else {
-    open(key, reopening.mapped().info, {});
+    open(key, reopening.mapped().info);
   }
 }
 
@@ -359,17 +293,15 @@ void Listener::close_other_sessions(const SessionKey& key) {
 }
 
 /// The disk may be slow, and a session long: other robots do not wait for it.
-void Listener::open(const SessionKey& key, const SessionInfo& info,
-                    SessionClaims::Granted granted) {
-  auto opened = [this, key, info,
-                 granted = std::move(granted)](const Result<OpenedSession>& session) {
-    on_opened(key, info, granted, session);
+void Listener::open(const SessionKey& key, const SessionInfo& info) {
+  auto opened = [this, key, info](const Result<OpenedSession>& session) {
+    on_opened(key, info, session);
   };
   if (stores_) return stores_->async_open(info, std::move(opened));
   asio::post(main_, [opened = std::move(opened)] { opened(OpenedSession{}); });
 }
 
-void Listener::on_opened(const SessionKey& key, SessionInfo info, SessionClaims::Granted granted,
+void Listener::on_opened(const SessionKey& key, SessionInfo info,
                          const Result<OpenedSession>& opened) {
   const auto connection = take_waiting(key);
   if (!connection) {
@@ -380,13 +312,11 @@ void Listener::on_opened(const SessionKey& key, SessionInfo info, SessionClaims:
     log_error("{} {}: no session: {}", key.first, key.second, opened.error().text);
     return connection->refuse("the server cannot keep this session: " + opened.error().text);
   }
-  auto sinks =
-      make_sinks(settings_.sinks, info, opened.value(), std::move(granted.earlier), main_, pool_);
+  auto sinks = make_sinks(settings_.sinks, info, opened.value(), main_, pool_);
   const Session::Timeouts timeouts{settings_.session_timeout, settings_.drain_timeout};
   const auto session = std::make_shared<Session>(
       main_, std::move(info), std::move(sinks), timeouts,
       Session::Events{[this, key] { on_session_closed(key); }, sink_failed_});
-  if (granted.claim) session->claim(std::move(granted.claim));
   if (metrics_ != nullptr) session->show(metrics_->begin(session->info()));
   sessions_.emplace(key, session);
   connection->join(session);
@@ -397,16 +327,26 @@ void Listener::on_closed(const std::shared_ptr<Connection>& connection) {
   for (auto& [key, waiting] : opening_) {
     if (waiting == connection) waiting = nullptr;
   }
-  check_stopped();
+  check_empty();
+}
+
+void Listener::drain(std::function<void()> drained) {
+  drained_.push_back(std::move(drained));
+  if (acceptor_.is_open()) log_info("draining: the robots are sent to other servers");
+  end_sessions(SessionEnd::kDraining);
 }
 
 void Listener::stop(std::function<void()> stopped) {
   stopped_ = std::move(stopped);
   if (stores_) stores_->stop();
-  error_code ignored;  // it is closed either way
-  acceptor_.close(ignored);
   retry_.cancel();
   beat_.cancel();
+  end_sessions(SessionEnd::kStopping);
+}
+
+void Listener::end_sessions(SessionEnd end) {
+  error_code ignored;  // it is closed either way
+  acceptor_.close(ignored);
   // Copies: a session that ends removes itself from the originals.
   const auto connections = connections_;
   for (auto& [key, waiting] : opening_) waiting = nullptr;
@@ -414,15 +354,22 @@ void Listener::stop(std::function<void()> stopped) {
     if (!connection->is_introduced()) connection->refuse("the server stops");
   }
   const auto sessions = sessions_;
-  for (const auto& [key, session] : sessions) session->close(SessionEnd::kStopping);
-  check_stopped();
+  for (const auto& [key, session] : sessions) session->close(end);
+  check_empty();
 }
 
 /// Sessions outlive their connections by what their sinks have begun, connections their sessions by
 /// their last words: it is over when both are gone.
-void Listener::check_stopped() {
-  if (!stopped_ || !connections_.empty() || !sessions_.empty() || !opening_.empty()) return;
-  std::exchange(stopped_, nullptr)();
+bool Listener::is_empty() const {
+  return connections_.empty() && sessions_.empty() && opening_.empty();
+}
+
+void Listener::check_empty() {
+  if (!is_empty()) return;
+  const auto drained = std::exchange(drained_, {});
+  if (!drained.empty()) log_info("drained: no robot is here any more");
+  for (const auto& each : drained) each();
+  if (stopped_) std::exchange(stopped_, nullptr)();
 }
 
 }  // namespace orbbuf

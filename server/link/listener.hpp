@@ -18,11 +18,12 @@
 #include "common/log.hpp"
 #include "server/link/connection.hpp"
 #include "server/link/session.hpp"
-#include "server/link/session_claim.hpp"
 #include "server/settings.hpp"
 #include "server/sink/make_sinks.hpp"
 
 namespace orbbuf {
+
+using SessionKey = std::pair<std::string, std::string>;  ///< robot id, session id
 
 /// The server: accepts connections and brings each together with its session.
 ///
@@ -60,14 +61,9 @@ class Listener final : public ConnectionOwner {
   /// Before start(): runs at each failed try of a session's sink, a full disk for one.
   void on_sink_failed(std::function<void()> run) { sink_failed_ = std::move(run); }
 
-  /// Before start(): other servers may have sessions, too. `claims` must outlive every run of the
-  /// io_context.
-  void share_by(SessionClaims& claims) { claims_ = &claims; }
-
-  /// Sends all robots to other servers, one after the other: the next when the one before is told.
-  /// `moved` when none is here any more, with the sessions of those that were told. No session is
-  /// granted to this server any more.
-  void move_all(std::function<void(std::vector<SessionKey>)> moved);
+  /// Closes the listening socket, so that a balancer knows first, ends the sessions as stop() does,
+  /// and runs `drained` when no robot is here any more. From then on this server takes none.
+  void drain(std::function<void()> drained);
 
   void start();
   /// Reads the certificates again, for the connections that follow. If they cannot be used, it logs
@@ -96,8 +92,6 @@ class Listener final : public ConnectionOwner {
   };
 
   void on_hello(const std::shared_ptr<Connection>& connection, const wire::Hello& hello) override;
-  /// Where the robot has another server to go to.
-  bool has_heartbeat() const override { return claims_ != nullptr; }
   void on_closed(const std::shared_ptr<Connection>& connection) override;
 
   void accept();
@@ -106,24 +100,22 @@ class Listener final : public ConnectionOwner {
   std::string make_room(const boost::asio::ip::address& address);
   void on_accept_failed(const boost::system::error_code& failed);
   bool is_allowed(const std::string& robot_id) const;
-  std::string session_in(const std::string& folder) const;
   std::string reason_to_refuse(const SessionKey& key) const;
   void close_other_sessions(const SessionKey& key);
   bool wait_for(const SessionKey& key, const std::shared_ptr<Connection>& connection);
-  void enter(const SessionKey& key, const SessionInfo& info);
-  void on_entered(const SessionKey& key, SessionInfo info, const SessionClaims::Outcome& outcome);
-  void move_next();
+  bool has_device_failed() const;
   void step_aside();
+  void end_sessions(SessionEnd end);
+  bool is_empty() const;
   void on_session_closed(const SessionKey& key);
   void reopen_later(const SessionKey& key, const SessionInfo& info);
   void limit_wait(const SessionKey& key);
   void reopen(const SessionKey& key);
   std::shared_ptr<Connection> take_waiting(const SessionKey& key);
   void refuse(Connection& connection, const std::string& why);
-  void open(const SessionKey& key, const SessionInfo& info, SessionClaims::Granted granted);
-  void on_opened(const SessionKey& key, SessionInfo info, SessionClaims::Granted granted,
-                 const Result<OpenedSession>& opened);
-  void check_stopped();
+  void open(const SessionKey& key, const SessionInfo& info);
+  void on_opened(const SessionKey& key, SessionInfo info, const Result<OpenedSession>& opened);
+  void check_empty();
 
   boost::asio::io_context& main_;
   boost::asio::thread_pool& pool_;
@@ -139,19 +131,16 @@ class Listener final : public ConnectionOwner {
   LogLimit crowding_{std::chrono::seconds{10}};
   std::vector<std::string> allowed_;                      // robots; empty: all
   std::vector<std::shared_ptr<Connection>> connections_;  // in the order in which they came
-  /// The sessions that are not open yet: the claims are asked, `pool` reads the disk, or an earlier
-  /// one ends; and the newest connection that waits for each; null: none does any more.
+  /// The sessions that are not open yet: `pool` reads the disk, or an earlier one ends; and the
+  /// newest connection that waits for each; null: none does any more.
   std::map<SessionKey, std::shared_ptr<Connection>> opening_;
   std::map<SessionKey, Reopening> reopening_;  // keys of opening_ of which an earlier one ends
   std::map<SessionKey, std::shared_ptr<Session>> sessions_;
-  SessionClaims* claims_ = nullptr;                      // null: this server is alone
-  std::chrono::steady_clock::time_point step_aside_at_;  // not sooner
-  std::function<void(std::vector<SessionKey>)> moved_;   // set: moving all
-  std::vector<SessionKey> told_;                         // to go elsewhere
-  std::deque<SessionKey> superseded_;                    // the last thousand
-  std::string last_refusal_;                             // logged already
+  std::deque<SessionKey> superseded_;  // the last thousand
+  std::string last_refusal_;           // logged already
   std::function<void()> sink_failed_;
-  std::function<void()> stopped_;  // set: stopping
+  std::vector<std::function<void()>> drained_;  // those who wait
+  std::function<void()> stopped_;               // set: stopping
 };
 
 }  // namespace orbbuf

@@ -25,8 +25,10 @@ std::string_view to_string(SessionEnd end) {
       return "session closed, the robot did not come back";
     case SessionEnd::kStopping:
       return "session closed, the server stops";
-    case SessionEnd::kMoved:
-      return "session closed, it is another server's";
+    case SessionEnd::kDraining:
+      return "session closed, the server drains";
+    case SessionEnd::kUnkept:
+      return "session closed, its frames cannot be kept any more";
   }
   return "";
 }
@@ -53,11 +55,6 @@ Session::Session(asio::io_context& main, SessionInfo info,
   }
 }
 
-void Session::claim(std::shared_ptr<SessionClaim> claim) {
-  claim_ = std::move(claim);
-  if (position_ == claim_->acknowledged_before()) kept_ = position_;
-}
-
 void Session::attach(const std::shared_ptr<SessionPeer>& peer) {
   assert(!is_closing());
   const auto old = peer_.lock();
@@ -67,7 +64,6 @@ void Session::attach(const std::shared_ptr<SessionPeer>& peer) {
   if (metrics_) metrics_->on_connected();
   if (old) old->on_replaced();
   commit();  // of what an earlier process has written
-  hurry();
   on_waiter_gone();
 }
 
@@ -137,21 +133,11 @@ void Session::commit() {
 void Session::on_committed(const wire::Position& upto, const std::optional<Error>& error) {
   if (error) {
     note_failure(error);
-    fail_keeping();
+    keeping_ = Keeping::kFailed;                          // nothing more is acknowledged
     if (const auto peer = peer_.lock()) peer->on_kept();  // with the reason
+    if (is_closing()) settle();
     return;
   }
-  if (!claim_) return on_allowed(upto);
-  claim_->async_may_acknowledge(upto, [weak = weak_from_this(), upto](bool is_ours) {
-    const auto self = weak.lock();
-    if (!self) return;
-    is_ours ? self->on_allowed(upto) : self->on_not_ours();
-  });
-  if (is_closing() || peer_state_ == PeerState::kWaiting) hurry();
-}
-
-void Session::on_allowed(const wire::Position& upto) {
-  if (keeping_ == Keeping::kFailed) return;
   keeping_ = Keeping::kIdle;
   kept_ = upto;
   if (const auto peer = peer_.lock()) peer->on_kept();
@@ -159,28 +145,14 @@ void Session::on_allowed(const wire::Position& upto) {
   settle();
 }
 
-void Session::on_not_ours() {
-  if (!is_closing()) {
-    log_warn("{}: another server has this session; from frame {} on it is that one's", name_,
-             kept_[wire::kFrames]);
-  }
-  fail_keeping();
-  close(SessionEnd::kMoved);
-}
-
-/// Nothing more is acknowledged.
-void Session::fail_keeping() {
-  keeping_ = Keeping::kFailed;
-  if (is_closing()) settle();
-}
-
-void Session::hurry() const {
-  if (claim_ && keeping_ == Keeping::kBusy) claim_->hurry();
-}
-
-void Session::move(std::string address) {
-  move_to_ = std::move(address);
-  close(SessionEnd::kMoved);
+void Session::step_aside(bool has_device_failed) {
+  if (is_closing()) return;
+  if (has_device_failed) return close(SessionEnd::kUnkept);
+  const auto now = std::chrono::steady_clock::now();
+  const auto peer = peer_.lock();
+  if (!peer || !job_ || failures_ < 2 || now < stays_until_) return;
+  stays_until_ = now + kStay;
+  peer->on_sent_away(pause_);
 }
 
 void Session::on_report(const wire::Report& report) {
@@ -383,18 +355,11 @@ void Session::close(SessionEnd end) {
   if (is_closing()) return;
   life_ = Life::kClosing;
   end_ = end;
-  hurry();
   timer_.expires_after(timeouts_.drain);
   timer_.async_wait([self = shared_from_this()](const error_code& failed) {
     if (failed) return;
     for (const auto& sink : self->sinks_) sink->close();
-    // Its claim does not answer.
-    const bool is_unkept = self->claim_ && self->kept_ != self->position_;
-    if (self->end_ == SessionEnd::kStopping && is_unkept) self->fail_keeping();
   });
-  if (end == SessionEnd::kMoved) {
-    for (const auto& sink : sinks_) sink->pass_on();
-  }
   on_waiter_gone();
 }
 
@@ -409,7 +374,8 @@ void Session::drain() {
 void Session::on_drained(const std::optional<Error>& error) {
   note_failure(error);
   const bool is_overdue = timer_.expiry() <= std::chrono::steady_clock::now();
-  if (error && !(is_stopping_ && is_overdue)) return try_again([this] { drain(); });
+  if (error && end_ != SessionEnd::kUnkept && !(is_stopping_ && is_overdue))
+    return try_again([this] { drain(); });
   is_end_lost_ = is_end_lost_ || error;
   ++drained_;
   drain();
@@ -428,15 +394,14 @@ void Session::finish_close() {
   if (const auto peer = peer_.lock()) {
     if (end_ == SessionEnd::kSuperseded) {
       peer->on_replaced();
-    } else if (end_ == SessionEnd::kMoved) {
-      peer->on_moved(move_to_);
+    } else if (end_ == SessionEnd::kUnkept) {
+      peer->on_sent_away(pause_.empty() ? "its disk has failed" : pause_);
     } else if (is_end_lost_) {
       peer->on_end_lost();
     } else {
       peer->on_ended(kept_);
     }
   }
-  if (claim_) claim_->leave(end_ == SessionEnd::kBye && kept_ == position_);
   events_.closed();
 }
 

@@ -14,7 +14,6 @@
 
 #include "common/log.hpp"
 #include "common/wire.hpp"
-#include "server/link/session_claim.hpp"
 #include "server/live/metrics.hpp"
 #include "server/session/session_info.hpp"
 #include "server/sink/frame_sink.hpp"
@@ -32,8 +31,8 @@ class SessionPeer {
   virtual void on_kept() = 0;
   /// The session is another connection's now, or the robot began a new one.
   virtual void on_replaced() = 0;
-  /// The session is another server's: tell the robot to go there; empty: wherever it can.
-  virtual void on_moved(const std::string& address) = 0;
+  /// Tell the robot to go to another server, since this one cannot keep what it sends: `why`.
+  virtual void on_sent_away(const std::string& why) = 0;
   /// The session is over, its record ends at `position`: say bye.
   virtual void on_ended(wire::Position position) = 0;
   /// The session is over, and its end could not be recorded: no bye.
@@ -46,7 +45,8 @@ enum class SessionEnd : std::uint8_t {
   kSuperseded,  ///< the robot has begun another
   kAbandoned,   ///< no connection for too long
   kStopping,    ///< the server stops
-  kMoved,       ///< it goes on at another server of the fleet
+  kDraining,    ///< the server takes no robots any more
+  kUnkept,      ///< the device has failed: what is to come cannot be kept here
 };
 
 /// One run of a robot's daemon as the server has it: its sinks, how far they got, and which
@@ -85,11 +85,6 @@ class Session : public std::enable_shared_from_this<Session> {
   /// Tells `metrics` what happens from here on. At most once, before all else.
   void show(std::shared_ptr<RobotMetrics> metrics) { metrics_ = std::move(metrics); }
 
-  /// From here on nothing is kept before the claim allows it. At most once, before attach().
-  void claim(std::shared_ptr<SessionClaim> claim);
-  /// Null: no other server may have the session.
-  const std::shared_ptr<SessionClaim>& claim() const { return claim_; }
-
   /// Makes `peer` the one connection, replacing the present one. peer->on_attached() follows as
   /// soon as no sink is busy any more, possibly from within the call. Requires !is_closing().
   void attach(const std::shared_ptr<SessionPeer>& peer);
@@ -113,16 +108,14 @@ class Session : public std::enable_shared_from_this<Session> {
   /// An end that cannot be recorded, on a full disk, is tried again every second, until the server
   /// stops.
   void close(SessionEnd end);
-  /// close(SessionEnd::kMoved), and the robot is told where to go on.
-  void move(std::string address);
+  /// Sends the robot to another server if what it sends cannot be kept: the device has failed,
+  /// which ends the session, or two tries in a row to write something. Then the session stays open,
+  /// and a robot that comes back stays for kStay: it has no other server.
+  void step_aside(bool has_device_failed);
 
   bool is_closing() const { return life_ != Life::kOpen; }
-  /// A sync has failed, or two tries in a row to write something.
-  bool is_paused() const { return keeping_ == Keeping::kFailed || (job_ && failures_ > 1); }
   /// Why nothing is taken at the moment; empty: it is.
   const std::string& pause() const { return pause_; }
-  /// A robot is connected.
-  bool has_peer() const { return !peer_.expired(); }
   /// Up to where the sinks have taken all.
   wire::Position position() const { return position_; }
   /// Up to where they keep it, on the device if that is asked for: never beyond position().
@@ -144,7 +137,7 @@ class Session : public std::enable_shared_from_this<Session> {
     bool is_in_sink = false;  // else it waits for retry_
   };
 
-  /// What was taken is brought onto the device, and allowed by the claim.
+  /// What was taken is brought onto the device.
   enum class Keeping : std::uint8_t {
     kIdle,
     kBusy,    ///< up to a position; what is taken meanwhile is next
@@ -163,15 +156,12 @@ class Session : public std::enable_shared_from_this<Session> {
 
   static constexpr std::chrono::seconds kRetry{1};
   static constexpr std::chrono::seconds kNoteInterval{5};
+  static constexpr std::chrono::seconds kStay{10};
 
   void begin(Job job);
   void repeat(Taken taken);
   void commit();
   void on_committed(const wire::Position& upto, const std::optional<Error>& error);
-  void on_allowed(const wire::Position& upto);
-  void on_not_ours();
-  void fail_keeping();
-  void hurry() const;
   void call_sink();
   void on_sink_done(const std::optional<Error>& error);
   void try_again(std::function<void()> work);
@@ -207,15 +197,14 @@ class Session : public std::enable_shared_from_this<Session> {
   std::optional<Job> job_;
   wire::Position kept_;
   Keeping keeping_ = Keeping::kIdle;
-  std::shared_ptr<SessionClaim> claim_;  // null: no other server may have the session
-  std::string move_to_;
   Life life_ = Life::kOpen;
-  SessionEnd end_ = SessionEnd::kStopping;  // since kClosing
-  bool is_stopping_ = false;                // the server, since close()
-  bool is_end_lost_ = false;                // it could not be recorded
-  std::string pause_;                       // logged; empty: nothing fails
-  int failures_ = 0;                        // in a row, over whichever connections
-  bool has_no_jpeg_ = false;                // a frame, logged
+  SessionEnd end_ = SessionEnd::kStopping;             // since kClosing
+  bool is_stopping_ = false;                           // the server, since close()
+  bool is_end_lost_ = false;                           // it could not be recorded
+  std::string pause_;                                  // logged; empty: nothing fails
+  int failures_ = 0;                                   // in a row, over whichever connections
+  std::chrono::steady_clock::time_point stays_until_;  // the robot, whatever fails
+  bool has_no_jpeg_ = false;                           // a frame, logged
   std::map<wire::StreamId, LogLimit> gaps_;
   SessionClosing closing_;
   std::optional<SessionClosing> noted_;  // by the sinks

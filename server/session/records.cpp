@@ -89,12 +89,11 @@ void fields(Archive& archive, FieldsOf<Archive, SessionSummary>& summary) {
   std::uint8_t version = kVersion;
   archive.fields(version);
   archive.require(version == kVersion);
-  archive.fields(info.robot_id, info.session_id, info.calibration, info.segment.epoch);
+  archive.fields(info.robot_id, info.session_id, info.calibration);
   archive.list(info.streams, [&](auto& stream) {
     archive.fields(stream.id, stream.name, stream.codec);
     archive.require(stream.id < wire::kMostStreams);
   });
-  fields(archive, info.segment.from);
   fields(archive, position);
   archive.fields(totals.live, totals.late, totals.replaced, totals.named, totals.image_bytes,
                  totals.late_items, end, late_end, is_closed, closing.has_ended);

@@ -272,7 +272,6 @@ Result<RecoveredSession> recover_session(const fs::path& folder, const SessionIn
   RecoveredSession recovered;
   SessionSummary first;
   first.info = info;
-  first.position = info.segment.from;
   recovered.summary = first;
   auto tail = read_tail(folder, first, kNowhere);
   if (!tail) return tail.error();
@@ -327,7 +326,7 @@ Result<TimesFile> mend_times(const fs::path& folder, const Place& from) {
   if (tail.value()) {
     const SessionSummary& summary = tail.value()->summary;
     next = summary.position[wire::kFrames];
-    is_any = next > summary.info.segment.from[wire::kFrames];
+    is_any = next > 0;
   }
   const fs::path path = folder / session_names::kTimes;
   TimesFile times;

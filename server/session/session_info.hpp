@@ -10,28 +10,13 @@
 
 namespace orbbuf {
 
-/// Where a folder stands in its session, if other servers have recorded parts of that. The first:
-/// the folder has the session from its beginning on.
-struct SegmentInfo {
-  std::uint64_t epoch = 1;
-  wire::Position from{};  ///< its first frame and drop record can be these
-
-  bool is_first() const { return epoch == 1; }
-  friend bool operator==(const SegmentInfo&, const SegmentInfo&) = default;
-};
-
 /// Whose frames they are. Both ids are safe as file names (wire::is_valid_id).
 struct SessionInfo {
   std::string robot_id;
   std::string session_id;
-  std::string calibration;  ///< camera.txt in DSO's form; may be empty
-  SegmentInfo segment{};    ///< not the first: other servers have the session's beginning
+  std::string calibration;                         ///< camera.txt in DSO's form; may be empty
   std::vector<wire::StreamDeclaration> streams{};  ///< the server takes, from kFirstOther on
 
-  /// The session's, below the robot's.
-  std::string folder() const {
-    return segment.is_first() ? session_id : session_id + ".e" + std::to_string(segment.epoch);
-  }
   friend bool operator==(const SessionInfo&, const SessionInfo&) = default;
 };
 

@@ -87,7 +87,7 @@ class Drops {
     auto named = outline.named;
     std::ranges::stable_sort(named, {}, &DropRecord::sequence);
     const SessionSummary& summary = outline.summary;
-    Sequence covered = summary.info.segment.from[wire::kFrames];
+    Sequence covered = 0;
     const Sequence end = end_of_gaps(summary);
     for (const DropRecord& range : named) {
       if (range.end() <= covered) continue;
@@ -177,7 +177,7 @@ class LateSamples {
       for (; at_ < samples_.size() && number_ < number; ++at_, ++number_) {
         if (number_ < next_) continue;  // another record had it
         next_ = number_ + 1;
-        take(samples_[at_], number_);
+        take(samples_[at_]);
       }
       if (at_ < samples_.size() || next_place_ == places_.size()) break;
       if (places_[next_place_].first >= number) break;
@@ -407,9 +407,8 @@ Result<SampleTotals> for_each_sample(const fs::path& folder, const wire::StreamD
     }
   }
   std::optional<std::int64_t> last_ns;
-  const auto hand_on = [&](const Sample& sample, std::uint64_t number) {
+  const auto hand_on = [&](const Sample& sample) {
     ++totals.samples;
-    if (number < totals.first) ++totals.earlier;
     if (last_ns && sample.time_ns <= *last_ns && !sample.message) ++totals.backward;
     last_ns = sample.time_ns;
     take(sample);
@@ -426,10 +425,6 @@ Result<SampleTotals> for_each_sample(const fs::path& folder, const wire::StreamD
       return totals;
     }
     const RecordBody& body = entry.value()->record.body;
-    if (const auto* const summary = std::get_if<SessionSummary>(&body)) {
-      totals.first = summary->info.segment.from[stream.id];
-      totals.next = std::max(totals.next, totals.first);
-    }
     if (const auto* const frame = std::get_if<RecordedFrame>(&body); frame && !frame->is_late) {
       newest_frame_ns =
           std::max(newest_frame_ns.value_or(frame->capture_time_ns), frame->capture_time_ns);
@@ -441,7 +436,8 @@ Result<SampleTotals> for_each_sample(const fs::path& folder, const wire::StreamD
     for (std::uint64_t number = items->first; const Sample& sample : samples.value()) {
       if (auto error = late.take_below(number, hand_on)) return std::move(*error);
       if (newest_frame_ns && sample.time_ns <= *newest_frame_ns) ++totals.behind_frames;
-      hand_on(sample, number++);
+      hand_on(sample);
+      ++number;
     }
     totals.next = std::max(totals.next, items->next);
   }

@@ -60,21 +60,17 @@ Result<std::vector<DropRecord>> for_each_frame(
 std::optional<Error> read_items(const std::filesystem::path& folder,
                                 const std::function<void(const RecordedItems&)>& take);
 
-/// What came of one stream of samples. The server has `samples` of the numbers from `first` to
-/// `next`; of the others, `on_robot` are on the robot's disk, and the rest is lost.
+/// What came of one stream of samples. The server has `samples` of the numbers below `next`; of the
+/// others, `on_robot` are on the robot's disk, and the rest is lost.
 struct SampleTotals {
   std::uint64_t samples = 0;
-  std::uint64_t first = 0;
   std::uint64_t next = 0;
-  std::uint64_t earlier = 0;        ///< of `samples`: late ones below `first`
   std::uint64_t backward = 0;       ///< whose time is not after that of the one before
   std::uint64_t behind_frames = 0;  ///< not newer than a frame that came live before them
   bool is_final = false;            ///< else more may come, also of those that count as lost
   std::uint64_t on_robot = 0;       ///< with is_final
 
-  std::uint64_t lost() const {
-    return next - first - std::min(next - first, samples - earlier + on_robot);
-  }
+  std::uint64_t lost() const { return next - std::min(next, samples + on_robot); }
 };
 /// Hands on the samples of a stream in the order of their numbers, also those that came late.
 /// Memory: 24 bytes for each record of these, and one record.

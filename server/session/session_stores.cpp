@@ -69,9 +69,6 @@ std::shared_ptr<SharedStore> SessionStores::use(const std::string& robot_id,
 void SessionStores::async_open(const SessionInfo& info, std::function<void(Result<Opened>)> done) {
   const auto robot = this->robot(info.robot_id);
   Entry& entry = robot->entries[info.session_id];
-  if (entry.store && (!info.segment.is_first() || entry.store->segment() != info.segment)) {
-    std::exchange(entry.store, nullptr)->close();
-  }
   if (!entry.store) entry.store = make(*robot, info);
   entry.is_live = true;
   entry.store->run(

@@ -1,39 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/session/shared_store.hpp"
 
-#include <algorithm>
-#include <string>
-#include <string_view>
-#include <system_error>
-
-#include "common/decimal.hpp"
 #include "common/log.hpp"
 
 namespace orbbuf {
 
 namespace asio = boost::asio;
-namespace fs = std::filesystem;
-
-/// Of a session whose first segment another server has, what comes late goes to the latest one
-/// here.
-fs::path SharedStore::place() const {
-  std::error_code ignored;  // then opening says why
-  if (!info_.segment.is_first() || fs::exists(folder_, ignored)) return folder_;
-  const std::string prefix = folder_.filename().string() + ".e";
-  std::pair<std::uint64_t, fs::path> latest{0, folder_};
-  for (fs::directory_iterator entry(folder_.parent_path(), ignored);
-       !ignored && entry != fs::directory_iterator(); entry.increment(ignored)) {
-    const std::string name = entry->path().filename().string();
-    if (!name.starts_with(prefix)) continue;
-    const auto epoch = parse_digits(std::string_view(name).substr(prefix.size()));
-    if (epoch) latest = std::max(latest, {*epoch, entry->path()});
-  }
-  return latest.second;
-}
 
 std::optional<Error> SharedStore::open() {
   if (store_) return std::nullopt;
-  auto opened = SessionStore::open(place(), info_, durability_);
+  auto opened = SessionStore::open(folder_, info_, durability_);
   if (!opened) return std::move(opened).error();
   store_ = std::move(opened).value();
   return std::nullopt;

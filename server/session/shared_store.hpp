@@ -29,14 +29,12 @@ class SharedStore : public std::enable_shared_from_this<SharedStore> {
               SessionInfo info, Durability durability, GroupCommit* group)
       : main_(main),
         strand_(std::move(strand)),
-        folder_(files / info.robot_id / info.folder()),
+        folder_(files / info.robot_id / info.session_id),
         info_(std::move(info)),
         durability_(durability),
         group_(group) {}
 
-  /// Where the session's frames are, if it is not the first segment or it is the only one here.
   const std::filesystem::path& folder() const { return folder_; }
-  const SegmentInfo& segment() const { return info_.segment; }
 
   /// Has the strand run `work` with the store, which is opened before, if it is not; then `main`
   /// runs `done` with what `work` has returned, a Result, or with the error of the opening.
@@ -67,7 +65,6 @@ class SharedStore : public std::enable_shared_from_this<SharedStore> {
 
  private:
   std::optional<Error> open();
-  std::filesystem::path place() const;
   void on_committed(const journal::Place& place);
 
   boost::asio::io_context& main_;

@@ -94,10 +94,6 @@ std::string session_text(const SessionSummary& summary, const std::vector<DropRe
   }
   if (closing.clock_offset_ns)
     text += fmt::format("clock_offset_ns {}\n", *closing.clock_offset_ns);
-  if (!info.segment.is_first()) {
-    text += fmt::format("segment {}\nfirst_frame {}\n", info.segment.epoch,
-                        info.segment.from[wire::kFrames]);
-  }
   return text;
 }
 

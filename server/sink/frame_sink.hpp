@@ -55,10 +55,6 @@ class FrameSink {
   /// error. What has begun goes on, at the pace of the disk or of the reader.
   virtual void cancel() {}
 
-  /// The session goes on at another server, which gives its readers what is in the files: none here
-  /// is waited for to catch up.
-  virtual void pass_on() {}
-
   /// Nothing more will be written: `drained` runs, possibly from within the call, when all that was
   /// answered has gone where it goes. It may never end; close() ends it. A sink that keeps the
   /// session keeps `closing`, too: an error says that it could not, and is worth another call.

@@ -60,7 +60,6 @@ std::unique_ptr<GroupCommit> make_group_commit(const SinkSettings& settings,
 
 std::vector<std::shared_ptr<FrameSink>> make_sinks(const SinkSettings& settings,
                                                    const SessionInfo& info, OpenedSession opened,
-                                                   std::shared_ptr<EarlierFrames> earlier,
                                                    asio::io_context& main,
                                                    asio::thread_pool& pool) {
   std::vector<std::shared_ptr<FrameSink>> sinks;
@@ -70,7 +69,7 @@ std::vector<std::shared_ptr<FrameSink>> make_sinks(const SinkSettings& settings,
     folder = opened.store->folder();
     kept.emplace();
     if (settings.files_enabled) {
-      *kept = {opened.store->folder(), opened.position[wire::kFrames], std::move(earlier)};
+      *kept = {opened.store->folder(), opened.position[wire::kFrames]};
     }
     sinks.push_back(std::make_shared<RecordSink>(std::move(opened.store), opened.position));
   }

@@ -14,7 +14,6 @@
 #include "common/wire.hpp"
 #include "server/runtime/group_commit.hpp"
 #include "server/session/durability.hpp"
-#include "server/session/earlier_frames.hpp"
 #include "server/session/session_info.hpp"
 #include "server/session/session_stores.hpp"
 #include "server/sink/dds/dds_sink.hpp"
@@ -59,11 +58,9 @@ std::unique_ptr<GroupCommit> make_group_commit(const SinkSettings& settings,
 using OpenedSession = SessionStores::Opened;
 
 /// The sinks of an opened session, the one that keeps frames before the one that shows them.
-/// earlier: frames of the session's parts before this one; null: there are none. `main` and `pool`
-/// as in SharedStore.
+/// `main` and `pool` as in SharedStore.
 std::vector<std::shared_ptr<FrameSink>> make_sinks(const SinkSettings& settings,
                                                    const SessionInfo& info, OpenedSession opened,
-                                                   std::shared_ptr<EarlierFrames> earlier,
                                                    boost::asio::io_context& main,
                                                    boost::asio::thread_pool& pool);
 

@@ -12,7 +12,6 @@
 #include "common/file_io.hpp"
 #include "server/dataset/check_session.hpp"
 #include "server/dataset/join_session.hpp"
-#include "server/fleet/fleet_keys.hpp"
 #include "server/session/session_lines.hpp"
 #include "server/session/session_reader.hpp"
 
@@ -35,13 +34,13 @@ constexpr std::uint64_t kMostDropRecords = 16384;  // of one outage, beyond that
 constexpr Time kAlone = 8 * kSecond;  // an outage, if nothing else happens so long before or after
 constexpr Time kLongWay = 250 * kMillisecond;  // beyond that a planner sees little of the link
 constexpr double kTwoFrames = 50e3;            // bytes, of large images: so much is written at once
-constexpr Time kStandsStill = kSecond;         // then a robot leaves a server of a fleet
+constexpr Time kStandsStill = kSecond;         // then a robot leaves a server
 constexpr Time kIsPaused = 2 * kSecond;        // then a server has tried twice
 constexpr double kLiveAgain = 1;               // link.live_again
 constexpr double kLateness = 0.4;  // what a judge may not blame: a rounding, a repeated segment
 constexpr double kTransit = 0.3;   // of a frame, beyond what it took before
 
-/// A disk of that fault: a server of a fleet sends its robots away.
+/// A disk of that fault: a server sends its robots away.
 bool takes_no_frames(FaultKind kind) {
   return kind == FaultKind::kFullDisk || kind == FaultKind::kFailingDisk;
 }
@@ -65,13 +64,13 @@ class SessionJudge {
         run_(run),
         facts_(facts),
         robot_(scenario.robots[static_cast<std::size_t>(facts.machine - 1)]),
-        folder_((scenario.is_fleet() ? fs::path(world_folder) / "joined" : data_of(kServer)) /
+        folder_((scenario.has_several() ? fs::path(world_folder) / "joined" : data_of(kServer)) /
                 facts.id.data()),
         verdict_(verdict) {}
 
   void run() {
     ++verdict_.sessions;
-    if (scenario_.is_fleet()) join();
+    if (scenario_.has_several()) join();
     // What such a server loses of a session that is over nobody names.
     if (scenario_.sync != "ack" && facts_.ended < run_.server_power_cut()) return;
     find_old();
@@ -119,26 +118,19 @@ class SessionJudge {
            fmt::format("robot{}", facts_.machine);
   }
 
-  static bool has_journal(const fs::path& segment) {
-    return fs::exists(segment / "journal.000000");
-  }
+  static bool has_journal(const fs::path& part) { return fs::exists(part / "journal.000000"); }
 
   /// As `orbbuf-server join` does with the paths of all servers.
   void join() {
-    std::vector<fs::path> segments;
+    std::vector<fs::path> parts;
     if (facts_.id[0] == '\0') return;
     for (int i = 0; i < scenario_.servers; ++i) {
-      std::set<fs::path> found;
-      std::error_code none;
-      for (const auto& entry : fs::directory_iterator(data_of(scenario_.server(i)), none)) {
-        const auto folder = fleet::parse_folder(entry.path().filename().string());
-        if (folder.session_id == facts_.id.data()) found.insert(entry.path());
-      }
-      segments.insert(segments.end(), found.begin(), found.end());
+      const fs::path folder = data_of(scenario_.server(i)) / facts_.id.data();
+      if (fs::exists(folder)) parts.push_back(folder);
     }
     fs::remove_all(folder_);
-    if (std::ranges::none_of(segments, has_journal)) return;
-    const auto joined = join_session(segments, folder_);
+    if (std::ranges::none_of(parts, has_journal)) return;
+    const auto joined = join_session(parts, folder_);
     if (!joined) return problem("join: " + joined.error().text);
     // A journal that no server has opened since its power cut may end in bytes that were not
     // synced.
@@ -147,23 +139,20 @@ class SessionJudge {
       if (may_be_torn && found.find(": journal: ") != std::string::npos) continue;
       problem("join: " + found);
     }
-    for (const fs::path& segment : segments) {
-      if (has_journal(segment)) check_segment(segment);
+    for (const fs::path& part : parts) {
+      if (has_journal(part)) check_part(part);
     }
   }
 
   /// What is in it belongs to it, once.
-  void check_segment(const fs::path& folder) {
+  void check_part(const fs::path& folder) {
     const auto session = read_session(folder);
     if (!session) return problem(session.error().text);
-    const Sequence from = session.value().summary.info.segment.from[wire::kFrames];
     std::set<std::uint64_t> there;
     for (const RecordedFrame& frame : session.value().frames) {
       if (is_live(frame)) live_.insert(frame.sequence);
-      if (there.insert(frame.sequence).second && (frame.is_late || frame.sequence >= from))
-        continue;
-      problem(fmt::format("frame {} is twice in {}, or below its first, {}", frame.sequence,
-                          folder.filename().string(), from));
+      if (there.insert(frame.sequence).second) continue;
+      problem(fmt::format("frame {} is twice in {}", frame.sequence, folder.string()));
     }
   }
 
@@ -242,9 +231,6 @@ class SessionJudge {
     }
     if (facts_.acknowledged > live_.size() && !may_lose() && !has_lost_bytes()) {
       problem(fmt::format("{} were acknowledged, {} are there", facts_.acknowledged, live_.size()));
-    }
-    if (scenario_.is_fleet() && facts_.was_forgotten) {
-      problem("a server acknowledged what its successor does not know");
     }
     check_reasons();
     check_memory();
@@ -335,7 +321,7 @@ class SessionJudge {
 
   /// A server's, or of the way to one, when the robot knows another one.
   bool is_survived(const Fault& fault) const {
-    if (!scenario_.is_fleet() || robot_.servers.size() == 1) return false;
+    if (!scenario_.has_several() || robot_.servers.size() == 1) return false;
     if (takes_no_frames(fault.kind)) return scenario_.is_server(fault.machine);
     switch (fault.kind) {
       case FaultKind::kKill:
@@ -516,8 +502,7 @@ Verdict judge(const Scenario& scenario, const Run& run) {
                                            facts.machine, facts.start, facts.id.data()));
   }
   const bool is_sent_elsewhere = std::ranges::any_of(scenario.faults, [&](const Fault& fault) {
-    return fault.kind == FaultKind::kImpostor ||
-           (scenario.is_fleet() && takes_no_frames(fault.kind));
+    return fault.kind == FaultKind::kImpostor || takes_no_frames(fault.kind);
   });
   for (std::size_t i = 1; i <= scenario.robots.size(); ++i) {
     const std::size_t known = scenario.robots[i - 1].servers.size() + (is_sent_elsewhere ? 1 : 0);

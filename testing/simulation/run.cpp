@@ -13,7 +13,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kEtcdPort = 2379;
 constexpr std::uint64_t kLargeDisk = 1ULL << 40;
 constexpr std::uint64_t kSmallDisk = 6 << 20;
 constexpr double kFewFrames = 10;  // of a stream that is reduced some always wait
@@ -76,9 +75,7 @@ Run::Run(const Scenario& scenario, Programs& programs, const std::vector<Source>
 }
 
 Program& Run::program_of(int number) {
-  return scenario_.is_robot(number)    ? programs_.robot
-         : scenario_.is_server(number) ? programs_.server
-                                       : programs_.etcd;
+  return scenario_.is_robot(number) ? programs_.robot : programs_.server;
 }
 
 const Source& Run::source_of(int number) const {
@@ -86,37 +83,24 @@ const Source& Run::source_of(int number) const {
 }
 
 std::vector<std::string> Run::arguments_of_server(int number) const {
-  std::vector<std::string> all = {
-      "orbbuf-server",
-      "--set",
-      "listen.address=0.0.0.0:7722",
-      "--set",
-      "listen.insecure=true",
-      "--set",
-      "listen.max_frame=64 KiB",
-      "--set",
-      "status.socket=",
-      "--set",
-      "files.path=" + world_folder + "/" + folder_name(number) + "/data",
-      "--set",
-      "files.sync=" + scenario_.sync};
-  if (!scenario_.is_fleet()) return all;
-  for (const std::string& setting :
-       {fmt::format("fleet.etcd=[\"{}:{}\"]", address_text(scenario_.etcd()), kEtcdPort),
-        "fleet.name=" + scenario_.name_of(number),
-        fmt::format("fleet.address={}:7722", address_text(number))}) {
-    all.emplace_back("--set");
-    all.push_back(setting);
-  }
-  return all;
+  return {"orbbuf-server",
+          "--set",
+          "listen.address=0.0.0.0:7722",
+          "--set",
+          "listen.insecure=true",
+          "--set",
+          "listen.max_frame=64 KiB",
+          "--set",
+          "status.socket=",
+          "--set",
+          "files.path=" + world_folder + "/" + folder_name(number) + "/data",
+          "--set",
+          "files.sync=" + scenario_.sync};
 }
 
 std::vector<std::string> Run::arguments_of(int number) const {
   const std::string folder = folder_name(number);
   if (scenario_.is_server(number)) return arguments_of_server(number);
-  if (!scenario_.is_robot(number)) {
-    return {"orbbuf-etcd-model", std::to_string(kEtcdPort), world_folder + "/" + folder + "/log"};
-  }
   const RobotSetup& robot = setup_of(number);
   std::string servers;
   for (const int server : robot.servers) {
@@ -348,16 +332,8 @@ void Run::end_stranger() {
 }
 
 void Run::take_servers_place(const Fault& fault) {
-  constexpr std::array kAnswers = {"moved:nowhere.example:7722",
-                                   "moved:nowhere.example:7722",
-                                   "moved:nowhere.example:7722",
-                                   "moved:nowhere.example:7722",
-                                   "moved:10.0.9.9:7722",
-                                   "refused",
-                                   "bye",
-                                   "beyond",
-                                   "garbage",
-                                   "silence"};
+  constexpr std::array kAnswers = {"sent away", "sent away", "sent away", "sent away", "sent away",
+                                   "refused",   "bye",       "beyond",    "garbage",   "silence"};
   end_stranger();
   die(kServer, false);
   has_impostor_ = true;
@@ -535,7 +511,6 @@ void Run::run() {
     await_end(scenario_.server(i), scenario_.server(i) + 1);
   }
   look_after_machines();
-  if (scenario_.is_fleet()) die(scenario_.etcd(), false);
 }
 
 }  // namespace orbbuf::simulation

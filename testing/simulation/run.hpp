@@ -26,8 +26,7 @@ struct Programs {
   Programs(const std::filesystem::path& build, int memory, const std::vector<std::string>& emulator)
       : robot(build / "daemon/orbbufd", library(build), memory, emulator),
         server(build / "server/orbbuf-server", library(build), memory, emulator),
-        stranger(build / "testing/simulation/orbbuf-stranger", library(build), memory, emulator),
-        etcd(build / "testing/simulation/orbbuf-etcd-model", library(build), memory, emulator) {}
+        stranger(build / "testing/simulation/orbbuf-stranger", library(build), memory, emulator) {}
   static std::filesystem::path library(const std::filesystem::path& build) {
     return build / "testing/simulation/liborbbuf-simulated.so";
   }
@@ -35,7 +34,6 @@ struct Programs {
   Program robot;
   Program server;
   Program stranger;
-  Program etcd;
 };
 
 /// A scenario from its first second until all machines have stopped in good order.

@@ -300,12 +300,12 @@ void make_many_starts(Scenario& scenario, Random& random) {
   }
 }
 
-RobotSetup draw_robot_of_fleet(Random& random, const Scenario& scenario) {
+RobotSetup draw_robot_of_servers(Random& random, const Scenario& scenario) {
   RobotSetup robot = draw_robot(random, scenario.length);
   std::vector<int> all;
   for (int i = 0; i < scenario.servers; ++i) all.push_back(scenario.server(i));
   robot.servers.clear();
-  const std::size_t known = random.one_in(6) ? 1 : 2 + random.below(all.size() - 1);
+  const std::size_t known = random.one_in(6) ? 1 : 1 + random.below(all.size());
   while (robot.servers.size() < known) {
     const auto one = all.begin() + static_cast<std::ptrdiff_t>(random.below(all.size()));
     robot.servers.push_back(*one);
@@ -333,8 +333,7 @@ Fault draw_fault_of_server(Random& random, const Scenario& scenario) {
   draw_value(fault, random, scenario);
   if (fault.kind == FaultKind::kDieInARow) fault.value = 2 + random.below(8);
   if (fault.kind != FaultKind::kCutFrom && fault.kind != FaultKind::kCutOneWay) return fault;
-  const int other = random.one_in(2) ? scenario.etcd()
-                                     : static_cast<int>(1 + random.below(scenario.robots.size()));
+  const int other = static_cast<int>(1 + random.below(scenario.robots.size()));
   fault.value = static_cast<std::uint64_t>(other);
   if (fault.kind == FaultKind::kCutOneWay && random.one_in(2)) {
     fault.value = static_cast<std::uint64_t>(std::exchange(fault.machine, other));
@@ -342,16 +341,11 @@ Fault draw_fault_of_server(Random& random, const Scenario& scenario) {
   return fault;
 }
 
-Fault draw_fault_of_fleet(Random& random, const Scenario& scenario) {
+Fault draw_fault_of_servers(Random& random, const Scenario& scenario) {
   Fault fault;
   switch (random.below(8)) {
     case 0:
-      fault.machine = scenario.etcd();
-      fault.kind = random.one_in(2) ? FaultKind::kKill : FaultKind::kFreeze;
-      fault.length = draw_length(random, 200 * kMillisecond, 40 * kSecond);
-      break;
     case 1:
-    case 2:
       do {
         fault = draw_fault(random, scenario);
       } while (!scenario.is_robot(fault.machine) || fault.kind == FaultKind::kVisit);
@@ -365,7 +359,7 @@ Fault draw_fault_of_fleet(Random& random, const Scenario& scenario) {
 }
 
 /// Half of them while the session is at another server, or goes there.
-void add_bad_disk_of_fleet(Scenario& scenario, Random& random) {
+void add_bad_disk_of_servers(Scenario& scenario, Random& random) {
   constexpr std::array kKinds = {FaultKind::kSlowDisk, FaultKind::kFailingDisk,
                                  FaultKind::kFullDisk};
   Fault fault;
@@ -379,16 +373,15 @@ void add_bad_disk_of_fleet(Scenario& scenario, Random& random) {
   scenario.faults.push_back(fault);
 }
 
-/// Servers that share robots, and etcd, which stands for a cluster and so keeps what it has.
-void make_fleet(Scenario& scenario, Random& random) {
-  scenario.servers = 2 + static_cast<int>(random.below(2));
+/// Faults of what servers share, and several at a time.
+void make_servers(Scenario& scenario, Random& random) {
   scenario.sync = "ack";
   scenario.length = draw_length(random, 60 * kSecond, 1200 * kSecond);
-  for (RobotSetup& robot : scenario.robots) robot = draw_robot_of_fleet(random, scenario);
+  for (RobotSetup& robot : scenario.robots) robot = draw_robot_of_servers(random, scenario);
   scenario.faults.clear();
   const auto minutes = static_cast<std::uint64_t>(scenario.length / (60 * kSecond));
   for (std::uint64_t i = 2 + random.below(4 + 2 * minutes); i > 0; --i) {
-    Fault fault = draw_fault_of_fleet(random, scenario);
+    Fault fault = draw_fault_of_servers(random, scenario);
     if (!scenario.faults.empty() && random.one_in(2)) {  // more at a time
       const Fault& other = scenario.faults[random.below(scenario.faults.size())];
       const Time until = random.one_in(3) ? kSecond : other.length + 5 * kSecond;
@@ -398,7 +391,7 @@ void make_fleet(Scenario& scenario, Random& random) {
   }
   const bool has_bad_disks = scenario.seed % 40 == 11 || scenario.seed % 40 == 21;
   for (std::uint64_t i = has_bad_disks ? 1 + random.below(3) : 0; i > 0; --i)
-    add_bad_disk_of_fleet(scenario, random);
+    add_bad_disk_of_servers(scenario, random);
 }
 
 }  // namespace
@@ -407,9 +400,8 @@ std::string_view to_string(FaultKind kind) { return kNames[static_cast<std::size
 
 std::string Scenario::name_of(int machine) const {
   if (is_robot(machine)) return fmt::format("robot{}", machine);
-  if (is_fleet() && machine == etcd()) return "etcd";
   if (machine >= machines()) return "stranger";
-  if (!is_fleet()) return "server";
+  if (!has_several()) return "server";
   return fmt::format("server{}", machine == kServer ? 1 : machine - robots_end() + 2);
 }
 
@@ -454,7 +446,7 @@ Scenario draw_scenario(std::uint64_t seed) {
   } else if (kind % 5 == 3) {
     make_outages(scenario, random);
   } else if (kind % 10 == 1) {
-    make_fleet(scenario, random);
+    make_servers(scenario, random);
   }
   std::sort(scenario.faults.begin(), scenario.faults.end(),
             [](const Fault& a, const Fault& b) { return a.at < b.at; });
@@ -465,7 +457,7 @@ std::string to_string(const Scenario& scenario) {
   auto text =
       fmt::format("seed {}: {:.0f} s, {} robots, sync {}{}\n", scenario.seed,
                   static_cast<double>(scenario.length) / 1e9, scenario.robots.size(), scenario.sync,
-                  scenario.is_fleet() ? fmt::format(", {} servers", scenario.servers) : "");
+                  scenario.has_several() ? fmt::format(", {} servers", scenario.servers) : "");
   for (std::size_t i = 0; i < scenario.robots.size(); ++i) {
     const RobotSetup& robot = scenario.robots[i];
     text += fmt::format(
@@ -478,7 +470,7 @@ std::string to_string(const Scenario& scenario) {
                                : "large",
         robot.path.bytes_per_second, static_cast<double>(robot.path.delay) / 1e6,
         static_cast<double>(robot.path.queue) / 1e6);
-    if (!scenario.is_fleet()) continue;
+    if (!scenario.has_several()) continue;
     text += "    knows";
     for (const int server : robot.servers) text += " " + scenario.name_of(server);
     text += '\n';

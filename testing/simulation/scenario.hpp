@@ -12,7 +12,7 @@
 namespace orbbuf::simulation {
 
 inline constexpr std::uint64_t kBufferBytes = 1 << 20;
-inline constexpr int kServer = 0;  ///< its machine; the robots follow, then what else a fleet has
+inline constexpr int kServer = 0;  ///< its machine; the robots follow, then other servers
 
 enum class FaultKind : std::uint8_t {
   kCut,  ///< of the link, both ways
@@ -36,7 +36,7 @@ enum class FaultKind : std::uint8_t {
   kClockStep,  ///< value: seconds, as a signed number
   kImpostor,   ///< in the server's place for `length`; value: what it answers
   kVisit,      ///< by a stranger that says it is that robot; value: what it does
-  kCutFrom,    ///< of a fleet's machine; value: the other one, nothing gets through
+  kCutFrom,    ///< of a machine; value: the other one, nothing gets through
   kCutOneWay,  ///< likewise, what it sends the other one
 };
 inline constexpr int kFaultKinds = 23;
@@ -71,17 +71,16 @@ struct Scenario {
   Time sync_time = 0;
   std::vector<RobotSetup> robots;
   std::vector<Fault> faults;
-  int servers = 1;  ///< more: a fleet, with etcd
+  int servers = 1;
 
-  bool is_fleet() const { return servers > 1; }
+  bool has_several() const { return servers > 1; }  ///< servers
   int robots_end() const { return static_cast<int>(robots.size()) + 1; }
   bool is_robot(int machine) const { return machine > kServer && machine < robots_end(); }
   int server(int number) const { return number == 0 ? kServer : robots_end() + number - 1; }
   bool is_server(int machine) const {
     return machine == kServer || (machine >= robots_end() && machine < server(servers));
   }
-  int etcd() const { return server(servers); }  ///< of a fleet
-  int machines() const { return is_fleet() ? etcd() + 1 : robots_end(); }
+  int machines() const { return server(servers); }
   std::string name_of(int machine) const;
 };
 std::string to_string(const Fault& fault, const Scenario& scenario);

@@ -31,7 +31,6 @@ using Bytes = std::vector<std::uint8_t>;
 
 constexpr std::uint16_t kPort = 7722;
 constexpr int kPatienceMs = 3000;
-constexpr std::string_view kMoved = "moved:";  // and where to
 
 sockaddr_in server_address() {
   sockaddr_in address{};
@@ -64,9 +63,7 @@ void read_some(int socket, std::size_t most) {
 
 Bytes answer_of(std::string_view what) {
   using wire::ErrorCode;
-  if (what.starts_with(kMoved)) {
-    return encode(wire::ErrorMessage{ErrorCode::kMoved, std::string(what.substr(kMoved.size()))});
-  }
+  if (what == "sent away") return encode(wire::ErrorMessage{ErrorCode::kSentAway, "full"});
   if (what == "refused") return encode(wire::ErrorMessage{ErrorCode::kRefused, "not now"});
   if (what == "bye") return encode(wire::Bye{});
   if (what == "beyond") {  // a position that no robot has reached

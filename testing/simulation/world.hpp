@@ -104,7 +104,7 @@ struct Endpoint {
   Time user_timeout = 0;
 };
 
-/// End 0 is of the machine that opened it: a robot, or a server that asks etcd.
+/// End 0 is of the machine that opened it: a robot.
 struct Connection {
   bool is_used = false;
   bool is_dead = false;  ///< the first end's address has changed: nothing gets through any more

@@ -473,14 +473,14 @@ TEST(WireParse, UnknownErrorCodeCountsAsRefused) {
   }
 }
 
-TEST(WireParse, MovedIsAnErrorWithAnAddress) {
-  const ErrorMessage moved{ErrorCode::kMoved, "b:7722"};
-  const Bytes message = encode(moved);
+TEST(WireParse, SentAwayIsAnError) {
+  const ErrorMessage away{ErrorCode::kSentAway, "the disk is full"};
+  const Bytes message = encode(away);
   EXPECT_EQ(message[kHeaderBytes + 1], 8);
   const auto again =
       parse_error(header_of(message).value(), std::span(message).subspan(kHeaderBytes));
   ASSERT_TRUE(again) << again.error().text;
-  EXPECT_EQ(again.value(), moved);
+  EXPECT_EQ(again.value(), away);
 }
 
 /// One to four small damages: a flipped bit, a changed byte, bytes cut off or put in.

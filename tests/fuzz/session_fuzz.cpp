@@ -106,7 +106,6 @@ class World final : public ConnectionOwner {
     connection->join(session);
   }
   SessionStores* stores() override { return nullptr; }
-  bool has_heartbeat() const override { return false; }
   void on_closed(const std::shared_ptr<Connection>& /*connection*/) override {}
 
   boost::asio::io_context main_{1};  // ends last: timers of all the rest are in it

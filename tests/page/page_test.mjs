@@ -197,32 +197,6 @@ async function sessionPages() {
   return delivered;
 }
 
-/** What a fleet's servers would say of themselves is on the page; a server alone has no such page. */
-async function fleetPage() {
-  assert.equal(await page.locator('[data-nav="fleet"]').isVisible(), false);
-  const overview = { etcd: ["10.0.0.11:2379", "10.0.0.12:2379"],
-    servers: [{ name: "one", instance: "i", address: "10.0.0.21:7722", http: "", robots: 0, draining: true },
-      { name: "two", instance: "i", address: "10.0.0.22:7722", http: "10.0.0.22:7723", robots: 1, draining: false }],
-    sessions: [{ robot: "front", session: "s1", server: "two", instance: "i", epoch: 2, ended: false,
-      next: [500, 3], segments: [{ server: "one", epoch: 1, next: [] },
-        { server: "two", epoch: 2, next: [300, 1] }] },
-      { robot: "rear", session: "s0", server: "away", instance: "i", epoch: 1, ended: false,
-        segments: [{ server: "away", epoch: 1, next: [] }] }] };
-  await page.route("**/fleet.json", (route) => route.fulfill({ json: overview }));
-  await page.goto(`${origin}/fleet`);
-  await page.waitForSelector("tr td code");
-  const rows = await page.locator("tr:has(td)").allInnerTexts();
-  assert.match(rows[0], /one\s+10\.0\.0\.21:7722\s+0\s+drains/);
-  assert.match(rows[2], /front\s+s1\s+open\s+two\s+500\s+one from 0\s+two from 300/);
-  assert.match(rows[3], /rear\s+s0\s+its server is away\s+away\s+0\s+away from 0/);
-  assert.equal(await page.locator("code").first().innerText(),
-    "orbbuf-server join front/s1 --etcd 10.0.0.11:2379 --etcd 10.0.0.12:2379");
-  assert.equal(await page.locator('td a:text-is("two from 300")').getAttribute("href"),
-    "http://10.0.0.22:7723/sessions/front/s1.e2");
-  await picture("fleet", "light", 1280);
-  await picture("fleet-phone-dark", "dark", 360, 740);
-}
-
 try {
   await load();
   await freeze();
@@ -231,7 +205,6 @@ try {
   await compare(robot);
   const delivered = await value("acknowledged");
   assert.equal(await sessionPages(), delivered);
-  await fleetPage();
   assert.deepEqual(problems, []);
   console.log(`page: passed; pictures in ${folder}`);
 } finally {

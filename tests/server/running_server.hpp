@@ -13,7 +13,6 @@
 #include <thread>
 #include <vector>
 
-#include "server/fleet_member.hpp"
 #include "server/http/http_server.hpp"
 #include "server/link/listener.hpp"
 #include "server/settings.hpp"
@@ -27,15 +26,8 @@ class RunningServer {
   explicit RunningServer(Settings settings) {
     std::signal(SIGPIPE, SIG_IGN);
     settings.listen.address.port = 0;
-    fleet_ = make_fleet_member(main_, files_, settings);
-    if (settings.http_address) {
-      http_.emplace(main_, files_, settings, metrics_, fleet_ ? fleet_->page() : FleetPage{});
-    }
+    if (settings.http_address) http_.emplace(main_, files_, settings, metrics_);
     listener_.emplace(main_, files_, settings, http_ ? &metrics_ : nullptr);
-    if (fleet_) {
-      fleet_->share(*listener_);
-      fleet_->start();
-    }
     port_ = listener_->endpoint().port();
     listener_->start();
     if (http_) http_->start();
@@ -76,14 +68,10 @@ class RunningServer {
   }
 
   /// As `orbbuf-server drain` does it; returns when it is over.
-  std::optional<Error> drain() {
-    std::promise<std::optional<Error>> done;
-    boost::asio::post(main_, [&] {
-      fleet_->drain([&](const Result<std::string>& answer) {
-        done.set_value(answer ? std::nullopt : std::optional(answer.error()));
-      });
-    });
-    return done.get_future().get();
+  void drain() {
+    std::promise<void> done;
+    boost::asio::post(main_, [&] { listener_->drain([&] { done.set_value(); }); });
+    done.get_future().get();
   }
 
   /// As a signal does it; returns when the server has closed everything.
@@ -91,9 +79,7 @@ class RunningServer {
     if (!thread_.joinable()) return;
     boost::asio::post(main_, [this] {
       if (http_) http_->stop();
-      listener_->stop([this] {
-        if (fleet_) fleet_->async_stop([] {});
-      });
+      listener_->stop([] {});
     });
     thread_.join();  // `main` runs out of work when all is closed
   }
@@ -102,7 +88,6 @@ class RunningServer {
   boost::asio::io_context main_{1};
   boost::asio::thread_pool files_{2};
   Metrics metrics_{256};
-  std::unique_ptr<FleetMember> fleet_;
   std::optional<HttpServer> http_;
   std::optional<Listener> listener_;
   std::uint16_t port_ = 0;

@@ -180,46 +180,5 @@ INSTANTIATE_TEST_SUITE_P(
         BadValue{{"robot.a.slum.fifo=/f"}, "robot.a.slum.fifo"},
         BadValue{{"robot.\"-a\".slam.fifo=/f"}, "not a robot id"}));
 
-TEST(Settings, AFleetIsReadWithWhatFollowsFromTheRest) {
-  const auto got = load({"listen.address=127.0.0.1:7722", "http.address=127.0.0.1:7723",
-                         "fleet.etcd=[\"10.0.0.1:2379\", \"10.0.0.2:2379\"]", "fleet.name=a",
-                         "fleet.lease=9 s"});
-  FleetSettings expected;
-  expected.etcd = {{"10.0.0.1", 2379}, {"10.0.0.2", 2379}};
-  expected.name = "a";
-  expected.address = "127.0.0.1:7722";
-  expected.http = "127.0.0.1:7723";
-  expected.lease = std::chrono::seconds(9);
-  EXPECT_EQ(got.fleet, expected);
-  const auto empty = load({"listen.address=127.0.0.1:7722", "http.address=127.0.0.1:7723",
-                           "fleet.etcd=[\"10.0.0.1:2379\"]", "fleet.address=", "fleet.http="});
-  EXPECT_EQ(empty.fleet.address, expected.address);  // as the sample has them
-  EXPECT_EQ(empty.fleet.http, expected.http);
-}
-
-TEST(Settings, AFleetWithWhatItCannotBeIsRefused) {
-  const auto refusal = [](std::vector<std::string> overrides) -> std::string {
-    overrides.insert(overrides.begin(), {"fleet.etcd=[\"e:2379\"]", "fleet.name=a"});
-    try {
-      load(overrides);
-      return "";
-    } catch (const ConfigError& error) {
-      return error.what();
-    }
-  };
-  EXPECT_EQ(refusal({}), "");
-  EXPECT_THAT(refusal({"files.sync=1 s"}), HasSubstr("files.sync"));
-  EXPECT_THAT(refusal({"mcap.enabled=true"}), HasSubstr("mcap.enabled"));
-  EXPECT_THAT(refusal({"fleet.name=a/b"}), HasSubstr("not an id"));
-  EXPECT_THAT(refusal({"fleet.etcd_tls=true"}), HasSubstr("needs [tls]"));
-  EXPECT_THAT(refusal({"listen.address=0.0.0.0:7722", "listen.insecure=true"}),
-              HasSubstr("fleet.address: needed"));
-  EXPECT_THAT(refusal({"listen.address=127.0.0.1:0"}), HasSubstr("needs a port"));
-  for (const std::string host : {"0.0.0.0", "[::]"}) {
-    EXPECT_THAT(refusal({"fleet.address=" + host + ":7722"}),
-                HasSubstr("fleet.address: no address that others can reach"));
-  }
-}
-
 }  // namespace
 }  // namespace orbbuf

@@ -4,7 +4,6 @@ const kPollMs = 1000;
 const kPatienceMs = 3000;
 const kLongestPatienceMs = 60000;
 const kTimelineSeconds = 120;
-const kFleetPollMs = 5000; // each asks etcd
 const $ = (id) => document.getElementById(id);
 const main = $("main");
 
@@ -433,85 +432,13 @@ async function sessions(robot, session) {
   }
 }
 
-/* All servers of the fleet */
-
-function showTable(title, heads, rows) {
-  const card = element("article"), head = element("div"), around = element("div"), table = element("table");
-  card.className = "card wide";
-  head.className = "title";
-  around.className = "scroll";
-  head.append(element("h2", title));
-  const line = (tag, cells) => {
-    const row = element("tr");
-    for (const cell of cells) {
-      const at = element(tag);
-      at.append(...[cell].flat());
-      row.append(at);
-    }
-    return row;
-  };
-  table.append(line("th", heads), ...rows.map((row) => line("td", row)));
-  around.append(table);
-  card.append(head, around);
-  return card;
-}
-
-function showFleet({ etcd, servers, sessions, next }) {
-  const pages = new Map(servers.map(({ name, http }) => [name, http]));
-  const linked = (text, server, ...parts) => {
-    const to = element(pages.get(server) ? "a" : "span", text);
-    if (pages.get(server)) to.href = `${location.protocol}//${pages.get(server)}${path(...parts)}`;
-    return to;
-  };
-  const part = ({ robot, session }, { server, epoch }, text) =>
-    linked(text, server, "sessions", robot, epoch === 1 ? session : `${session}.e${epoch}`);
-  const state = ({ ended, server }) => (ended ? "ended" : pages.has(server) ? "open" : "its server is away");
-  const order = (a, b) => a.ended - b.ended || b.session.localeCompare(a.session);
-  const join = ({ robot, session }) => element("code",
-    ["orbbuf-server join", `${robot}/${session}`, ...etcd.map((one) => `--etcd ${one}`)].join(" "));
-  main.replaceChildren(
-    showTable("Servers", ["Server", "For robots", "Robots", "State"], servers.map((server) => [
-      linked(server.name, server.name), server.address, String(server.robots), server.draining ? "drains" : "serves"])),
-    showTable("Sessions", ["Robot", "Session", "State", "Owner", "Next frame", "Segments", "To make one session of them"],
-      sessions.sort(order).map((session) => [session.robot, part(session, session.segments.at(-1), session.session),
-        state(session), linked(session.server, session.server), String(session.next?.[0] ?? 0),
-        session.segments.map((one) => part(session, one, `${one.server} from ${one.next[0] ?? 0}`)),
-        join(session)])));
-  if (next) {
-    const more = element("a", "More sessions");
-    more.href = `/fleet?from=${next}`;
-    main.append(more);
-  }
-  const open = sessions.filter((session) => !session.ended).length;
-  summary(`${servers.length} server${servers.length === 1 ? "" : "s"}, ${open} of ${sessions.length} sessions open`);
-}
-
-let fleetShown = "";
-async function fleet() {
-  if (!document.hidden && getSelection().isCollapsed) { // what is selected is about to be copied
-    try {
-      const answer = await fetch(`/fleet.json${location.search}`), now = await answer.text();
-      if (!answer.ok) throw new Error(now);
-      if (now !== fleetShown) showFleet(JSON.parse(now));
-      fleetShown = now;
-    } catch (error) {
-      fleetShown = "";
-      summary(String(error.message ?? error), true);
-    }
-  }
-  setTimeout(fleet, kFleetPollMs);
-}
-
 const [first, ...rest] = location.pathname.split("/").filter(Boolean).map(decodeURIComponent);
-const isFleet = first === "fleet";
-const isLive = first !== "sessions" && !isFleet;
+const isLive = first !== "sessions";
 document.querySelector(`[data-nav="${isLive ? "live" : first}"]`).setAttribute("aria-current", "page");
 $("legend").hidden = !isLive && rest.length < 2;
 for (const only of document.querySelectorAll("[data-live]")) only.hidden = !isLive;
 if (isLive) {
   poll();
-} else if (isFleet) {
-  fleet();
 } else {
   sessions(...rest);
 }

@@ -34,17 +34,11 @@ PipeSink::PipeSink(asio::io_context& main, asio::thread_pool& pool, const Sessio
       now_(std::move(now)),
       codec_(label_ + ": " + reader_->name()),
       follower_(kept.folder),
-      earlier_(without_reader == WithoutReader::kCatchUp ? kept.earlier : nullptr),
-      first_here_(info.segment.from[wire::kFrames]),
       pipe_(main),
       retry_(main),
       place_(without_reader == WithoutReader::kCatchUp && kept.next_sequence > 0 ? Place::kBehind
                                                                                  : Place::kLive),
-      next_(kept.next_sequence > 0 ? kept.next_sequence - 1 : 0) {
-  if (!earlier_ || kept.next_sequence > first_here_) return;
-  next_ = 0;
-  awaited_ = 0;
-}
+      next_(kept.next_sequence > 0 ? kept.next_sequence - 1 : 0) {}
 
 void PipeSink::async_write(FramePtr frame, Done done) {
   assert(!call_);
@@ -62,11 +56,6 @@ void PipeSink::cancel() {
   go_on();
 }
 
-void PipeSink::pass_on() {
-  is_passed_on_ = true;
-  if (earlier_) earlier_->close();
-}
-
 void PipeSink::async_drain(const SessionClosing& /*closing*/, Done drained) {
   drained_ = [drained = std::move(drained)] { drained(std::nullopt); };
   go_on();
@@ -74,7 +63,6 @@ void PipeSink::async_drain(const SessionClosing& /*closing*/, Done drained) {
 
 void PipeSink::close() {
   reader_state_ = ReaderState::kClosed;
-  if (earlier_) earlier_->close();
   retry_.cancel();
   error_code ignored;  // nothing to do about it, and the reader has the end
   pipe_.close(ignored);
@@ -159,7 +147,7 @@ void PipeSink::go_on() {
   if (call_) serve_call();
   if (work_ == Work::kNone && reader_state_ == ReaderState::kPresent) {
     if (place_ != Place::kLive) {
-      if (!is_passed_on_) catch_up();
+      catch_up();
     } else if (call_) {
       work_ = Work::kLive;
       send(FramePtr(call_->frame));  // it is given up where it cannot be sent
@@ -195,10 +183,6 @@ void PipeSink::serve_call() {
 void PipeSink::catch_up() {
   work_ = Work::kCatchUp;
   place_ = Place::kBehind;
-  if (earlier_ && next_ < first_here_) {
-    return earlier_->async_next(
-        next_, [self = shared_from_this()](FramePtr frame) { self->on_earlier(std::move(frame)); });
-  }
   run_in_pool(
       main_, pool_,
       [self = shared_from_this(), first = next_] {
@@ -211,13 +195,6 @@ void PipeSink::catch_up() {
         }
         self->on_followed(std::move(followed.first));
       });
-}
-
-void PipeSink::on_earlier(FramePtr frame) {
-  if (frame) return on_followed(std::move(frame));
-  next_ = first_here_;
-  work_ = Work::kNone;
-  go_on();
 }
 
 void PipeSink::on_followed(Result<FramePtr> frame) {

@@ -19,7 +19,6 @@
 #include "common/jpeg.hpp"
 #include "common/log.hpp"
 #include "common/sample.hpp"
-#include "server/session/earlier_frames.hpp"
 #include "server/session/session_info.hpp"
 #include "server/session/session_reader.hpp"
 #include "server/sink/frame_sink.hpp"
@@ -38,9 +37,8 @@ enum class WithoutReader : std::uint8_t {
 
 /// The frames of a session that are kept, whatever becomes of its pipe.
 struct KeptFrames {
-  std::filesystem::path folder;              ///< SessionStore's; empty: they are not in files
-  Sequence next_sequence = 0;                ///< of the session, when the sink is made
-  std::shared_ptr<EarlierFrames> earlier{};  ///< of a session that began elsewhere; else null
+  std::filesystem::path folder;  ///< SessionStore's; empty: they are not in files
+  Sequence next_sequence = 0;    ///< of the session, when the sink is made
 };
 
 /// The time since the epoch.
@@ -57,13 +55,9 @@ using WallClock = std::function<std::chrono::nanoseconds()>;
 /// there is; the recording does not suffer from what SLAM once missed. A program that is slower
 /// than the camera never gets there. Memory: a frame from the files and a live one.
 ///
-/// Of a session that began elsewhere (KeptFrames::earlier, kCatchUp) the reader gets all from the
-/// beginning on, unless this server has frames of its own already.
-///
 /// With a frame go the samples since the last one that this reader got, whatever has become of the
 /// frames between them; a first frame has those since the frame before it. Beyond
-/// kMostSamples the oldest are left out; late samples and those of a session's parts elsewhere are
-/// not part of the stream.
+/// kMostSamples the oldest are left out; late samples are not part of the stream.
 ///
 /// Drop records are not part of the stream. A frame that does not decode (mjpeg: is no JPEG) is
 /// skipped with a warning, both images of it.
@@ -91,7 +85,6 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   bool takes_items() const override { return true; }
   void async_write_items(ItemsPtr items, Done done) override;
   void cancel() override;
-  void pass_on() override;
   /// Waits until the reader has caught up, or has left.
   void async_drain(const SessionClosing& closing, Done drained) override;
   void close() override;
@@ -135,7 +128,6 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   void go_on();
   void serve_call();
   void catch_up();
-  void on_earlier(FramePtr frame);
   void on_followed(Result<FramePtr> frame);
   void send(const FramePtr& frame);
   void add_samples(wire::StreamId stream, const std::vector<std::uint8_t>& payload,
@@ -158,10 +150,8 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   const PipeFormat format_;
   const WithoutReader without_reader_;
   const WallClock now_;
-  JpegCodec codec_;                         // `files` only
-  FrameFollower follower_;                  // `files` only
-  std::shared_ptr<EarlierFrames> earlier_;  // null: there are none
-  const Sequence first_here_;               // earlier_ has those below
+  JpegCodec codec_;         // `files` only
+  FrameFollower follower_;  // `files` only
   boost::asio::posix::stream_descriptor pipe_;
   boost::asio::steady_timer retry_;
 
@@ -169,7 +159,6 @@ class PipeSink final : public FrameSink, public std::enable_shared_from_this<Pip
   std::optional<Call> call_;  // in progress
   ReaderState reader_state_ = ReaderState::kAwaited;
   Place place_ = Place::kLive;
-  bool is_passed_on_ = false;
   Work work_ = Work::kNone;
   Sequence next_ = 0;                // no reader needs any frame below
   std::optional<Sequence> awaited_;  // by a reader that misses nothing; nothing: any

@@ -140,20 +140,6 @@ TEST_F(SenderTest, UnacknowledgedFramesComeAgainOnTheNextConnection) {
   EXPECT_EQ(buffer_.stats().acknowledged, 2U);
 }
 
-TEST_F(SenderTest, UnacknowledgedFramesComeAgainAtTheServerThatTheRobotIsMovedTo) {
-  test::ScriptedServer other;
-  push(0, 3);
-  start();
-  server_.welcome({});
-  for (int i = 0; i < 2; ++i) server_.read(Type::kFrame);
-  server_.ack({1, 0});
-  const std::string address = "127.0.0.1:" + std::to_string(other.port());
-  server_.send(wire::encode(wire::ErrorMessage{wire::ErrorCode::kMoved, address}));
-  other.welcome({1, 0});
-  EXPECT_EQ(other.read(Type::kFrame).frame().sequence, 1U);
-  EXPECT_EQ(other.read(Type::kFrame).frame().sequence, 2U);
-}
-
 TEST_F(SenderTest, DropsAreReportedNumberedAndAgainUntilAcknowledged) {
   start();
   push(0, 7);  // three more than fit: 0, 1 and 2 go

@@ -164,16 +164,8 @@ TEST_F(SeveralServers, OneThatFailedIsNotTriedBesideThePreferredOneEither) {
   EXPECT_EQ(attempts(2), "a+b a+c ") << "a welcome ends that";
 }
 
-TEST_F(SeveralServers, TheOneThatTheRobotIsSentToIsPreferred) {
-  addresses_.failed(kC, kNow + 1h);
-  addresses_.move_to(kC);
-  EXPECT_EQ(attempts(3), "c+a c+b c+a ");
-  EXPECT_FALSE(addresses_.is_wanted(kA, kNow, 0ns));
-}
-
 TEST(ServerAddresses, OneWithoutAnAddressIsNeitherReadyNorHopedFor) {
-  ServerAddresses addresses({{"10.0.0.1", 7722}});
-  addresses.move_to(kSlam);
+  ServerAddresses addresses({{"10.0.0.1", 7722}, kSlam});
   EXPECT_TRUE(addresses.is_any_ready(kNow));
   addresses.failed({"10.0.0.1", 7722}, kNow + 1s);
   EXPECT_FALSE(addresses.is_any_ready(kNow));
@@ -181,19 +173,6 @@ TEST(ServerAddresses, OneWithoutAnAddressIsNeitherReadyNorHopedFor) {
   addresses.found(kSlam, {at("10.0.0.2")});
   EXPECT_TRUE(addresses.is_any_ready(kNow));
   EXPECT_FALSE(addresses.have_all_failed());
-}
-
-TEST_F(SeveralServers, OneThatTheConfigurationDoesNotNameIsKeptUntilTheNext) {
-  addresses_.move_to(kGuest);
-  EXPECT_EQ(addresses_.names(), (std::vector{kA, kB, kC, kGuest}));
-  EXPECT_EQ(attempts(1), "a ") << "it has no address yet";
-  addresses_.found(kGuest, {at("10.0.0.9")});
-  EXPECT_EQ(attempts(3), "guest+b guest+c guest+a ");
-  addresses_.move_to(kB);
-  EXPECT_EQ(addresses_.count(), 4U);
-  addresses_.move_to({"other", 7722});
-  EXPECT_EQ(addresses_.names(), (std::vector<Address>{kA, kB, kC, {"other", 7722}}));
-  EXPECT_FALSE(addresses_.found(kGuest, {at("10.0.0.9")}));
 }
 
 }  // namespace

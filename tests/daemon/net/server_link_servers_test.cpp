@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A link that several servers may take, or that one server sends to another.
+// A link that several servers may take.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -30,8 +30,11 @@ class TwoServersRig : protected LinkRig {
     a_.welcome({});
     expect_connected();
   }
-  void start_on_a_of_a_fleet() {
+  void start_on_a_with_heartbeat() {
     start_with_both();
+    welcome_with_heartbeat();
+  }
+  void welcome_with_heartbeat() {
     a_.accept_hello();
     wire::Welcome welcome;
     welcome.takes.set(wire::kFrames).set(wire::kDrops);
@@ -46,9 +49,6 @@ class TwoServersRig : protected LinkRig {
   static void say(ScriptedServer& server, ErrorCode code, const std::string& text) {
     server.send(wire::encode(wire::ErrorMessage{code, text}));
   }
-  static void move(ScriptedServer& from, const ScriptedServer& to) {
-    say(from, ErrorCode::kMoved, to_string(address_of(to)));
-  }
   static FramePtr one_frame() {
     EncodedFrame frame;
     frame.jpeg = {0xFF, 0xD8, 0xFF, 0xD9};
@@ -57,10 +57,6 @@ class TwoServersRig : protected LinkRig {
     frame.width_px = frame.height_px = 1;
     return std::make_shared<const EncodedFrame>(std::move(frame));
   }
-  static std::vector<std::string> moves(const test::CapturedLog& log) {
-    return log.lines(" moves this robot to 127.0.0.1:");
-  }
-
   const test::CapturedLog log_;
   ScriptedServer& a_ = server_;
   ScriptedServer b_;
@@ -142,89 +138,29 @@ TEST_F(ServerLinkServers, ANameThatHasNoAddressIsLoggedBesideAConnection) {
   log_.wait_for("cannot resolve no-such-host.invalid: ");
 }
 
-TEST_F(ServerLinkServers, AServerMovesTheRobotInPlaceOfAWelcome) {
-  only_at_once();
-  start();  // the other is none that it knows
-  a_.accept_hello();
-  move(a_, b_);
-  b_.welcome({});
-  expect_connected_to(b_);
-  EXPECT_EQ(log_.lines("no connection to").size(), 0U);
-}
-
-TEST_F(ServerLinkServers, AServerMovesTheRobotInTheMiddleOfASession) {
-  only_at_once();
-  start();
-  a_.welcome({});
-  expect_connected();
-  move(a_, b_);
-  EXPECT_EQ(owner_.next(), "disconnected 0 0");
-  b_.welcome({});
-  expect_connected_to(b_);
-  EXPECT_EQ(log_.lines("warning").size(), 0U);
-}
-
-TEST_F(ServerLinkServers, AServerMovesTheRobotToAName) {
-  start();
-  a_.accept_hello();
-  say(a_, ErrorCode::kMoved, "localhost:" + std::to_string(b_.port()));
-  b_.welcome({});
-  expect_connected();
-  EXPECT_EQ(ask([](const ServerLink& link) { return link.server().host; }), "localhost");
-}
-
-TEST_F(ServerLinkServers, ServersThatMoveTheRobotInACircleRefuseIt) {
-  only_at_once();
-  start_with_both();
-  for (int i = 0; i < 2; ++i) {
-    a_.accept_hello();
-    move(a_, b_);
-    b_.accept_hello();
-    move(b_, a_);  // the second time, the fourth move: none that is followed
-  }
-  log_.wait_for("no connection to " + to_string(address_of(b_)));
-  EXPECT_EQ(moves(log_).size(), 3U + 1U);
-  a_.accept_hello();  // since the other has refused
-  a_.send(wire::encode(test::welcome_at({})));
-  expect_connected_to(a_);
-}
-
-TEST_F(ServerLinkServers, ARobotThatIsMovedNowhereIsRefused) {
-  only_at_once();
-  start_with_both();
-  a_.accept_hello();
-  say(a_, ErrorCode::kMoved, "nowhere");
-  b_.accept_hello();
-  say(b_, ErrorCode::kMoved, "a:0");
-  log_.wait_for("port 0: a:0");
-  EXPECT_EQ(log_.lines("to no address: expected HOST:PORT").size(), 1U);
-  EXPECT_EQ(state(), ServerLink::State::kConnecting);
-  EXPECT_EQ(moves(log_).size(), 0U);
-}
-
-TEST_F(ServerLinkServers, AMoveToANameThatDoesNotResolveIsARefusalAfterThree) {
-  using namespace std::chrono_literals;
-  settings_.attempt_interval = 10ms;
-  start();
-  const auto begin = std::chrono::steady_clock::now();
-  for (int i = 0; i < 3 + 6; ++i) {
-    a_.accept_hello();
-    say(a_, ErrorCode::kMoved, "no-such-server.invalid:7722");
-  }
-  EXPECT_GE(std::chrono::steady_clock::now() - begin, (2 + 4 + 8 + 16 + 32) * 10ms);
-}
-
-TEST_F(ServerLinkServers, TheOthersAreTriedWhenTheRobotWasMovedToADeadOne) {
+TEST_F(ServerLinkServers, OneThatSendsTheRobotAwayIsLeftForTheOther) {
   start_on_a();
-  b_.die();
-  say(a_, ErrorCode::kMoved, "127.0.0.1:1");
+  say(a_, ErrorCode::kSentAway, "the disk is full");
   EXPECT_EQ(owner_.next(), "disconnected 0 0");
-  a_.welcome({});
-  expect_connected_to(a_);
+  b_.welcome({});
+  expect_connected_to(b_);
+}
+
+TEST_F(ServerLinkServers, TheOnlyOneIsTriedAgainAtOnce) {
+  settings_.attempt_interval = std::chrono::milliseconds(10);
+  start({address_of(a_)});
+  const auto begin = std::chrono::steady_clock::now();
+  for (int i = 0; i < 8; ++i) {  // as refusals, 2.5 s
+    a_.welcome({});
+    expect_connected();
+    say(a_, ErrorCode::kSentAway, "the disk is full");
+    EXPECT_EQ(owner_.next(), "disconnected 0 0");
+  }
+  EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(2));
 }
 
 TEST_F(ServerLinkServers, AServerIsNotLeftForAPauseOfTheRobot) {
-  start_on_a_of_a_fleet();
+  start_on_a_with_heartbeat();
   ask([](ServerLink& link) { return link.write(one_frame()), true; });
   EXPECT_EQ(a_.read(wire::Type::kFrame).frame().sequence, 0U);
   EXPECT_EQ(owner_.next(), "writable 0 0");
@@ -238,7 +174,7 @@ TEST_F(ServerLinkServers, AServerIsNotLeftForAPauseOfTheRobot) {
 }
 
 TEST_F(ServerLinkServers, AServerThatStandsStillIsLeftForAnother) {
-  start_on_a_of_a_fleet();
+  start_on_a_with_heartbeat();
   ask([](ServerLink& link) { return link.write(one_frame()), true; });
   EXPECT_EQ(a_.read(wire::Type::kFrame).frame().sequence, 0U);  // and it says nothing of it
   EXPECT_EQ(owner_.next(), "writable 0 0");
@@ -248,11 +184,21 @@ TEST_F(ServerLinkServers, AServerThatStandsStillIsLeftForAnother) {
   EXPECT_EQ(log_.lines("has acknowledged nothing for 1.").size(), 1U);
 }
 
+TEST_F(ServerLinkServers, TheOnlyOneThatStandsStillIsLeftForAnotherConnection) {
+  start({address_of(a_)});
+  welcome_with_heartbeat();
+  ask([](ServerLink& link) { return link.write(one_frame()), true; });
+  EXPECT_EQ(a_.read(wire::Type::kFrame).frame().sequence, 0U);
+  EXPECT_EQ(owner_.next(), "writable 0 0");
+  EXPECT_EQ(owner_.next(), "disconnected 0 0");
+  EXPECT_EQ(log_.lines("has acknowledged no frame for 1.").size(), 1U);
+}
+
 /// The link stalls, too: another connection to that server is begun, and says hello.
 TEST(ServerLinkInNetwork, AConnectionBegunAtASilentServerEndsWithTheOneBefore) {
   struct Rig : TwoServersRig {
     void run() {
-      start_on_a_of_a_fleet();
+      start_on_a_with_heartbeat();
       ASSERT_EQ(test::run({"ip", "link", "set", "lo", "down"}).status, 0);
       ask([](ServerLink& link) { return link.write(one_frame()), true; });
       log_.wait_for(" stalled, nothing acknowledged ");

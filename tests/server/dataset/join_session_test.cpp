@@ -16,11 +16,11 @@ using testing::SizeIs;
 
 class JoinSession : public testing::Test {
  protected:
-  /// A segment as a server leaves it, of frames that are real JPEGs.
-  void record(const std::string& name, const SegmentInfo& segment,
-              const std::vector<Sequence>& frames, const std::vector<Sequence>& drops,
+  /// A folder as a server leaves it, of frames that are real JPEGs.
+  void record(const std::string& name, const std::vector<Sequence>& frames,
+              const std::vector<Sequence>& drops,
               std::optional<std::uint64_t> captured = std::nullopt) {
-    const auto store = test::open_store(folder_ / name, {"r", "s", "", segment});
+    const auto store = test::open_store(folder_ / name, {"r", "s", ""});
     for (const Sequence frame : frames) {
       ASSERT_FALSE(store->write(*test::jpeg_frame_ptr(frame, 16, 16), 0));
     }
@@ -34,10 +34,10 @@ class JoinSession : public testing::Test {
       ASSERT_FALSE(store->note({wire::Stats{*captured, 0, 0, 0, 0, 0, 0}, 0}));
     }
     ASSERT_FALSE(store->finish(captured.has_value()));
-    segments_.push_back(folder_ / name);
+    folders_.push_back(folder_ / name);
   }
   JoinReport join() {
-    const auto report = join_session(segments_, folder_ / "out");
+    const auto report = join_session(folders_, folder_ / "out");
     EXPECT_TRUE(report) << report.error().text;
     return report ? report.value() : JoinReport{};
   }
@@ -47,14 +47,14 @@ class JoinSession : public testing::Test {
   }
 
   test::TemporaryFolder folder_;
-  std::vector<std::filesystem::path> segments_;
+  std::vector<std::filesystem::path> folders_;
 };
 
-TEST_F(JoinSession, MakesOneSoundSessionOfSegmentsInAnyOrder) {
-  record("b", {2, {3, 1}}, {3, 5, 6}, {4}, 7);
-  record("a", {}, {0, 2}, {1});
+TEST_F(JoinSession, MakesOneSoundSessionOfFoldersInAnyOrder) {
+  record("b", {3, 5, 6}, {4}, 7);
+  record("a", {0, 2}, {1});
   const JoinReport report = join();
-  EXPECT_EQ(report.segments, 2U);
+  EXPECT_EQ(report.parts, 2U);
   EXPECT_EQ(report.frames, 5U);
   EXPECT_EQ(report.repeats, 0U);
   EXPECT_THAT(report.problems, IsEmpty());
@@ -62,8 +62,8 @@ TEST_F(JoinSession, MakesOneSoundSessionOfSegmentsInAnyOrder) {
 }
 
 TEST_F(JoinSession, MakesTheViewsOfWhatItHasMade) {
-  record("a", {}, {0, 2}, {1});
-  record("b", {2, {3, 1}}, {3}, {}, 4);
+  record("a", {0, 2}, {1});
+  record("b", {3}, {}, 4);
   join();
   EXPECT_EQ(test::read_lines(folder_ / "out/times.txt").size(), 3U);
   EXPECT_EQ(test::read_lines(folder_ / "out/checksums.sfv").size(), 3U);
@@ -73,7 +73,7 @@ TEST_F(JoinSession, MakesTheViewsOfWhatItHasMade) {
 
 TEST_F(JoinSession, TakesTheWholeOfAFrameThatIsReducedElsewhere) {
   for (const bool is_whole_first : {true, false}) {
-    segments_.clear();
+    folders_.clear();
     std::filesystem::remove_all(folder_ / "out");
     const auto whole = test::jpeg_frame_ptr(0, 32, 32);
     EncodedFrame reduced = *test::jpeg_frame_ptr(0, 16, 16);
@@ -81,10 +81,9 @@ TEST_F(JoinSession, TakesTheWholeOfAFrameThatIsReducedElsewhere) {
     reduced.whole_bytes = static_cast<std::uint32_t>(whole->jpeg.size());
     reduced.whole_crc = crc32(whole->jpeg);
     for (const bool is_first : {true, false}) {
-      segments_.push_back(folder_ / (is_first ? "a" : "b"));
-      std::filesystem::remove_all(segments_.back());
-      const SegmentInfo segment = is_first ? SegmentInfo{} : SegmentInfo{2, {0, 0}};
-      const auto store = test::open_store(segments_.back(), {"r", "s", "", segment});
+      folders_.push_back(folder_ / (is_first ? "a" : "b"));
+      std::filesystem::remove_all(folders_.back());
+      const auto store = test::open_store(folders_.back(), {"r", "s", ""});
       ASSERT_FALSE(store->write(is_first == is_whole_first ? *whole : reduced, 0));
     }
     EXPECT_THAT(join().problems, IsEmpty());
@@ -97,7 +96,7 @@ TEST_F(JoinSession, TakesTheWholeOfAFrameThatIsReducedElsewhere) {
 }
 
 TEST_F(JoinSession, LateFramesOfAnotherServerAndTheLastAccountBelongToIt) {
-  record("a", {}, {0, 1}, {2, 3});
+  record("a", {0, 1}, {2, 3});
   const auto late = test::open_store(folder_ / "late");
   ASSERT_TRUE(late->write_late(*test::jpeg_frame_ptr(3, 16, 16), 0));
   wire::Account account;
@@ -107,7 +106,7 @@ TEST_F(JoinSession, LateFramesOfAnotherServerAndTheLastAccountBelongToIt) {
   account.captured = 6;
   account.confirmed = 5;
   ASSERT_FALSE(late->take_account(account));
-  segments_.push_back(folder_ / "late");
+  folders_.push_back(folder_ / "late");
   EXPECT_EQ(join().frames, 3U);
   const auto report = check_session(folder_ / "out");
   ASSERT_TRUE(report);
@@ -117,19 +116,15 @@ TEST_F(JoinSession, LateFramesOfAnotherServerAndTheLastAccountBelongToIt) {
                                   "policy, 1 unknown, 1 lost)"));
 }
 
-TEST_F(JoinSession, OtherStreamsGoOnFromSegmentToSegment) {
+TEST_F(JoinSession, OtherStreamsAreThereOnce) {
   constexpr wire::StreamId kStream = wire::kFirstOther;
-  const auto write = [&](const char* name, const SegmentInfo& segment, std::uint64_t first,
-                         std::uint64_t next) {
-    const auto store = test::open_store(folder_ / name, {"r", "s", "", segment});
+  const auto write = [&](const char* name, std::uint64_t first, std::uint64_t next) {
+    const auto store = test::open_store(folder_ / name, {"r", "s", ""});
     ASSERT_FALSE(store->write_items({kStream, first, next, {1, 2, 3}}));
-    segments_.push_back(folder_ / name);
+    folders_.push_back(folder_ / name);
   };
-  write("a", {}, 0, 10);
-  SegmentInfo second{2, {}};
-  second.from[kStream] = 8;
-  write("b", second, 8, 10);  // a repeat: the owner before had it, and had not acknowledged it
-  test::open_store(folder_ / "b", {"r", "s", "", second});
+  write("a", 0, 10);
+  write("b", 8, 10);  // a repeat
   join();
   std::vector<std::uint64_t> firsts;
   ASSERT_FALSE(read_items(folder_ / "out", [&](const RecordedItems& items) {
@@ -138,24 +133,21 @@ TEST_F(JoinSession, OtherStreamsGoOnFromSegmentToSegment) {
   EXPECT_THAT(firsts, testing::ElementsAre(0));
 }
 
-/// etcd's position was behind what the owner before had, and the robot made its batches anew.
-TEST_F(JoinSession, SamplesThatTwoOwnersHaveAreThereOnce) {
+/// The first server's acknowledgement was lost, and the robot made its batches anew.
+TEST_F(JoinSession, SamplesThatTwoServersHaveAreThereOnce) {
   constexpr wire::StreamId kStream = wire::kFirstOther;
   const std::vector<wire::StreamDeclaration> streams{{kStream, "imu0", "imu"}};
-  const auto write = [&](const char* name, const SegmentInfo& segment, std::uint64_t first,
-                         std::uint64_t next) {
+  const auto write = [&](const char* name, std::uint64_t first, std::uint64_t next) {
     std::vector<Sample> samples;
     for (auto number = first; number < next; ++number) {
       samples.push_back({static_cast<std::int64_t>(number), {}, {}});
     }
-    const auto store = test::open_store(folder_ / name, {"r", "s", "", segment, streams});
+    const auto store = test::open_store(folder_ / name, {"r", "s", "", streams});
     ASSERT_FALSE(store->write_items({kStream, first, next, wire::encode_samples(samples)}));
-    segments_.push_back(folder_ / name);
+    folders_.push_back(folder_ / name);
   };
-  write("a", {}, 0, 10);
-  SegmentInfo second{2, {}};
-  second.from[kStream] = 7;
-  write("b", second, 7, 12);
+  write("a", 0, 10);
+  write("b", 7, 12);
   join();
   std::vector<std::int64_t> times;
   const auto totals = for_each_sample(folder_ / "out", streams.front(), [&](const Sample& sample) {
@@ -169,12 +161,12 @@ TEST_F(JoinSession, SamplesThatTwoOwnersHaveAreThereOnce) {
 /// A server that never had the session live knows neither its calibration nor its clock.
 TEST_F(JoinSession, WhatIsKnownOfTheLiveStreamStaysWithAPartOfLateFramesOnly) {
   const std::string calibration = "Pinhole 0.5 0.5 0.5 0.5 0\n16 16\ncrop\n16 16\n";
-  const auto live = test::open_store(folder_ / "live", {"r", "s", calibration, {}});
+  const auto live = test::open_store(folder_ / "live", {"r", "s", calibration});
   ASSERT_FALSE(live->write(*test::jpeg_frame_ptr(0, 16, 16), 0));
   ASSERT_FALSE(live->note({wire::Stats{2, 0, 0, 0, 0, 0, 0}, 5}));
   const auto late = test::open_store(folder_ / "late");
   ASSERT_TRUE(late->write_late(*test::jpeg_frame_ptr(1, 16, 16), 0));
-  segments_ = {folder_ / "live", folder_ / "late"};
+  folders_ = {folder_ / "live", folder_ / "late"};
   join();
   const auto joined = read_session(folder_ / "out");
   ASSERT_TRUE(joined);
@@ -183,55 +175,55 @@ TEST_F(JoinSession, WhatIsKnownOfTheLiveStreamStaysWithAPartOfLateFramesOnly) {
   EXPECT_TRUE(joined.value().summary.closing.stats);
 }
 
-TEST_F(JoinSession, WhatTheOwnerBeforeHadNotYetAcknowledgedIsThereOnce) {
-  record("a", {}, {0, 1, 2, 3}, {});
-  record("b", {2, {2, 0}}, {2, 3, 4}, {}, 5);
+TEST_F(JoinSession, WhatTheServerBeforeHadNotYetAcknowledgedIsThereOnce) {
+  record("a", {0, 1, 2, 3}, {});
+  record("b", {2, 3, 4}, {}, 5);
   const JoinReport report = join();
   EXPECT_EQ(report.frames, 5U);
   EXPECT_EQ(report.repeats, 2U);
   EXPECT_THAT(problems_of_out(), IsEmpty());
 }
 
-TEST_F(JoinSession, ADropRecordOfAFrameThatASegmentHasIsSettled) {
-  record("a", {}, {0, 1, 2}, {});
-  record("b", {2, {1, 0}}, {3}, {1, 2}, 4);
+TEST_F(JoinSession, ADropRecordOfAFrameThatAFolderHasIsSettled) {
+  record("a", {0, 1, 2}, {});
+  record("b", {3}, {1, 2}, 4);
   const JoinReport report = join();
   EXPECT_EQ(report.frames, 4U);
   EXPECT_THAT(problems_of_out(), IsEmpty());
 }
 
-TEST_F(JoinSession, ADropRecordInTwoSegmentsIsThereOnce) {
-  record("a", {}, {0}, {1});
-  record("b", {2, {1, 0}}, {2}, {1}, 3);
+TEST_F(JoinSession, ADropRecordInTwoFoldersIsThereOnce) {
+  record("a", {0}, {1});
+  record("b", {2}, {1}, 3);
   join();
   EXPECT_THAT(problems_of_out(), IsEmpty());
 }
 
 /// Its server died before the first record, and the robot went on elsewhere.
-TEST_F(JoinSession, AFolderWithoutAJournalIsNoSegment) {
-  record("a", {}, {0, 1}, {});
-  segments_.push_back(folder_ / "b");
-  std::filesystem::create_directories(segments_.back() / "images");
-  record("c", {3, {2, 0}}, {2}, {}, 3);
-  EXPECT_EQ(join().segments, 2U);
+TEST_F(JoinSession, AFolderWithoutAJournalIsNoPart) {
+  record("a", {0, 1}, {});
+  folders_.push_back(folder_ / "b");
+  std::filesystem::create_directories(folders_.back() / "images");
+  record("c", {2}, {}, 3);
+  EXPECT_EQ(join().parts, 2U);
   EXPECT_THAT(problems_of_out(), IsEmpty());
 }
 
 /// A power cut keeps the record of a frame, and not the image.
 TEST_F(JoinSession, AFrameWhoseImageAPowerCutTookIsNotThere) {
   for (const bool has_other : {true, false}) {
-    segments_ = {folder_ / "a"};
+    folders_ = {folder_ / "a"};
     for (const char* const made : {"out", "a", "b"}) std::filesystem::remove_all(folder_ / made);
     {
-      const auto store = test::open_store(segments_.back(), {"r", "s", "", {}});
+      const auto store = test::open_store(folders_.back(), {"r", "s", ""});
       for (const Sequence frame : {0U, 1U, 2U}) {
         ASSERT_FALSE(store->write(*test::jpeg_frame_ptr(frame, 16, 16), 0));
       }
     }  // as a kill
     std::filesystem::resize_file(folder_ / "a/images/000001.jpg", 5);
     std::filesystem::remove(folder_ / "a/images/000002.jpg");
-    if (has_other) record("b", {2, {1, 0}}, {1, 2}, {}, 3);
-    if (!has_other) record("b", {2, {1, 0}}, {}, {1, 2}, 3);
+    if (has_other) record("b", {1, 2}, {}, 3);
+    if (!has_other) record("b", {}, {1, 2}, 3);
     EXPECT_EQ(join().frames, has_other ? 3U : 1U);
     EXPECT_THAT(problems_of_out(), IsEmpty());
   }
@@ -239,25 +231,25 @@ TEST_F(JoinSession, AFrameWhoseImageAPowerCutTookIsNotThere) {
 
 TEST_F(JoinSession, WithoutAnyJournalThereIsNoSession) {
   for (const char* name : {"a", "b"}) {
-    segments_.push_back(folder_ / name);
-    std::filesystem::create_directories(segments_.back());
+    folders_.push_back(folder_ / name);
+    std::filesystem::create_directories(folders_.back());
   }
-  const auto joined = join_session(segments_, folder_ / "out");
+  const auto joined = join_session(folders_, folder_ / "out");
   ASSERT_FALSE(joined);
   EXPECT_THAT(joined.error().text, HasSubstr("no journal in any of the 2 folders"));
 }
 
 TEST_F(JoinSession, FramesWithDifferentBytesAreAProblem) {
-  record("a", {}, {0, 1}, {});
+  record("a", {0, 1}, {});
   EncodedFrame other = *test::jpeg_frame_ptr(7, 16, 16);
   other.sequence = 1;
   other.capture_time_ns = test::kFrameNs;
-  ASSERT_FALSE(test::open_store(folder_ / "b", {"r", "s", "", {2, {1, 0}}})->write(other, 0));
-  segments_.push_back(folder_ / "b");
+  ASSERT_FALSE(test::open_store(folder_ / "b", {"r", "s", ""})->write(other, 0));
+  folders_.push_back(folder_ / "b");
   EXPECT_THAT(join().problems, SizeIs(1));
 }
 
-/// After a hand-over the robot sends again what was not acknowledged, perhaps in another quality.
+/// At another server the robot sends again what was not acknowledged, perhaps in another quality.
 TEST_F(JoinSession, FramesOfOneImageInOtherQualitiesAreNoProblem) {
   const auto reduced = [](Sequence sequence, std::uint8_t quality, std::uint32_t whole_crc) {
     EncodedFrame frame = *test::jpeg_frame_ptr(sequence + quality, 16, 16);
@@ -268,38 +260,31 @@ TEST_F(JoinSession, FramesOfOneImageInOtherQualitiesAreNoProblem) {
     frame.whole_crc = whole_crc;
     return frame;
   };
-  const auto first = test::open_store(folder_ / "a", {"r", "s", "", {}});
-  const auto second = test::open_store(folder_ / "b", {"r", "s", "", {2, {1, 0}}});
+  const auto first = test::open_store(folder_ / "a", {"r", "s", ""});
+  const auto second = test::open_store(folder_ / "b", {"r", "s", ""});
   ASSERT_FALSE(first->write(*test::jpeg_frame_ptr(1, 16, 16), 0));
   ASSERT_FALSE(second->write(reduced(1, 30, test::jpeg_frame_ptr(1, 16, 16)->jpeg_crc), 0));
   ASSERT_FALSE(first->write(reduced(2, 50, 0x0A1B2C3D), 0));
   ASSERT_FALSE(second->write(reduced(2, 30, 0x0A1B2C3D), 0));
   ASSERT_FALSE(first->write(reduced(3, 50, 0x0A1B2C3D), 0));
   ASSERT_FALSE(second->write(reduced(3, 30, 0x0A1B2C3E), 0));  // of another image
-  segments_ = {folder_ / "a", folder_ / "b"};
+  folders_ = {folder_ / "a", folder_ / "b"};
   const auto problems = join().problems;
   ASSERT_THAT(problems, SizeIs(1));
   EXPECT_THAT(problems[0], HasSubstr("frame 3: "));
 }
 
-TEST_F(JoinSession, AMissingSegmentIsFoundByTheCheck) {
-  record("a", {}, {0, 1}, {});
-  record("c", {3, {5, 0}}, {5}, {}, 6);
+TEST_F(JoinSession, AMissingFolderIsFoundByTheCheck) {
+  record("a", {0, 1}, {});
+  record("c", {5}, {}, 6);
   join();
   EXPECT_THAT(problems_of_out(), testing::ElementsAre(HasSubstr("among: frames 2 to 4")));
 }
 
-TEST_F(JoinSession, ASegmentIsCheckedFromWhereItBegins) {
-  record("b", {2, {3, 1}}, {3, 5, 6}, {4}, 7);
-  const auto report = check_session(folder_ / "b");
-  ASSERT_TRUE(report);
-  EXPECT_THAT(report.value().problems, IsEmpty());
-}
-
 TEST_F(JoinSession, DoesNotWriteIntoAFolderThatHasSomething) {
-  record("a", {}, {0}, {});
+  record("a", {0}, {});
   std::filesystem::create_directories(folder_ / "out/images");
-  EXPECT_FALSE(join_session(segments_, folder_ / "out"));
+  EXPECT_FALSE(join_session(folders_, folder_ / "out"));
   EXPECT_FALSE(join_session({}, folder_ / "other"));
 }
 

@@ -102,9 +102,6 @@ TEST_F(HttpServerTest, ThePageIsOneFileThatLoadsNothingFromElsewhere) {
     EXPECT_THAT(body, Not(HasSubstr(outside)));
   }
   EXPECT_EQ(get("/sessions/r/s").body, answer.body);
-  EXPECT_EQ(get("/fleet").body, answer.body);
-  EXPECT_THAT(answer.body, HasSubstr(R"(data-nav="fleet" hidden>)"));
-  EXPECT_EQ(get("/fleet.json").status, 404);
 }
 
 TEST_F(HttpServerTest, RobotsAreListedWithTheirStats) {

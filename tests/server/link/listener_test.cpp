@@ -46,113 +46,27 @@ TEST_F(ListenerTest, APortThatIsTakenIsToldAtTheStart) {
   }
 }
 
-/// Answers when the test says so.
-class HeldClaims final : public SessionClaims {
- public:
-  void async_enter(const SessionKey& /*session*/, std::function<void(Outcome)> entered) override {
-    entered_ = std::move(entered);
-  }
-  std::string session_in(const std::string& folder) const override { return folder; }
-  std::string refuge() const override { return "b:7722"; }
-  void async_step_aside(std::function<void(const std::optional<Error>&)> done) override {
-    has_stepped_aside_ = true;
-    done(has_refuge_ ? std::nullopt : std::optional(Error{"no other server"}));
-  }
-
-  std::function<void(Outcome)> entered_;
-  bool has_refuge_ = true;
-  bool has_stepped_aside_ = false;
-};
-
-/// Allows nothing to be acknowledged.
-class SilentClaim final : public SessionClaim {
- public:
-  void async_may_acknowledge(const wire::Position& /*position*/, Answer /*answer*/) override {}
-  void hurry() override {}
-  void leave(bool /*has_ended*/) override {}
-  wire::Position acknowledged_before() const override { return {}; }
-};
-
-/// A listener whose `main` is the test's thread, and a robot whose hello waits for the claims.
-class HeldHelloTest : public ListenerTest {
- protected:
-  HeldHelloTest() {
-    held_.share_by(claims_);
-    held_.start();
-    robot_.emplace(held_.endpoint().port());
-    robot_->send_hello("r", "s");
-    while (!claims_.entered_) main_.run_one();
-  }
-  ~HeldHelloTest() override {
-    robot_.reset();
-    held_.stop([] {});
-    main_.run();
-  }
-
-  boost::asio::io_context main_;
-  boost::asio::thread_pool files_{1};
-  HeldClaims claims_;
-  Listener held_{main_, files_, settings_};
-  std::optional<RobotClient> robot_;
-};
-
-TEST_F(HeldHelloTest, AllAreMovedAlsoIfTheLastOneIsSentAwayAtItsHello) {
-  bool is_over = false;
-  held_.move_all([&](const auto& told) { is_over = told.empty(); });
-  EXPECT_FALSE(is_over);
-  claims_.entered_(SessionClaims::Moved{"b:7722"});
-  main_.poll();
-  EXPECT_TRUE(is_over);
-}
-
-TEST_F(HeldHelloTest, OneThatIsNotAllowedAnyMoreWhenItsSessionIsOpenIsRefused) {
-  held_.allow({"another"});
-  claims_.entered_(SessionClaims::Granted{});
-  while (!held_.has_session("r", "s")) main_.run_one();
-  while (held_.has_session("r", "s")) main_.run_one();
-  main_.poll();
-  const auto error = robot_->error();
-  ASSERT_TRUE(error);
-  EXPECT_EQ(error->text, "r is not among listen.robots any more");
-}
-
-TEST_F(HeldHelloTest, ARobotThatComesBackToASessionThatAnotherServerHadMeanwhileIsServedAtOnce) {
-  std::exchange(claims_.entered_, nullptr)(SessionClaims::Granted{});
-  while (!held_.has_session("r", "s") || !has_answer(*robot_, 0)) main_.run_one();
-  EXPECT_TRUE(robot_->welcome());
-  const RobotClient again(held_.endpoint().port());
-  again.send_hello("r", "s");
-  while (!claims_.entered_) main_.run_one();
-  // It is asked once more when the session from before is closed.
-  const auto claim = std::make_shared<SilentClaim>();
-  std::exchange(claims_.entered_, nullptr)(SessionClaims::Granted{claim, {}, {}});
-  while (!claims_.entered_ && !has_answer(again, 0)) main_.run_one();
-  ASSERT_TRUE(claims_.entered_);
-  claims_.entered_(SessionClaims::Granted{claim, {}, {}});
-  while (!has_answer(again, 0)) main_.run_one();
-  EXPECT_TRUE(again.welcome());
-}
-
-TEST_F(HeldHelloTest, ARobotWhoseFramesTheDiskDoesNotTakeIsSentToAnotherServer) {
-  claims_.entered_(SessionClaims::Granted{});
-  while (!has_answer(*robot_, 0)) main_.run_one();
+TEST_F(ListenerTest, ARobotWhoseFramesTheDiskDoesNotTakeIsSentAway) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r", "s"));
   const test::ResourceLimit full(RLIMIT_FSIZE, 1000);
-  robot_->send_frame(plain_frame(0, 5000));
-  while (log_.lines(": sent to b:7722").empty()) main_.run_one();
-  while (held_.has_session("r", "s")) main_.run_one();
+  robot.send_frame(plain_frame(0, 5000));
+  const auto error = robot.error();
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->code, ErrorCode::kSentAway);
+  EXPECT_THAT(error->text, testing::StartsWith("this server cannot keep frames: "));
+  EXPECT_TRUE(server_->has_session("r", "s"));  // for a robot that has no other server
 }
 
-TEST_F(HeldHelloTest, ItStaysWhereNoOtherServerTakesIt) {
-  claims_.has_refuge_ = false;
-  claims_.entered_(SessionClaims::Granted{});
-  while (!has_answer(*robot_, 0)) main_.run_one();
-  EXPECT_TRUE(robot_->welcome());
-  {
-    const test::ResourceLimit full(RLIMIT_FSIZE, 1000);
-    robot_->send_frame(plain_frame(0, 5000));
-    while (!claims_.has_stepped_aside_) main_.run_one();
-  }
-  while (frames_kept("r/s") == 0) main_.run_one();
+TEST_F(ListenerTest, AServerThatDrainsTakesNoRobotAndTellsThoseItHasWhatItKeeps) {
+  const auto robot = connect();
+  ASSERT_TRUE(robot.hello("r", "s"));
+  robot.send_frame(plain_frame(0));
+  EXPECT_EQ(robot.ack(), (wire::Position{1, 0}));
+  server_->drain();
+  EXPECT_EQ(robot.bye(), (wire::Position{1, 0}));
+  EXPECT_THROW(RobotClient(server_->port()), std::exception);
+  server_->drain();  // once more
 }
 
 TEST_F(ListenerTest, TwoRobotsAreServedAtOnce) {
@@ -327,20 +241,25 @@ TEST_F(ListenerTest, AFullDiskHoldsTheStreamUntilThereIsRoom) {
   ASSERT_TRUE(robot.hello("r", "s"));
   robot.send_frame(plain_frame(0, 100));
   ASSERT_TRUE(robot.acked(1));
+  const auto again = connect();
   {
     const test::ResourceLimit full(RLIMIT_FSIZE, 1000);
     robot.send_frame(plain_frame(1, 5000));
     robot.send_frame(plain_frame(2, 100));
     log_.wait_for("stream paused");
-    // Each retry tells the robot what it may forget, and that the server lives.
-    for (int i = 0; i < 2; ++i) {
-      const auto ack = robot.whole_ack();
-      ASSERT_TRUE(ack);
-      EXPECT_EQ(ack->position, (wire::Position{1, 0}));
-      EXPECT_NE(ack->pause.find("File too large"), std::string::npos) << ack->pause;
-    }
+    const auto error = robot.error();
+    ASSERT_TRUE(error);
+    EXPECT_EQ(error->code, ErrorCode::kSentAway);
+    ASSERT_EQ(again.hello("r", "s"), (wire::Position{1, 0}));  // it has no other server
+    again.send_frame(plain_frame(1, 5000));
+    again.send_frame(plain_frame(2, 100));
+    // The server tells the robot what it may forget, and that it lives.
+    const auto ack = again.whole_ack();
+    ASSERT_TRUE(ack);
+    EXPECT_EQ(ack->position, (wire::Position{1, 0}));
+    EXPECT_NE(ack->pause.find("File too large"), std::string::npos) << ack->pause;
   }
-  EXPECT_TRUE(robot.acked(3));
+  EXPECT_TRUE(again.acked(3));
   server_->stop();
   EXPECT_EQ(log_.lines("error r s: stream paused: write ").size(), 1U);
   EXPECT_EQ(frames_kept("r/s"), 3U);
@@ -359,7 +278,7 @@ TEST_F(ListenerTest, APipeWithoutAReaderHoldsItsOwnRobotOnly) {
   held.send_frame(*jpeg_like_frame_ptr(0));
   read.send_frame(*jpeg_like_frame_ptr(0));
   EXPECT_TRUE(read.acked(1));
-  EXPECT_FALSE(has_answer(held, 100));
+  EXPECT_EQ(held.ack(), wire::Position{});
   // The robot comes back; what nobody read is still its own.
   const auto again = connect();
   EXPECT_EQ(again.hello("held", "s"), wire::Position{});

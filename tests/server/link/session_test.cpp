@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/link/session.hpp"
 
+#include <gmock/gmock.h>
+
 #include "testing/captured_log.hpp"
 #include "tests/server/event_loop.hpp"
 #include "tests/server/frames.hpp"
@@ -81,7 +83,7 @@ struct FakePeer : SessionPeer {
   void on_attached(wire::Position position) override { welcome = position; }
   void on_kept() override { ++kept; }
   void on_replaced() override { is_replaced = true; }
-  void on_moved(const std::string& address) override { moved = address; }
+  void on_sent_away(const std::string& why) override { sent_away.push_back(why); }
   void on_ended(wire::Position position) override { bye = position; }
   void on_end_lost() override { is_end_lost = true; }
 
@@ -89,7 +91,7 @@ struct FakePeer : SessionPeer {
   std::optional<wire::Position> bye;
   bool is_replaced = false;
   bool is_end_lost = false;
-  std::optional<std::string> moved;
+  std::vector<std::string> sent_away;
   int kept = 0;
 };
 
@@ -243,21 +245,47 @@ TEST_F(SessionTest, EachFailedTryOfASinkIsReported) {
 
 /// Over a slow link a robot may try another connection before a second has passed: seed 150051 of
 /// the simulation.
-TEST_F(SessionTest, IsPausedAfterTwoFailedTriesAlsoOfTwoConnections) {
+TEST_F(SessionTest, SendsTheRobotAwayAfterTwoFailedTriesAlsoOfTwoConnections) {
   const test::CapturedLog log;
   make({sink_});
   write(0);
   sink_->answer(Error{"the disk is full"});
-  EXPECT_FALSE(session_->is_paused());
+  session_->step_aside(false);
   const auto second = std::make_shared<FakePeer>();
   session_->attach(second);
   EXPECT_EQ(second->welcome, wire::Position{});
   write(0);
   sink_->answer(Error{"the disk is full"});
-  EXPECT_TRUE(session_->is_paused());
-  ASSERT_TRUE(run_until_busy(*sink_));
+  session_->step_aside(false);
+  EXPECT_THAT(peer_->sent_away, testing::IsEmpty());
+  EXPECT_THAT(second->sent_away, testing::ElementsAre("the disk is full"));
+  EXPECT_FALSE(session_->is_closing());
+}
+
+TEST_F(SessionTest, ARobotThatComesBackSinceItHasNoOtherServerStays) {
+  const test::CapturedLog log;
+  make({sink_});
+  for (int i = 0; i < 3; ++i) {
+    write(0);
+    sink_->answer(Error{"the disk is full"});
+    session_->step_aside(false);
+    session_->detach(*peer_);
+    session_->attach(peer_);
+  }
+  EXPECT_THAT(peer_->sent_away, testing::SizeIs(1));
+  write(0);
   sink_->answer();
-  EXPECT_FALSE(session_->is_paused());
+  EXPECT_EQ(session_->position(), (wire::Position{1, 0}));
+}
+
+TEST_F(SessionTest, ADeviceThatHasFailedEndsTheSessionAndSendsTheRobotAway) {
+  make({sink_});
+  write(0);
+  sink_->answer();
+  session_->step_aside(true);
+  EXPECT_EQ(closed_, 1);
+  EXPECT_THAT(peer_->sent_away, testing::SizeIs(1));
+  EXPECT_FALSE(peer_->bye);
 }
 
 TEST_F(SessionTest, AWelcomeWaitsUntilWhatIsThereIsKept) {
@@ -551,118 +579,6 @@ TEST_F(SessionTest, StoppingDoesNotWaitForeverForAStuckSink) {
   sink_->answer(Error{"closed"});
   EXPECT_EQ(peer_->bye, wire::Position{});
   EXPECT_EQ(closed_, 1);
-}
-
-/// What a fleet would be asked.
-struct FakeClaim : SessionClaim {
-  void async_may_acknowledge(const wire::Position& position, Answer then) override {
-    asked.push_back(position);
-    answer = std::move(then);
-  }
-  void hurry() override { ++hurries; }
-  void leave(bool has_ended) override { left = has_ended; }
-  wire::Position acknowledged_before() const override { return before; }
-
-  wire::Position before;
-  std::vector<wire::Position> asked;
-  Answer answer;
-  int hurries = 0;
-  std::optional<bool> left;
-};
-
-class ClaimedSessionTest : public SessionTest {
- protected:
-  void make_claimed(const wire::Position& recorded = {}) {
-    session_ = std::make_shared<Session>(
-        main_, SessionInfo{"robot", "session", ""}, std::vector<std::shared_ptr<FrameSink>>{sink_},
-        Session::Timeouts{std::chrono::hours(1), std::chrono::milliseconds(1)},
-        Session::Events{[this] { ++closed_; }, {}});
-    claim_->before = recorded;
-    session_->claim(claim_);
-    session_->attach(peer_);
-  }
-  void take(Sequence sequence) {
-    write(sequence);
-    sink_->answer();
-  }
-
-  std::shared_ptr<FakeClaim> claim_ = std::make_shared<FakeClaim>();
-};
-
-TEST_F(ClaimedSessionTest, WhatIsOnTheDeviceIsKeptOnlyWhenItIsRecorded) {
-  make_claimed();
-  EXPECT_EQ(peer_->welcome, wire::Position{});
-  take(0);
-  EXPECT_EQ(session_->received(), 1U);  // the stream goes on
-  EXPECT_EQ(peer_->kept, 0);
-  EXPECT_EQ(session_->kept(), wire::Position{});
-  take(1);
-  claim_->answer(true);
-  EXPECT_EQ(peer_->kept, 1);
-  EXPECT_EQ(session_->kept(), (wire::Position{1, 0}));
-  EXPECT_EQ(claim_->asked, (std::vector<wire::Position>{{1, 0}, {2, 0}}));
-}
-
-TEST_F(ClaimedSessionTest, AWelcomeWaitsForTheRecordOfWhatTheDiskHasBeyondIt) {
-  sink_ = std::make_shared<FakeSink>(wire::Position{7, 1});
-  make_claimed({5, 1});
-  EXPECT_FALSE(peer_->welcome);
-  EXPECT_GE(claim_->hurries, 1);
-  claim_->answer(true);
-  EXPECT_EQ(peer_->welcome, (wire::Position{7, 1}));
-}
-
-TEST_F(ClaimedSessionTest, AWelcomeAtTheRecordedPositionWaitsForNothing) {
-  sink_ = std::make_shared<FakeSink>(wire::Position{5, 1});
-  make_claimed({5, 1});
-  EXPECT_EQ(peer_->welcome, (wire::Position{5, 1}));
-  EXPECT_TRUE(claim_->asked.empty());
-}
-
-TEST_F(ClaimedSessionTest, OneThatIsAnotherServersAcknowledgesNothingAndEnds) {
-  const test::CapturedLog log;
-  make_claimed();
-  take(0);
-  take(1);
-  claim_->answer(false);
-  EXPECT_EQ(closed_, 1);
-  EXPECT_EQ(peer_->kept, 0);
-  EXPECT_EQ(session_->kept(), wire::Position{});
-  EXPECT_EQ(session_->received(), 0U);
-  EXPECT_EQ(peer_->moved, "");
-  EXPECT_FALSE(sink_->closing->has_ended);
-  EXPECT_EQ(claim_->asked.size(), 1U);
-}
-
-TEST_F(ClaimedSessionTest, AByeIsAnsweredWhenAllIsRecorded) {
-  make_claimed();
-  take(0);
-  session_->on_bye({{1, 0}});
-  session_->close(SessionEnd::kBye);
-  EXPECT_EQ(claim_->hurries, 1);
-  EXPECT_FALSE(peer_->bye);
-  claim_->answer(true);
-  EXPECT_EQ(peer_->bye, (wire::Position{1, 0}));
-  EXPECT_EQ(claim_->left, true);
-}
-
-TEST_F(ClaimedSessionTest, ARobotIsSentAwayWhenAllIsRecorded) {
-  make_claimed();
-  take(0);
-  session_->move("b:7722");
-  EXPECT_FALSE(peer_->moved);
-  claim_->answer(true);
-  EXPECT_EQ(peer_->moved, "b:7722");
-  EXPECT_FALSE(sink_->closing->has_ended);
-  EXPECT_EQ(claim_->left, false);
-}
-
-TEST_F(ClaimedSessionTest, AServerThatStopsDoesNotWaitForAClaimWithoutAnAnswer) {
-  make_claimed();
-  take(0);
-  session_->close(SessionEnd::kStopping);
-  EXPECT_TRUE(run_until([&] { return closed_ == 1; }));
-  EXPECT_EQ(peer_->bye, wire::Position{});
 }
 
 }  // namespace

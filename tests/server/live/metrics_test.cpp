@@ -141,7 +141,7 @@ TEST(RobotMetricsSamples, AreCountedByTheirStream) {
 }
 
 TEST(RobotMetricsSamples, ThoseThatTheRobotReportsAndAreNotHereWait) {
-  RobotMetrics robot({"r", "s", "", {}, {{4, "imu0", "imu"}}});
+  RobotMetrics robot({"r", "s", "", {{4, "imu0", "imu"}}});
   wire::Report report;
   report.captured_items[4] = 50;
   robot.on_report(report);

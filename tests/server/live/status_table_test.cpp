@@ -43,8 +43,7 @@ TEST(StatusTable, TellsTheNewestQualityAndHowManyFramesAreReduced) {
 TEST(StatusTable, HasALineForEachStreamOfSamples) {
   const RobotMetrics::Time begin{std::chrono::hours(1)};
   Metrics metrics(8);
-  const auto robot =
-      metrics.begin({"tb3", "s1", "", {}, {{4, "imu0", "imu"}, {5, "imu_rear", "imu"}}});
+  const auto robot = metrics.begin({"tb3", "s1", "", {{4, "imu0", "imu"}, {5, "imu_rear", "imu"}}});
   wire::Report report;
   report.captured_items[4] = 470;
   robot->on_report(report, begin);

@@ -56,7 +56,7 @@ wire::Account account() {
 
 SessionSummary summary() {
   SessionSummary summary;
-  summary.info = {"robot", "session", "Pinhole\n", {7, {1200, 35}}, {{4, "imu0", "imu"}}};
+  summary.info = {"robot", "session", "Pinhole\n", {{4, "imu0", "imu"}}};
   summary.position = {1300, 40};
   summary.position[31] = 5;
   summary.totals = {1, 2, 3, 4, 5};

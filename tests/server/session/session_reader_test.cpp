@@ -155,15 +155,6 @@ TEST_F(SessionReaderTest, WhatTheRobotHoldsMayStillCome) {
   EXPECT_THAT(drops(), ElementsAre("2-3 unknown", "5-9 unknown"));
 }
 
-TEST_F(SessionReaderTest, OfALaterSegmentNothingIsNamedThatWasBeforeIt) {
-  SessionInfo info{"robot", "session", ""};
-  info.segment = {2, {100, 0}};
-  const auto store = std::move(SessionStore::open(folder_, info, Durability::kAck)).value();
-  deliver(*store, {101});
-  EXPECT_FALSE(store->take_account(account(103)));
-  EXPECT_THAT(drops(), ElementsAre("100-100 unknown", "102-102 unknown"));
-}
-
 TEST_F(SessionReaderTest, AHugeRangeIsOneDrop) {
   const auto store = open();
   deliver(*store, {0});
@@ -222,31 +213,6 @@ TEST_F(SessionReaderTest, LateSamplesAreMergedRecordByRecord) {
   EXPECT_EQ(totals.value().on_robot, 10U);
   EXPECT_EQ(totals.value().lost(), 5U);
   EXPECT_EQ(totals.value().backward, 0U);
-}
-
-/// The robot's memory was full, and another server took over above what it had kept for later.
-TEST_F(SessionReaderTest, LateSamplesFromBeforeTheSegmentAreThere) {
-  SegmentInfo segment{2, {}};
-  segment.from[4] = 10;
-  const wire::StreamDeclaration imu{4, "imu0", "imu"};
-  const auto opened =
-      SessionStore::open(folder_, {"robot", "session", "", segment, {imu}}, Durability::kAck);
-  ASSERT_TRUE(opened);
-  const auto samples = [](std::uint64_t first, std::uint64_t end) {
-    std::vector<Sample> all;
-    for (; first < end; ++first) all.push_back({static_cast<std::int64_t>(first), {}, {}});
-    return wire::encode_samples(all);
-  };
-  EXPECT_FALSE(opened.value()->write_items({4, 10, 12, samples(10, 12)}));
-  EXPECT_FALSE(opened.value()->write_late({4, 3, samples(3, 8)}));
-  EXPECT_FALSE(opened.value()->write_late({4, 3, samples(3, 8)}));
-  std::vector<std::int64_t> times;
-  const auto totals =
-      for_each_sample(folder_, imu, [&](const Sample& sample) { times.push_back(sample.time_ns); });
-  ASSERT_TRUE(totals);
-  EXPECT_THAT(times, ElementsAre(3, 4, 5, 6, 7, 10, 11));
-  EXPECT_EQ(totals.value().samples, 7U);
-  EXPECT_EQ(totals.value().lost(), 0U) << "8 and 9 may be with the other server";
 }
 
 class FrameFollowerTest : public test::StoredSession {

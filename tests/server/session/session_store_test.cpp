@@ -38,7 +38,7 @@ TEST_F(SessionStoreTest, LaysFramesOutAsDsoReadsThem) {
 }
 
 TEST_F(SessionStoreTest, SamplesAreInTheirFileAsTheyCome) {
-  const SessionInfo info{"robot", "session", "", {}, {{4, "imu0", "imu"}}};
+  const SessionInfo info{"robot", "session", "", {{4, "imu0", "imu"}}};
   const auto take = [](SessionStore& store, std::uint64_t number) {
     const std::vector<Sample> one{{static_cast<std::int64_t>(10 * number), {1, 2, 3}, {4, 5, 6}}};
     EXPECT_FALSE(store.write_items({4, number, number + 1, wire::encode_samples(one)}));
@@ -67,7 +67,7 @@ TEST_F(SessionStoreTest, SamplesAreInTheirFileAsTheyCome) {
 }
 
 TEST_F(SessionStoreTest, MessagesOfATopicAreInTheirFile) {
-  const SessionInfo info{"robot", "session", "", {}, {{4, "odom", "ros2"}}};
+  const SessionInfo info{"robot", "session", "", {{4, "odom", "ros2"}}};
   const auto publisher = std::make_shared<const TopicPublisher>(
       TopicPublisher{1, "/odom", "nav_msgs::msg::dds_::Odometry_", ""});
   const auto message = [&](std::int64_t time_ns, std::uint8_t byte) {
@@ -150,18 +150,6 @@ TEST_F(SessionStoreTest, GoesOnBehindWhatItHas) {
   EXPECT_EQ(open()->position(), (wire::Position{13, 2}));
   EXPECT_THAT(listed(), ElementsAre(3, 9, 12));
   EXPECT_EQ(image(9), as_text(plain_frame(9).jpeg));
-}
-
-TEST_F(SessionStoreTest, ASegmentOfASessionStandsWhereItBegins) {
-  SessionInfo info{"robot", "session", ""};
-  info.segment = {7, {1200, 35}};
-  auto store = std::move(SessionStore::open(folder_, info, Durability::kAck)).value();
-  EXPECT_EQ(store->position(), (wire::Position{1200, 35}));
-  deliver(*store, {1200});
-  store = open();
-  EXPECT_EQ(store->position(), (wire::Position{1201, 35}));
-  EXPECT_EQ(store->summary().info.segment, info.segment);
-  EXPECT_THAT(listed(), ElementsAre(1200));
 }
 
 TEST_F(SessionStoreTest, OfALongSessionTheNewestSegmentTellsThePosition) {

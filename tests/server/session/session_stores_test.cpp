@@ -330,20 +330,6 @@ TEST_F(SessionStoresTest, StoresThatAreNotUsedAreClosed) {
   EXPECT_FALSE(late(name(0), plain_frame(0)).value());
 }
 
-TEST_F(SessionStoresTest, ASegmentThatIsAnotherServersIsNotWrittenOn) {
-  const auto first = open("s");
-  deliver(first.value(), 0);
-  std::optional<Result<SessionStores::Opened>> later;
-  stores_.async_open({"r", "s", "", {2, {4, 0}}},
-                     [&](auto outcome) { later.emplace(std::move(outcome)); });
-  ASSERT_TRUE(run_until([&] { return later.has_value(); }));
-  EXPECT_EQ(later->value().position, (wire::Position{4, 0}));
-  deliver(later->value(), 4);
-  EXPECT_TRUE(late("s", plain_frame(3)).value());
-  EXPECT_EQ(read_summary(folder("s"))->position, (wire::Position{1, 0}));
-  EXPECT_EQ(read_summary(folder("s.e2"))->totals.late, 1U);
-}
-
 TEST_F(SessionStoresTest, StoppingMakesTheViewsOfSessionsWithoutALiveStream) {
   record("earlier", {0});
   EXPECT_TRUE(late("earlier", plain_frame(1)).value());

@@ -23,10 +23,9 @@ using test::plain_frame;
 
 class SharedStoreTest : public test::EventLoop {
  protected:
-  std::shared_ptr<SharedStore> store(Durability durability = Durability::kAck,
-                                     const SegmentInfo& segment = {}) {
-    return std::make_shared<SharedStore>(main_, strand_, parent_.path(),
-                                         SessionInfo{"r", "s", "", segment}, durability, &group_);
+  std::shared_ptr<SharedStore> store(Durability durability = Durability::kAck) {
+    return std::make_shared<SharedStore>(main_, strand_, parent_.path(), SessionInfo{"r", "s", ""},
+                                         durability, &group_);
   }
   Result<Sequence> try_to_deliver(SharedStore& store, Sequence number) {
     std::optional<Result<Sequence>> answer;
@@ -138,17 +137,6 @@ TEST_F(SharedStoreTest, AfterAFailureOfTheDeviceNothingIsKeptAnyMore) {
     EXPECT_TRUE(*committed);
   }
   EXPECT_EQ(kept(), journal::Place{});
-}
-
-TEST_F(SharedStoreTest, WhatComesLateGoesToTheLatestSegmentIfTheFirstIsElsewhere) {
-  for (const std::uint64_t epoch : {9U, 10U}) {
-    const auto later = this->store(Durability::kAck, {epoch, {5, 0}});
-    deliver(*later, 5);
-    close(*later);
-  }
-  EXPECT_EQ(deliver(*store(), 6), 7U);
-  EXPECT_FALSE(fs::exists(folder_));
-  EXPECT_EQ(read_summary(parent_ / "r/s.e10")->position[wire::kFrames], 7U);
 }
 
 }  // namespace

@@ -64,7 +64,7 @@ TEST_F(ViewsTest, HaveWhatIsKnownOfTheFrames) {
 
 TEST_F(ViewsTest, HaveTheSamplesOfEachSensorAndHowManyWereLost) {
   auto opened = SessionStore::open(
-      folder_, {"robot", "session", "", {}, {{4, "imu0", "imu"}, {5, "imu_b", "imu"}}},
+      folder_, {"robot", "session", "", {{4, "imu0", "imu"}, {5, "imu_b", "imu"}}},
       Durability::kAck);
   ASSERT_TRUE(opened);
   SessionStore& store = *opened.value();
@@ -90,7 +90,7 @@ TEST_F(ViewsTest, HaveLateSamplesAmongTheOthersEachOnce) {
     for (const auto time : times) all.push_back({time, {}, {}});
     return wire::encode_samples(all);
   };
-  auto opened = SessionStore::open(folder_, {"robot", "session", "", {}, {}}, Durability::kAck);
+  auto opened = SessionStore::open(folder_, {"robot", "session", ""}, Durability::kAck);
   ASSERT_TRUE(opened);
   SessionStore& store = *opened.value();
   EXPECT_FALSE(store.write_late(wire::Items{4, 0, samples({1})}));

@@ -29,7 +29,7 @@ class MakeSinksTest : public test::EventLoop {
       stores_.async_open(info_, [&](auto session) { opened = std::move(session).value(); });
       EXPECT_TRUE(run_until([&] { return opened.has_value(); }));
     }
-    sinks_ = make_sinks(settings_, info_, opened.value_or(OpenedSession{}), nullptr, main_, files_);
+    sinks_ = make_sinks(settings_, info_, opened.value_or(OpenedSession{}), main_, files_);
     return sinks_.size();
   }
 

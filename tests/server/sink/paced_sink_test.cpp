@@ -56,7 +56,6 @@ class ListedSession final : public PacedSession {
             {"r",
              "s",
              "",
-             {},
              {{wire::kFirstOther, "imu0", "imu"}, {wire::kFirstOther + 1, "odom", "ros2"}}},
             "test", Pace(2.0), std::chrono::seconds(1)) {}
 

@@ -64,7 +64,7 @@ TEST_F(McapPart, LateFramesStandBehindTheOthersByTheirNumbers) {
 }
 
 TEST_F(McapPart, HasTheSamplesOfEachSensorByTheirNames) {
-  const auto store = test::open_store(session_, {"r", "s", "", {}, {{4, "imu0", "imu"}}});
+  const auto store = test::open_store(session_, {"r", "s", "", {{4, "imu0", "imu"}}});
   ASSERT_FALSE(store->write(*frame(0), 0));
   const std::vector<Sample> samples{{1'000'000'002, {1, 2, 0.5}, {0, 0, 9.81}}, {2, {}, {}}};
   ASSERT_FALSE(store->write_items({4, 7, 9, wire::encode_samples(samples)}));

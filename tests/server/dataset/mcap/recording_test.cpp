@@ -127,7 +127,7 @@ class Ros2RecordingTest : public McapRecordingTest {
   mcap::Recording create() const {
     auto recording = mcap::Recording::create(
         path_,
-        {"r-1", "s1", kPinhole, {}, {{wire::kFirstOther, "imu0", "imu"}, {kOdom, "odom", "ros2"}}});
+        {"r-1", "s1", kPinhole, {{wire::kFirstOther, "imu0", "imu"}, {kOdom, "odom", "ros2"}}});
     EXPECT_TRUE(recording);
     return std::move(recording).value();
   }

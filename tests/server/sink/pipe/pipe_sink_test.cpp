@@ -37,38 +37,12 @@ std::string in_pipe(Sequence sequence, std::size_t bytes = 100, std::uint64_t mi
   return as_text(to_mjpeg(*frame, {"session", missed, age}).value());
 }
 
-const SessionInfo kInertial{"robot", "session", "", {}, {{4, "imu0", "imu"}}};
+const SessionInfo kInertial{"robot", "session", "", {{4, "imu0", "imu"}}};
 
 ItemsPtr sample_at(std::int64_t time_ns) {
   const std::vector<Sample> one{{time_ns, {}, {}}};
   return std::make_shared<wire::Items>(wire::Items{4, 0, wire::encode_samples(one)});
 }
-
-/// Frames 1 and 2 of a session that began elsewhere.
-class FakeEarlierFrames final : public EarlierFrames {
- public:
-  explicit FakeEarlierFrames(boost::asio::io_context& main) : main_(main) {}
-  void async_next(Sequence first, Done done) override {
-    asked.push_back(first);
-    if (holds) return held_.swap(done);
-    const Sequence next = std::max<Sequence>(first, 1);
-    boost::asio::post(main_, [next, done = std::move(done)] {
-      done(next > 2 ? nullptr : jpeg_like_frame_ptr(next));
-    });
-  }
-  void close() override {
-    is_closed = true;
-    if (held_) std::exchange(held_, nullptr)(nullptr);
-  }
-
-  std::vector<Sequence> asked;
-  bool holds = false;
-  bool is_closed = false;
-
- private:
-  boost::asio::io_context& main_;
-  Done held_;
-};
 
 class PipeSinkTest : public test::EventLoop {
  protected:
@@ -92,12 +66,6 @@ class PipeSinkTest : public test::EventLoop {
     return sink(std::make_unique<ChildProcess>(main_, "robot session", command,
                                                std::vector<std::string>{}, Restart::kAlways),
                 PipeFormat::kMjpeg, without);
-  }
-
-  /// Of a session whose frames from 4 on are this server's.
-  PipeSink& later_sink(Sequence next_sequence, WithoutReader without = WithoutReader::kCatchUp) {
-    return sink(std::make_unique<Fifo>(fifo_), PipeFormat::kMjpeg, without,
-                {"robot", "session", "", {2, {4, 0}}}, {folder_ / "kept", next_sequence, earlier_});
   }
 
   UniqueFd reader() const {
@@ -128,7 +96,6 @@ class PipeSinkTest : public test::EventLoop {
   std::filesystem::path fifo_ = folder_ / "fifo";
   std::vector<std::shared_ptr<PipeSink>> sinks_;
   std::vector<std::optional<Error>> answers_;
-  std::shared_ptr<FakeEarlierFrames> earlier_ = std::make_shared<FakeEarlierFrames>(main_);
 };
 
 TEST_F(PipeSinkTest, MjpegIsOneJpegAfterTheOtherAndTellsWhatIsMissing) {
@@ -388,53 +355,6 @@ TEST_F(PipeSinkTest, APathThatIsNoFifoIsOneErrorAndTriedAgain) {
   const UniqueFd end = reader();
   ASSERT_TRUE(run_until_answered());
   EXPECT_EQ(log.lines("error robot session").size(), 1U);
-}
-
-TEST_F(PipeSinkTest, TheEarlierFramesOfASessionThatBeganElsewhereComeFirst) {
-  const UniqueFd end = reader();
-  auto& out = later_sink(4);
-  const std::string earlier = in_pipe(1, 100, 1) + in_pipe(2);
-  EXPECT_EQ(read(end, earlier.size()), earlier);
-  ASSERT_TRUE(run_until([&] { return earlier_->asked.size() == 3; }));
-  run_ready();
-  EXPECT_FALSE(write(out, jpeg_like_frame_ptr(4)));
-  EXPECT_EQ(earlier_->asked, (std::vector<Sequence>{0, 2, 3}));
-}
-
-TEST_F(PipeSinkTest, LiveFramesPassWhileEarlierOnesAreWaitedFor) {
-  earlier_->holds = true;
-  const UniqueFd end = reader();
-  auto& out = later_sink(4);
-  ASSERT_TRUE(run_until([&] { return !earlier_->asked.empty(); }));
-  EXPECT_FALSE(write(out, jpeg_like_frame_ptr(4)));
-  EXPECT_FALSE(write(out, jpeg_like_frame_ptr(5)));
-}
-
-TEST_F(PipeSinkTest, AServerThatGoesOnInItsOwnFilesDoesNotAskForEarlierFrames) {
-  const UniqueFd end = reader();
-  auto& out = later_sink(6);
-  EXPECT_FALSE(write(out, jpeg_like_frame_ptr(6)));
-  EXPECT_TRUE(earlier_->asked.empty());
-}
-
-TEST_F(PipeSinkTest, AReaderOfLiveFramesGetsNoEarlierOnes) {
-  const UniqueFd end = reader();
-  auto& out = later_sink(4, WithoutReader::kPass);
-  EXPECT_FALSE(write(out, jpeg_like_frame_ptr(4)));
-  EXPECT_EQ(read(end, in_pipe(4).size()), in_pipe(4));
-  EXPECT_TRUE(earlier_->asked.empty());
-}
-
-TEST_F(PipeSinkTest, ASessionThatIsPassedOnDoesNotWaitForItsReaderToCatchUp) {
-  earlier_->holds = true;
-  const UniqueFd end = reader();
-  auto& out = later_sink(4);
-  ASSERT_TRUE(run_until([&] { return !earlier_->asked.empty(); }));
-  out.pass_on();
-  bool is_drained = false;
-  out.async_drain({}, [&](const auto&) { is_drained = true; });
-  ASSERT_TRUE(run_until([&] { return is_drained; }));
-  EXPECT_EQ(earlier_->asked.size(), 1U);
 }
 
 TEST_F(PipeSinkTest, DropRecordsAreNoPartOfTheStream) {
