@@ -154,9 +154,11 @@ void lay_out_tum_mono(Work& work) {
 void lay_out_euroc(Work& work) {
   std::string index = "#timestamp [ns],filename\n";
   for (const RecordedFrame& frame : work.session.frames) {
-    const std::string stem = std::to_string(frame.capture_time_ns);
+    // As today's times are: names of one length sort as times, and are what loaders make of the
+    // first column.
+    const std::string stem = fmt::format("{:019}", frame.capture_time_ns);
     work.images(frame, "mav0/cam0/data", "mav0/cam1/data", stem);
-    index += fmt::format("{},{}.{}\n", frame.capture_time_ns, stem, work.extension);
+    index += fmt::format("{0},{0}.{1}\n", stem, work.extension);
   }
   work.text("mav0/cam0/data.csv", index);
   if (is_stereo(work.session)) work.text("mav0/cam1/data.csv", std::move(index));
@@ -178,7 +180,7 @@ void lay_out_kitti(Work& work) {
 void lay_out_tum_rgbd(Work& work) {
   std::string index = "# color images\n# by orbbuf-server export\n# timestamp filename\n";
   for (const RecordedFrame& frame : work.session.frames) {
-    const std::string stem = format_seconds(frame.capture_time_ns);
+    const std::string stem = fmt::format("{:0>20}", format_seconds(frame.capture_time_ns));
     work.images(frame, "rgb", nullptr, stem);
     index += fmt::format("{} {}\n", stem, work.made.images.back().to);
   }

@@ -156,7 +156,8 @@ TEST_F(LayoutTest, Euroc) {
   record();
   exported(Layout::kEuroc);
   expect_as_recorded(load_euroc(out_), false);
-  EXPECT_EQ(read_lines(out_ / "mav0/cam0/data.csv").at(4), "200000000,200000000.jpg");
+  EXPECT_EQ(read_lines(out_ / "mav0/cam0/data.csv").at(4),
+            "0000000000200000000,0000000000200000000.jpg");
   EXPECT_FALSE(fs::exists(out_ / "mav0/cam1"));
 }
 
@@ -190,6 +191,24 @@ TEST_F(LayoutTest, TumRgbdOfPairsHasTheLeftImages) {
   record(true, "Pinhole 50 51 32 24 0\n64 48\nnone\n64 48\n0.1\n");
   EXPECT_EQ(exported(Layout::kTumRgbd).notes.size(), 2U);
   expect_as_recorded(load_tum_rgbd(out_), false);
+}
+
+TEST_F(LayoutTest, NamesOfTimesSortAsTimes) {
+  const auto store = open();
+  for (const std::int64_t seconds : {0, 9, 10}) {
+    EncodedFrame each = *frame(static_cast<Sequence>(seconds));
+    each.capture_time_ns = seconds * 1'000'000'000;
+    ASSERT_FALSE(store->write(each, 0));
+  }
+  for (const Layout layout : {Layout::kEuroc, Layout::kTumRgbd}) {
+    exported(layout);
+    std::vector<std::string> names;
+    for (const Loaded& each : layout == Layout::kEuroc ? load_euroc(out_) : load_tum_rgbd(out_)) {
+      names.push_back(each.left);
+    }
+    EXPECT_TRUE(std::ranges::is_sorted(names)) << testing::PrintToString(names);
+    fs::remove_all(out_);
+  }
 }
 
 TEST_F(LayoutTest, TimesOfOurDayAreExact) {
