@@ -85,6 +85,25 @@ TEST_F(DatasetTest, IsExportedOnce) {
   EXPECT_NE(again.output.find(made.string() + ": not empty"), std::string::npos) << again.output;
 }
 
+TEST_F(DatasetTest, AnExportComesBackAsASourceWithItsTimes) {
+  const auto times = read_lines(session_ / "times.txt");
+  const auto replayed = [&](const fs::path& source) {
+    const TemporaryFolder out;
+    Server server(out.path());
+    Process robot(robot_command(
+        "r", server.address(),
+        {"source.kind=folder", "source.path=" + source.string(), "source.realtime=false"}));
+    EXPECT_EQ(robot.wait(), 0) << robot.output();
+    return read_lines(read_record(out.path(), "r").folder / "times.txt");
+  };
+  ASSERT_EQ(times.size(), static_cast<std::size_t>(kFrames));
+  for (const char* layout : {"euroc", "tum-rgbd", "kitti", "tum-mono"}) {
+    const fs::path made = folder_ / layout;
+    EXPECT_EQ(run({kOrbbufServer, "export", "--layout", layout, session_, made}).status, 0);
+    EXPECT_EQ(replayed(made), times) << layout;
+  }
+}
+
 TEST_F(DatasetTest, OverTheQuotaTheOlderSessionGoesWhenTheServerIsStartedAgain) {
   {
     Server server(out_, {"files.keep_size=1 GiB"});

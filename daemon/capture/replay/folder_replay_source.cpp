@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/capture/replay/folder_replay_source.hpp"
 
-#include <fmt/core.h>
+#include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cstdint>
 #include <fstream>
 #include <limits>
-#include <sstream>
+#include <set>
 #include <stdexcept>
 #include <system_error>
 #include <utility>
@@ -48,34 +49,64 @@ bool is_image(const fs::directory_entry& entry) {
   return type == fs::file_type::regular || type == fs::file_type::not_found;
 }
 
-/// As text, but a longer number comes later: a server's session has 999999.jpg before 1000000.jpg.
-bool comes_before(const std::string& one, const std::string& other) {
-  const auto digits = [](const std::string& name) { return name.find_first_not_of("0123456789"); };
-  const bool are_numbers = one.substr(std::min(digits(one), one.size())) ==
-                           other.substr(std::min(digits(other), other.size()));
-  if (are_numbers && one.size() != other.size()) return one.size() < other.size();
-  return one < other;
+/// What a name is ordered by. A run of digits counts as a number wherever it stands: frame2 comes
+/// before frame10. Of a name that is a time in seconds the second run is a fraction.
+std::string order_of(std::string_view name) {
+  constexpr std::string_view kDigits = "0123456789";
+  const auto first_end = name.find_first_not_of(kDigits);
+  std::string order;
+  for (std::size_t i = 0; i < name.size();) {
+    auto run = name.substr(i, name.find_first_not_of(kDigits, i) - i);
+    if (run.empty()) {
+      order += name[i++];
+      continue;
+    }
+    const bool is_fraction = i > 1 && first_end == i - 1 && name[i - 1] == '.';
+    i += run.size();
+    if (!is_fraction) {
+      run.remove_prefix(std::min(run.find_first_not_of('0'), run.size() - 1));
+      order += fmt::format("0{:03}", run.size());  // a digit, which letters compare with as before
+    }
+    order += run;
+  }
+  return order;
 }
 
 /// Sorted by name; empty if there is no such folder.
 std::vector<std::string> image_names(const fs::path& folder) {
-  std::vector<std::string> names;
+  std::set<std::pair<std::string, std::string>> ordered;
   std::error_code error;
   fs::directory_iterator entry(folder, error);
   for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
-    if (is_image(*entry)) names.push_back(entry->path().filename().string());
+    if (!is_image(*entry)) continue;
+    auto name = entry->path().filename().string();
+    auto order = order_of(name);
+    ordered.emplace(std::move(order), std::move(name));
   }
   if (error && error != std::errc::no_such_file_or_directory &&
       error != std::errc::not_a_directory) {
     throw std::runtime_error("cannot replay images from " + folder.string() + ": " +
                              error.message());
   }
-  std::sort(names.begin(), names.end(), comes_before);
+  std::vector<std::string> names;
+  names.reserve(ordered.size());
+  for (const auto& [order, name] : ordered) names.push_back(name);
   return names;
 }
 
+/// Where the images of a data set are, from its folder: a session, TUM monoVO, TUM RGB-D, KITTI
+/// odometry, KITTI raw and EuRoC.
+constexpr std::array<std::string_view, 7> kImageFolders = {
+    "images", "rgb", "image_0", "image_00/data", "mav0/cam0/data", "cam0/data", "data"};
+
+/// Of a data set's images. What is beside another folder may be of something else.
 fs::path find_times_file(const fs::path& folder) {
-  for (const auto& file : {folder / "times.txt", folder.parent_path() / "times.txt"}) {
+  const auto name = folder.filename();
+  std::vector<fs::path> files = {folder / "times.txt", folder.parent_path() / "times.txt"};
+  if (name == "rgb") files.push_back(folder.parent_path() / "rgb.txt");
+  if (name == "data") files.push_back(folder.parent_path() / "data.csv");
+  if (name == "data") files.push_back(folder.parent_path() / "timestamps.txt");
+  for (const auto& file : files) {
     std::error_code error;
     if (fs::exists(file, error)) return file;
   }
@@ -155,13 +186,14 @@ ImageFolder find_images(const fs::path& path) {
   const auto status = fs::status(folder, error);
   if (!fs::exists(status)) throw std::runtime_error(attempt + ": " + error.message());
   if (!fs::is_directory(status)) throw std::runtime_error(attempt + ": not a folder");
-  auto names = image_names(folder);
-  if (names.empty()) {
-    folder /= "images";
-    names = image_names(folder);
+  if (auto names = image_names(folder); !names.empty()) return {folder, std::move(names)};
+  for (const auto below : kImageFolders) {
+    if (auto names = image_names(folder / below); !names.empty()) {
+      return {folder / below, std::move(names)};
+    }
   }
-  if (!names.empty()) return {std::move(folder), std::move(names)};
-  throw std::runtime_error(attempt + ": no png, jpg, jpeg or pgm file in it or in its images/");
+  throw std::runtime_error(fmt::format("{}: no png, jpg, jpeg or pgm file in it or in its {}",
+                                       attempt, fmt::join(kImageFolders, ", ")));
 }
 
 ImageFolder find_right_images(const fs::path& path, const ImageFolder& left) {
@@ -180,7 +212,10 @@ FolderReplaySource::FolderReplaySource(const SourceSettings& settings)
     : fps_(settings.fps), is_color_(settings.color), left_(find_images(settings.path)) {
   if (!settings.path_right.empty()) right_ = find_right_images(settings.path_right, left_);
   times_file_ = find_times_file(left_.path);
-  if (!times_file_.empty()) times_ = read_times_file(times_file_, left_.names);
+  if (times_file_.empty()) return;
+  auto read = read_times_file(times_file_, left_.names);
+  layout_ = read.layout;
+  times_ = std::move(read.times);
 }
 
 std::optional<RawFrame> FolderReplaySource::next(std::stop_token stop) {
@@ -201,8 +236,9 @@ std::optional<RawFrame> FolderReplaySource::next(std::stop_token stop) {
 }
 
 std::string FolderReplaySource::description() const {
-  const auto times =
-      times_.empty() ? fmt::format("{:.4g} fps", fps_) : "times from " + times_file_.string();
+  const auto times = times_.empty()
+                         ? fmt::format("{:.4g} fps", fps_)
+                         : fmt::format("times from {} ({})", times_file_.string(), layout_);
   if (!right_) {
     return fmt::format("folder {}: {} images, {}", left_.path.string(), left_.names.size(), times);
   }

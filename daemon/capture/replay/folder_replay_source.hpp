@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "daemon/capture/frame_source.hpp"
@@ -18,8 +19,10 @@ struct ImageFolder {
   std::vector<std::string> names;  ///< in order
 };
 
-/// The images of a folder, ordered by name: png, jpg, jpeg and pgm; other files are ignored. Times
-/// come from a times.txt in the folder or beside it (times_file.hpp), else from settings.fps.
+/// The images of a folder, ordered by name, where runs of digits count as numbers: png, jpg, jpeg
+/// and pgm; other files are ignored. Times come from a times.txt in the folder or beside it, or
+/// from the file that EuRoC, TUM RGB-D and KITTI raw have beside it (times_file.hpp), else from
+/// settings.fps.
 ///
 /// With a second folder of as many images the frames are stereo, the first with the first and so
 /// on, whatever their names; times are the left images'.
@@ -30,9 +33,10 @@ struct ImageFolder {
 /// reader's pace; ReplaySource gives it the camera's.
 class FolderReplaySource : public FrameSource {
  public:
-  /// settings.path and, if not empty, path_right: the images' folder, or the one that holds them in
-  /// `images`. Reads all names and times; throws std::runtime_error if there are no images, not as
-  /// many right ones as left ones, or their times cannot be used.
+  /// settings.path and, if not empty, path_right: the images' folder, or the data set that holds
+  /// them, as `images` or where its layout has those of the left camera. Reads all names and times;
+  /// throws std::runtime_error if there are no images, not as many right ones as left ones, or
+  /// their times cannot be used.
   explicit FolderReplaySource(const SourceSettings& settings);
 
   std::optional<RawFrame> next(std::stop_token stop) override;
@@ -45,6 +49,7 @@ class FolderReplaySource : public FrameSource {
   ImageFolder left_;
   std::optional<ImageFolder> right_;
   std::filesystem::path times_file_;  ///< empty: times by fps_
+  std::string_view layout_;           ///< of it
   std::vector<ImageTime> times_;
   std::size_t next_ = 0;
 };

@@ -2,12 +2,15 @@
 #include "daemon/capture/replay/times_file.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
+#include <chrono>
 #include <fstream>
 #include <limits>
 #include <map>
 #include <stdexcept>
 #include <system_error>
+#include <utility>
 
 #include "common/decimal.hpp"
 #include "common/log.hpp"
@@ -37,10 +40,12 @@ bool is_digit(char c) { return c >= '0' && c <= '9'; }
 
 std::vector<Line> read_lines(const std::filesystem::path& file) {
   std::ifstream in(file);
+  const bool has_commas = file.extension() == ".csv";
   std::vector<Line> lines;
   int number = 0;
   for (std::string text; std::getline(in, text);) {
     ++number;
+    if (has_commas) std::ranges::replace(text, ',', ' ');
     const auto words = words_of(std::string_view(text).substr(0, text.find('#')));
     if (!words.empty()) lines.push_back({number, {words.begin(), words.end()}});
   }
@@ -56,26 +61,59 @@ std::vector<Line> read_lines(const std::filesystem::path& file) {
   return lines;
 }
 
+/// "2011-09-26" and "13:02:25.964389445", in UTC, as nanoseconds since 1970. Nothing if they are
+/// no such time.
+std::optional<std::int64_t> parse_date(const std::string& date, const std::string& time_of_day) {
+  auto text = date + '-' + time_of_day;
+  std::ranges::replace_if(
+      text, [](char c) { return c == '-' || c == ':'; }, ' ');
+  const auto words = words_of(text);
+  if (words.size() != 6) return std::nullopt;
+  std::array<int, 5> parts{};  // year to minute
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    parts.at(i) = parse_number<int>(words[i]).value_or(-1);
+  }
+  const auto [year, month, day, hour, minute] = parts;
+  const std::chrono::year_month_day on(std::chrono::year(year),
+                                       std::chrono::month(static_cast<unsigned>(month)),
+                                       std::chrono::day(static_cast<unsigned>(day)));
+  const auto seconds_ns = parse_decimal(words[5], kNanosecondDigits);
+  constexpr int kLastYear = 2261;  // that 64 bits tell in nanoseconds
+  const bool is_time = year >= 1970 && year <= kLastYear && on.ok() && hour >= 0 && hour < 24 &&
+                       minute >= 0 && minute < 60 && seconds_ns && *seconds_ns < 61'000'000'000;
+  if (!is_time) return std::nullopt;
+  const std::chrono::nanoseconds since = std::chrono::sys_days(on).time_since_epoch() +
+                                         std::chrono::hours(hour) + std::chrono::minutes(minute) +
+                                         std::chrono::nanoseconds(*seconds_ns);
+  return since.count();
+}
+
 /// Which field holds what; -1: none does.
 struct FileLayout {
+  std::string_view name;
   int time = 0;
-  int name = -1;
+  int image = -1;
   int id = -1;
   int exposure = -1;
+  int digits = kNanosecondDigits;  // behind the point, down to a nanosecond
+  bool is_date = false;            // and the time of day in the field behind it
 };
 
-FileLayout layout_of(const std::vector<Line>& lines) {
-  switch (lines.front().fields.size()) {
+FileLayout layout_of(const std::filesystem::path& file, const std::vector<Line>& lines) {
+  const auto& fields = lines.front().fields;
+  switch (fields.size()) {
     case 1:
-      return {.time = 0};
+      return {.name = "KITTI odometry"};
     case 2:
+      if (parse_date(fields[0], fields[1])) return {.name = "KITTI raw", .is_date = true};
+      if (file.extension() == ".csv") return {.name = "EuRoC", .image = 1, .digits = 0};
       // One name among numbers is reported as a bad time, with its line.
       return std::any_of(lines.begin(), lines.end(),
                          [](const Line& line) { return parse_decimal(line.fields[1], 0); })
-                 ? FileLayout{.time = 1, .id = 0}
-                 : FileLayout{.time = 0, .name = 1};
+                 ? FileLayout{.name = "TUM monoVO", .time = 1, .id = 0}
+                 : FileLayout{.name = "TUM RGB-D", .image = 1};
     default:
-      return {.time = 1, .id = 0, .exposure = 2};
+      return {.name = "TUM monoVO", .time = 1, .id = 0, .exposure = 2};
   }
 }
 
@@ -90,7 +128,7 @@ std::optional<std::string> id_of(std::string_view text) {
 /// What a line calls each of the images, as `layout` has it.
 std::vector<std::string> keys_of_images(const FileLayout& layout,
                                         const std::vector<std::string>& names) {
-  if (layout.name >= 0) return names;
+  if (layout.image >= 0) return names;
   std::vector<std::string> stems;
   std::vector<std::string> places;
   for (const auto& name : names) {
@@ -106,7 +144,7 @@ std::map<std::string, const Line*> lines_by_key(const std::filesystem::path& fil
   std::map<std::string, const Line*> by_key;
   for (const auto& line : lines) {
     std::string key = std::to_string(by_key.size());
-    if (layout.name >= 0) {
+    if (layout.image >= 0) {
       key = std::filesystem::path(line.fields[1]).filename().string();
     } else if (layout.id >= 0) {
       const auto id = id_of(line.fields[0]);
@@ -122,8 +160,15 @@ std::map<std::string, const Line*> lines_by_key(const std::filesystem::path& fil
 
 ImageTime parse(const std::filesystem::path& file, const FileLayout& layout, const Line& line) {
   const auto& time = line.fields[static_cast<std::size_t>(layout.time)];
-  const auto time_ns = parse_decimal(time, kNanosecondDigits);
-  if (!time_ns) fail(file, line, "'" + time + "' is not a time in seconds");
+  const auto time_ns =
+      layout.is_date ? parse_date(time, line.fields[1]) : parse_decimal(time, layout.digits);
+  if (!time_ns) {
+    fail(file, line,
+         "'" + time + "' is not " +
+             (layout.is_date       ? "a date with a time of day"
+              : layout.digits == 0 ? "a time in nanoseconds"
+                                   : "a time in seconds"));
+  }
   if (layout.exposure < 0) return {*time_ns};
   const auto& exposure = line.fields[static_cast<std::size_t>(layout.exposure)];
   const auto exposure_ns = parse_decimal(exposure, kNanosecondDigitsOfMs);
@@ -135,11 +180,11 @@ ImageTime parse(const std::filesystem::path& file, const FileLayout& layout, con
 
 }  // namespace
 
-std::vector<ImageTime> read_times_file(const std::filesystem::path& file,
-                                       const std::vector<std::string>& names) {
+ImageTimes read_times_file(const std::filesystem::path& file,
+                           const std::vector<std::string>& names) {
   const auto lines = read_lines(file);
-  const auto layout = layout_of(lines);
-  if (layout.name < 0 && layout.id < 0 && lines.size() != names.size()) {
+  const auto layout = layout_of(file, lines);
+  if (layout.image < 0 && layout.id < 0 && lines.size() != names.size()) {
     fail(file,
          std::to_string(lines.size()) + " times for " + std::to_string(names.size()) + " images");
   }
@@ -162,7 +207,7 @@ std::vector<ImageTime> read_times_file(const std::filesystem::path& file,
            "the time of " + names[i] + " is not after that of " + names[i - 1] + " before it");
     }
   }
-  return times;
+  return {layout.name, std::move(times)};
 }
 
 std::optional<std::int64_t> parse_decimal(std::string_view text, int digits) {

@@ -117,6 +117,56 @@ TEST_F(FolderReplaySourceTest, AMillionthImageComesAfterTheOnesBefore) {
   EXPECT_EQ(frames[2].width_px, 8);
 }
 
+TEST_F(FolderReplaySourceTest, NumbersSortAsNumbersWhereverTheyStandInANameAndTimesAsTimes) {
+  const auto expect_order = [&](const std::vector<std::string>& names) {
+    const TemporaryFolder folder;
+    for (auto name = names.rbegin(); name != names.rend(); ++name) {
+      write_file(folder / (*name + ".jpg"), *name);
+    }
+    auto from = settings();
+    from.path = folder.path();
+    std::vector<std::string> got;
+    for (const auto& frame : replay(from)) got.emplace_back(frame.data.begin(), frame.data.end());
+    EXPECT_EQ(got, names);
+  };
+  expect_order({"frame1", "frame2", "frame9", "frame10", "frame12", "frame100"});
+  expect_order({"a1-b2", "a1-b10", "a2-b1", "a10-b1", "b1"});
+  expect_order({"007", "7", "08", "99999999999999999999", "100000000000000000000"});
+  expect_order({"9.5", "10.1753", "10.175304", "10.2", "10.20"});
+  expect_order({"cam1.2", "cam1.10"});
+  expect_order({"a", "a0", "a1", "aa"});
+}
+
+TEST_F(FolderReplaySourceTest, DataSetsAreRecognisedByTheirFilesOfTimes) {
+  const std::string csv = "#timestamp [ns],filename\n1403636579763555584,1403636579763555584.jpg\n";
+  for (const auto& [images, times, text, time_ns, layout] :
+       {std::tuple("mav0/cam0/data/1403636579763555584.jpg", "mav0/cam0/data.csv", csv.c_str(),
+                   1'403'636'579'763'555'584, "EuRoC"),
+        {"rgb/1.5.jpg", "rgb.txt", "# color\n1.5 rgb/1.5.jpg\n", 1'500'000'000, "TUM RGB-D"},
+        {"image_0/000000.jpg", "times.txt", "2.5e+00\n", 2'500'000'000, "KITTI odometry"},
+        {"image_00/data/0000000000.jpg", "image_00/timestamps.txt", "1970-01-01 00:00:03.5\n",
+         3'500'000'000, "KITTI raw"}}) {
+    const TemporaryFolder set;
+    for (const auto& [name, content] : {std::pair(images, "jpeg"), {times, text}}) {
+      std::filesystem::create_directories((set / name).parent_path());
+      write_file(set / name, content);
+    }
+    auto from = settings();
+    for (from.path = (set / images).parent_path();; from.path = from.path.parent_path()) {
+      EXPECT_THAT(times_of(replay(from)), testing::ElementsAre(time_ns)) << from.path;
+      EXPECT_THAT(FolderReplaySource(from).description(),
+                  EndsWith((set / times).string() + " (" + layout + ")"));
+      if (from.path == set.path()) break;
+    }
+  }
+}
+
+TEST_F(FolderReplaySourceTest, AListBesideAFolderOfAnotherNameIsNoFileOfTimes) {
+  write("frames/1.jpg", "jpeg");
+  for (const auto* list : {"data.csv", "rgb.txt", "timestamps.txt"}) write(list, "no times");
+  EXPECT_THAT(times_of(replay(settings("frames"))), testing::ElementsAre(0));
+}
+
 TEST_F(FolderReplaySourceTest, GrayImagesKeepEveryPixelWhateverTheirSizes) {
   const auto png = pattern(37, 11, CV_8UC1);
   const auto pgm = pattern(1, 3, CV_8UC1);

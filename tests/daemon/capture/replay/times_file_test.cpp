@@ -22,15 +22,19 @@ using Names = std::vector<std::string>;
 
 class TimesFile : public testing::Test {
  protected:
-  std::vector<ImageTime> read(std::string_view content, const Names& names) {
-    write_file(folder_ / "times.txt", std::string(content));
-    return read_times_file(folder_ / "times.txt", names);
+  std::vector<ImageTime> read(std::string_view content, const Names& names,
+                              const char* file = "times.txt") {
+    write_file(folder_ / file, std::string(content));
+    auto read = read_times_file(folder_ / file, names);
+    layout_ = read.layout;
+    return std::move(read.times);
   }
   std::string error(std::string_view content, const Names& names) {
     return error_of([&] { read(content, names); });
   }
 
   TemporaryFolder folder_;
+  std::string_view layout_;
 };
 
 TEST(ParseDecimal, IsExactWhereDoubleIsNot) {
@@ -74,6 +78,44 @@ TEST(ParseDecimal, RefusesWhatIsNoNumberOrTooLarge) {
 TEST_F(TimesFile, OneFieldIsTheTimeOfTheImageInThatPlace) {
   EXPECT_THAT(read("0.000000e+00\n1.039360e-01\n", {"000000.png", "000001.png"}),
               ElementsAre(ImageTime{0, 0}, ImageTime{103'936'000, 0}));
+}
+
+TEST_F(TimesFile, TheFormNamesTheDataSetsLayout) {
+  read("1.0\n", {"a.png"});
+  EXPECT_EQ(layout_, "KITTI odometry");
+  read("1.0 rgb/a.png\n", {"a.png"});
+  EXPECT_EQ(layout_, "TUM RGB-D");
+  for (const auto* line : {"0 1.0\n", "0 1.0 0.5\n"}) {
+    read(line, {"a.png"});
+    EXPECT_EQ(layout_, "TUM monoVO");
+  }
+}
+
+TEST_F(TimesFile, EurocsIndexHasNanosecondsAndNames) {
+  EXPECT_THAT(read("#timestamp [ns],filename\r\n1403636579763555584,b.png\r\n"
+                   "0000000000040000000,a.png\r\n",
+                   {"a.png", "b.png"}, "data.csv"),
+              ElementsAre(ImageTime{40'000'000, 0}, ImageTime{1'403'636'579'763'555'584, 0}));
+  EXPECT_EQ(layout_, "EuRoC");
+  EXPECT_THAT(error_of([&] { read("soon,a.png\n", {"a.png"}, "data.csv"); }),
+              EndsWith("line 1: 'soon' is not a time in nanoseconds"));
+}
+
+TEST_F(TimesFile, KittiRawHasADateAndATimeOfDayInUtc) {
+  const Names names{"0000000000.png", "0000000001.png"};
+  EXPECT_THAT(read("2011-09-26 13:02:25.964389445\n2011-09-27 00:00:00.068158000\n", names),
+              ElementsAre(ImageTime{1'317'042'145'964'389'445, 0},
+                          ImageTime{1'317'081'600'068'158'000, 0}));
+  EXPECT_EQ(layout_, "KITTI raw");
+  EXPECT_THAT(error("2011-09-26 13:02:25.9\n2011-09-26 13:02\n", names),
+              EndsWith("line 2: '2011-09-26' is not a date with a time of day"));
+  for (const auto* none :
+       {"2011-02-29 13:02:25\n", "2011-09-26 24:00:00\n", "2011-09-26 13:60:00\n",
+        "2011-09-26 13:00:61\n", "1969-09-26 13:00:00\n", "2262-09-26 13:00:00\n",
+        "2011-09-x 13:00:00\n"}) {
+    EXPECT_THAT(error(none, {"a.png"}), HasSubstr("line ")) << none;
+  }
+  EXPECT_THAT(error("2011-09-26 13:02:25.9\n", names), EndsWith("1 times for 2 images"));
 }
 
 TEST_F(TimesFile, CommentsBlankLinesAndCarriageReturnsDoNotCount) {
