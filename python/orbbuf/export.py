@@ -165,7 +165,7 @@ def to_euroc(session: Session, out: PathLike) -> list[str]:
     output = _Output(session, out)
     index = "#timestamp [ns],filename\n"
     for frame in session:
-        time_ns = output.time_ns(frame)
+        time_ns = f"{output.time_ns(frame):019}"
         output.image(frame.left, f"mav0/cam0/data/{time_ns}.jpg")
         if frame.right is not None:
             output.image(frame.right, f"mav0/cam1/data/{time_ns}.jpg")

@@ -180,7 +180,7 @@ void lay_out_kitti(Work& work) {
 void lay_out_tum_rgbd(Work& work) {
   std::string index = "# color images\n# by orbbuf-server export\n# timestamp filename\n";
   for (const RecordedFrame& frame : work.session.frames) {
-    const std::string stem = fmt::format("{:0>20}", format_seconds(frame.capture_time_ns));
+    const std::string stem = format_seconds(frame.capture_time_ns);
     work.images(frame, "rgb", nullptr, stem);
     index += fmt::format("{} {}\n", stem, work.made.images.back().to);
   }

@@ -45,7 +45,8 @@ class ExportTest(FolderTest):
     def test_times_have_what_the_robots_clock_was_set_by(self):
         session, _, _ = self.export("tum", "none")
         (session / "session.txt").write_text("ended\nclock_offset_ns -40000000\n")
-        for layout, name, first in (("kitti", "times.txt", "-0.040000000"), ("euroc", "mav0/cam0/data.csv", "-40000000,"),
+        for layout, name, first in (("kitti", "times.txt", "-0.040000000"),
+                                    ("euroc", "mav0/cam0/data.csv", "-000000000040000000,"),
                                     ("tum", "rgb.txt", "-0.040000000 rgb/-0.040000000.jpg")):
             shutil.rmtree(self.folder / f"{layout}-none-False", ignore_errors=True)
             _, out, notes = self.export(layout, "none")
