@@ -65,12 +65,13 @@ int main(int argc, char** argv) {
       return EXIT_SUCCESS;
     }
     const orbbuf::Settings settings = orbbuf::load_settings(file, overrides);
+    orbbuf::set_log_level(settings.log_level);
+    for (const std::string& warning : settings.warnings) orbbuf::log_warn("{}", warning);
     if (check_only) {
       orbbuf::make_tls_context(settings.link.tls, true);
       std::cout << (file.empty() ? "defaults" : file) << ": OK\n";
       return EXIT_SUCCESS;
     }
-    orbbuf::set_log_level(settings.log_level);
     if (probe_only) {
       std::cout << orbbuf::probe(settings) << std::flush;
       if (!file.empty()) orbbuf::run_script("doctor", {"--config", file});

@@ -20,6 +20,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/calibration/calibration.hpp"
 #include "common/log.hpp"
 #include "common/seconds.hpp"
 #include "common/service_status.hpp"
@@ -199,6 +200,18 @@ std::function<void(const FramePtr&)> publish_to_robot([[maybe_unused]] const Set
   return {};
 }
 
+/// Takes each frame that was encoded.
+std::function<void(const FramePtr&)> on_encoded(const Settings& settings) {
+  return [publish = publish_to_robot(settings), calibration = settings.calibration,
+          is_first = true](const FramePtr& frame) mutable {
+    if (std::exchange(is_first, false)) {
+      const auto problem = size_problem(calibration, frame->width_px, frame->height_px);
+      if (!problem.empty()) log_warn("camera.calibration: {}", problem);
+    }
+    if (publish) publish(frame);
+  };
+}
+
 Robot::Robot(const Settings& settings)
     : source_(open_source(settings.source)),
       extractor_(settings.features),
@@ -214,7 +227,7 @@ Robot::Robot(const Settings& settings)
           std::move(source_), settings.jpeg, buffer_,
           {[this] { asio::post(io_, [this] { on_pushed(); }); },
            [this](bool failed) { asio::post(io_, [this, failed] { on_source_ended(failed); }); },
-           publish_to_robot(settings),
+           on_encoded(settings),
            [this](std::int64_t total_ns) {
              asio::post(io_, [this, total_ns] { on_clock_stepped(nanoseconds(total_ns)); });
            }}),

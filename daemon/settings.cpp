@@ -14,12 +14,12 @@
 #include <random>
 #include <set>
 
+#include "common/calibration/calibration.hpp"
+#include "common/calibration/kalibr.hpp"
 #include "common/config.hpp"
 #include "common/file_io.hpp"
-#include "common/is_kalibr.hpp"
 #include "common/log.hpp"
 #include "common/ros_name.hpp"
-#include "common/text_lines.hpp"
 #include "common/wire.hpp"
 #include "daemon/capture/camera_formats.hpp"
 
@@ -61,24 +61,50 @@ std::string read_calibration(ConfigReader& config) {
   const std::string key = "camera.calibration";
   std::string text = config.text(key, "");
   if (!text.empty() && text.find('\n') == text.npos) text = read_text(config, key);
-  const auto lines = std::count(text.begin(), text.end(), '\n');
-  if (!text.empty() && !is_kalibr(text) && (lines < 3 || lines > 5)) {
-    config.fail(key, fmt::format("expected the four lines of DSO's camera.txt, or Kalibr's "
-                                 "camchain.yaml, got {} lines",
-                                 lines));
+  if (text.empty()) return text;
+  const bool is_chain = is_kalibr(text);
+  if (const auto read = parse_any_calibration(text); !read) {
+    config.fail(
+        key, fmt::format("read as {}: {}", is_chain ? "Kalibr's camchain.yaml" : "DSO's camera.txt",
+                         read.error().text));
   }
-  return text;
+  if (!is_chain) return text;
+  auto rewritten = rewrite_kalibr(text);
+  if (!rewritten) config.fail(key, rewritten.error().text);
+  return std::move(rewritten).value();
 }
 
-/// Adds the imu.yaml of a sensor of that name, in the form that Kalibr reads or the one that it
-/// writes, which has a name of its own.
-void add_imu(std::string& calibration, const std::string& name, std::string_view imu_yaml) {
-  calibration += (calibration.ends_with('\n') ? "" : "\n") + name + ":\n";
-  const bool is_named = imu_yaml.starts_with("imu") || imu_yaml.find("\nimu") != imu_yaml.npos;
-  while (!imu_yaml.empty()) {
-    const auto line = take_line(imu_yaml);
-    if (!line.starts_with("imu")) calibration += fmt::format("{}{}\n", is_named ? "" : "  ", line);
+/// Adds the imu.yaml of a sensor, if `key` names one, below the calibration of the cameras.
+void read_imu(ConfigReader& config, const std::string& key, const std::string& name,
+              std::string& calibration) {
+  const auto imu_yaml = read_text(config, key);
+  if (imu_yaml.empty()) return;
+  if (!is_kalibr(calibration)) {
+    config.fail(key, "needs Kalibr's camchain.yaml in camera.calibration");
   }
+  const auto joined = add_imu(calibration, name, imu_yaml);
+  if (!joined) config.fail(key, joined.error().text);
+  calibration = joined.value();
+  if (const auto read = parse_any_calibration(calibration); !read) {
+    config.fail(key, read.error().text);
+  }
+}
+
+/// What a calibration lacks that is no error.
+std::vector<std::string> calibration_warnings(const std::string& calibration) {
+  std::vector<std::string> warnings;
+  const auto read = parse_any_calibration(calibration);
+  if (!read) return warnings;
+  if (!read.value().unread.empty()) {
+    warnings.push_back(fmt::format(
+        "camera.calibration: {}; the server keeps the file as it is, and makes no camera.txt, "
+        "sensor.yaml or camera_info of it",
+        read.value().unread));
+  }
+  for (const std::string& remark : read.value().remarks) {
+    warnings.push_back("camera.calibration: " + remark);
+  }
+  return warnings;
 }
 
 void read_robot(ConfigReader& config, Settings& settings) {
@@ -319,12 +345,7 @@ void read_streams(ConfigReader& config, Settings& settings) {
     } else {
       require(".path", stream.path.empty());
     }
-    if (const auto imu_yaml = read_text(config, key + ".calibration"); !imu_yaml.empty()) {
-      if (!is_kalibr(settings.calibration)) {
-        config.fail(key + ".calibration", "needs Kalibr's camchain.yaml in camera.calibration");
-      }
-      add_imu(settings.calibration, name, imu_yaml);
-    }
+    read_imu(config, key + ".calibration", name, settings.calibration);
     config.read_bytes(key + ".memory", stream.memory_bytes, 1 << 16, 1LL << 40);
     streams.push_back(std::move(stream));
   }
@@ -350,6 +371,7 @@ Settings load_settings(const std::filesystem::path& file, std::span<const std::s
   read_link(config, settings.buffer.plan.live_again, settings.link);
   read_record(config, settings.record);
   read_streams(config, settings);
+  settings.warnings = calibration_warnings(settings.calibration);
   config.reject_unknown();
   return settings;
 }

@@ -19,8 +19,9 @@ namespace orbbuf {
 /// All of orbbufd.toml. Each module has its own struct, which holds the defaults.
 struct Settings {
   std::string log_level = "info";
-  std::string robot_id;     ///< `[robot] id`; by default the host's name
-  std::string calibration;  ///< `[camera] calibration`: DSO's camera.txt or Kalibr's; may be empty
+  std::string robot_id;  ///< `[robot] id`; by default the host's name
+  /// `[camera] calibration`: DSO's camera.txt, or Kalibr's as add_imu() joins it; may be empty.
+  std::string calibration;
   SourceSettings source;
   std::string publish;  ///< `[source] publish`: for ROS 2 on this robot, `/camera`; empty: not
   JpegSettings jpeg;
@@ -29,6 +30,7 @@ struct Settings {
   LinkSettings link;
   RecordSettings record;
   std::vector<SampleStreamSettings> streams;
+  std::vector<std::string> warnings;  ///< what is taken all the same, for main() to log
 };
 
 /// Reads `file` (empty: defaults) and applies `overrides` (`table.key=value`). Throws

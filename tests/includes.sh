@@ -29,8 +29,8 @@ daemon/image: common daemon/buffer daemon/capture
 daemon/record: common common/journal
 daemon/samples: common daemon/capture daemon/capture/replay daemon/topics
 daemon/net: common common/net daemon/buffer daemon/record daemon/samples
-daemon/settings: common daemon/buffer daemon/capture daemon/image daemon/net daemon/record daemon/samples
-daemon: common common/net daemon/topics daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/net daemon/samples daemon/settings daemon/capture/list_cameras daemon/capture/make_source
+daemon/settings: common common/calibration daemon/buffer daemon/capture daemon/image daemon/net daemon/record daemon/samples
+daemon: common common/calibration common/net daemon/topics daemon/mailbox daemon/buffer daemon/capture daemon/image daemon/net daemon/samples daemon/settings daemon/capture/list_cameras daemon/capture/make_source
 server/runtime: common
 server/session: common common/journal common/calibration server/runtime
 server/foxglove: common common/calibration

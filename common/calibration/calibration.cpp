@@ -6,8 +6,8 @@
 
 #include <span>
 
+#include "common/calibration/kalibr.hpp"
 #include "common/decimal.hpp"
-#include "common/is_kalibr.hpp"
 #include "common/text_lines.hpp"
 
 namespace orbbuf {
@@ -129,7 +129,8 @@ Result<Calibration> parse_camera_txt(std::string_view text) {
     return Error{"line 3: expected crop, full, none or five numbers"};
   }
   if (!parse_size(lines[3])) return Error{"line 4: expected WIDTH HEIGHT"};
-  Calibration calibration{std::move(*camera), {}, {}, {}, {}, {}};
+  Calibration calibration;
+  calibration.left = std::move(*camera);
   if (lines.size() > kLines && lines[4].size() == 1) {
     const auto baseline = numbers_of<double>(lines[4]);
     if (!baseline || baseline->front() <= 0) {
@@ -141,12 +142,29 @@ Result<Calibration> parse_camera_txt(std::string_view text) {
   return calibration;
 }
 
+bool is_kalibr(std::string_view calibration) {
+  return calibration.find(':') != calibration.npos && !parse_camera_txt(calibration);
+}
+
+Result<Calibration> parse_any_calibration(std::string_view text) {
+  return is_kalibr(text) ? parse_kalibr(text) : parse_camera_txt(text);
+}
+
 Result<Calibration> parse_calibration(std::string_view text) {
-  const bool is_chain = is_kalibr(text);
-  auto calibration = is_chain ? parse_kalibr(text) : parse_camera_txt(text);
-  if (calibration) return calibration;
-  return Error{
-      fmt::format("{}: {}", is_chain ? kKalibrFile : kCameraFile, calibration.error().text)};
+  auto calibration = parse_any_calibration(text);
+  if (calibration && calibration.value().unread.empty()) return calibration;
+  return Error{fmt::format("{}: {}", is_kalibr(text) ? kKalibrFile : kCameraFile,
+                           calibration ? calibration.value().unread : calibration.error().text)};
+}
+
+std::string size_problem(std::string_view calibration, int width_px, int height_px) {
+  const auto read = parse_any_calibration(calibration);
+  if (!read) return {};
+  const Camera& camera = read.value().left;
+  const bool is_known = width_px > 0 && height_px > 0;
+  if (!is_known || (camera.width_px == width_px && camera.height_px == height_px)) return {};
+  return fmt::format("the calibration is of images of {}x{} pixels, and the frames have {}x{}",
+                     camera.width_px, camera.height_px, width_px, height_px);
 }
 
 std::string to_camera_txt(const Calibration& calibration) {
@@ -164,7 +182,7 @@ std::vector<CalibrationFile> calibration_files(std::string_view text) {
   std::vector<CalibrationFile> files;
   if (text.empty()) return files;
   if (!is_kalibr(text)) return {{kCameraFile, std::string(text)}};
-  if (const auto read = parse_kalibr(text))
+  if (const auto read = parse_calibration(text))
     files.push_back({kCameraFile, to_camera_txt(read.value())});
   files.push_back({kKalibrFile, std::string(text)});
   return files;

@@ -90,10 +90,10 @@ struct Camera {
   friend bool operator==(const Camera&, const Camera&) = default;
 };
 
-/// What an imu.yaml of Kalibr says of a sensor; 0: nothing.
+/// What an imu.yaml of Kalibr says of a sensor.
 struct ImuNoise {
-  std::string name;  ///< `imu0`
-  double rate_hz = 0;
+  std::string name;                        ///< `imu0`
+  double rate_hz = 0;                      ///< 0: unknown
   double gyroscope_noise_density = 0;      ///< rad/s/sqrt(Hz)
   double gyroscope_random_walk = 0;        ///< rad/s^2/sqrt(Hz)
   double accelerometer_noise_density = 0;  ///< m/s^2/sqrt(Hz)
@@ -109,6 +109,10 @@ struct Calibration {
   /// Kalibr's: a time of the sensor is one of the camera and this. Nothing here applies it.
   std::optional<double> time_shift_s;
   std::vector<ImuNoise> imus;
+  /// Not empty: a camera has a model that nothing here reads, by its key; of the cameras only the
+  /// sizes are known then.
+  std::string unread;
+  std::vector<std::string> remarks;  ///< for people: what is missing, or not used, and why
 
   /// Of a rectified pair: the right camera has the lens of the left one, and is that far along x.
   /// Otherwise 0.
@@ -125,8 +129,18 @@ inline constexpr const char* kKalibrFile = "camchain-imucam.yaml";
 /// DSO has it. The error names the line.
 Result<Calibration> parse_camera_txt(std::string_view text);
 
-/// Of either form: is_kalibr() tells which. The error names the file in the session's folder.
+/// Whether it is to be read as Kalibr's YAML: it has a colon, and is not DSO's camera.txt.
+bool is_kalibr(std::string_view calibration);
+
+/// Of either form. A model that nothing here reads is set in Calibration::unread.
+Result<Calibration> parse_any_calibration(std::string_view text);
+/// The same, but such a model is an error. The error names the file in the session's folder.
 Result<Calibration> parse_calibration(std::string_view text);
+
+/// For people, of the first frame of a session: that it has another size than the images that the
+/// calibration is of. Empty if it has not, its size is not known (0), or the calibration cannot be
+/// read.
+std::string size_problem(std::string_view calibration, int width_px, int height_px);
 
 /// The four lines of the left camera, and the baseline of a rectified pair.
 std::string to_camera_txt(const Calibration& calibration);
@@ -139,11 +153,5 @@ struct CalibrationFile {
 /// camera.txt as it was sent; or Kalibr's file as it was sent, and a camera.txt that is made of it,
 /// if it can be read. Empty of an empty text.
 std::vector<CalibrationFile> calibration_files(std::string_view text);
-
-/// Reads Kalibr's camchain.yaml or camchain-imucam.yaml
-/// (github.com/ethz-asl/kalibr/wiki/yaml-formats): one camera or two, `pinhole` with `radtan`,
-/// `equidistant`, `fov` or no distortion. Behind it may be imu.yaml of each sensor, below its name.
-/// The error names the key.
-Result<Calibration> parse_kalibr(std::string_view text);
 
 }  // namespace orbbuf

@@ -155,7 +155,12 @@ class Check {
     const std::string& calibration = outline_.summary.info.calibration;
     if (calibration.empty()) return;
     const auto camera = parse_calibration(calibration);
-    if (!camera) problem("{}", camera.error().text);
+    if (camera) return;
+    if (parse_any_calibration(calibration)) {
+      report_.notes.push_back(camera.error().text);
+    } else {
+      problem("{}", camera.error().text);
+    }
   }
 
   std::optional<Error> check_samples() {

@@ -10,7 +10,6 @@
 
 #include "common/calibration/calibration.hpp"
 #include "common/decimal.hpp"
-#include "common/is_kalibr.hpp"
 #include "server/session/session_lines.hpp"
 #include "server/session/session_names.hpp"
 
@@ -204,6 +203,9 @@ void add_euroc_calibration(const RecordedSession& session, Dataset& dataset) {
   const auto add = [&](const std::string& sensor, std::string text) {
     dataset.texts.push_back({"mav0/" + sensor + "/sensor.yaml", std::move(text)});
   };
+  for (const std::string& remark : calibration->remarks) {
+    dataset.notes.push_back("calibration: " + remark);
+  }
   for (const ImuNoise& imu : calibration->imus) add(imu.name, imu_yaml(imu));
   add("cam0", camera_yaml(calibration->left, rate_hz, imu_from_left));
   if (!is_stereo(session)) return;

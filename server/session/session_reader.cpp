@@ -302,7 +302,7 @@ Result<SessionOutline> read_outline(const fs::path& folder) {
   }
   // orbbufd's record has journals with other records, and this file.
   std::error_code absent;
-  if (outline.there.empty() && reader.damaged_bytes() > 0 && fs::exists(folder / "lock", absent)) {
+  if (outline.there.empty() && fs::exists(folder / "lock", absent)) {
     return Error{folder.string() +
                  ": not a session, but the record of an orbbufd (spool.path or "
                  "buffer.drop_log); sessions are in the server's files.path"};

@@ -231,7 +231,12 @@ std::optional<Error> SessionStore::write(const EncodedFrame& frame, std::int64_t
       return is_repeat(frame) ? std::nullopt : set_conflict_aside(frame);
     }
   }
-  return accept(frame, record_of(frame, arrived_ns));
+  if (auto error = accept(frame, record_of(frame, arrived_ns))) return error;
+  if (!std::exchange(is_size_compared_, true)) {  // a new calibration was pending before
+    const auto problem = size_problem(summary_.info.calibration, frame.width_px, frame.height_px);
+    if (!problem.empty()) log_warn("{}: {}", folder_.string(), problem);
+  }
+  return std::nullopt;
 }
 
 /// The line is a view: where it cannot be written the frame is accepted all the same.

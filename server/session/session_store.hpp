@@ -140,6 +140,7 @@ class SessionStore {
   std::optional<Error> sync_failed_;  // then nothing more is accepted
   bool is_prepared_ = false;
   bool has_right_folder_ = false;
+  bool is_size_compared_ = false;  // of the first frame, with the calibration's
   std::optional<TimesFile> times_;
   std::map<wire::StreamId, UniqueFd> samples_;  // data.csv
   journal::Place times_from_;                   // lines of records from here on may be missing

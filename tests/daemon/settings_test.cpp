@@ -242,7 +242,8 @@ TEST(Settings, WhatCannotBeIsRefusedByName) {
   names(why({"link.server=nowhere"}), "link.server: expected HOST:PORT");
   names(why({"link.server=nowhere:0"}), "link.server: port must not be 0");
   names(why({"camera.calibration=1 2 3"}), "camera.calibration: ");
-  names(why({"camera.calibration=\"1\\n2\\n\""}), "camera.calibration: expected the four lines");
+  names(why({"camera.calibration=\"1\\n2\\n\""}),
+        "camera.calibration: read as DSO's camera.txt: 2 lines");
   names(why({"bufer.capacity=9"}), "buffer.capacity");
 }
 
@@ -285,24 +286,59 @@ TEST(Settings, CalibrationOfFourLinesIsKeptAsItIs) {
   EXPECT_EQ(load_settings(folder / "c.toml", {}).calibration, calibration);
 }
 
+const std::string kChain =
+    "cam0:\n  camera_model: pinhole\n  intrinsics: [9, 9, 5, 5]\n  resolution: [10, 10]\n";
+const std::string kNoise =
+    "gyroscope_noise_density: 0.1\ngyroscope_random_walk: 0.2\naccelerometer_noise_density: 0.3\n"
+    "accelerometer_random_walk: 0.4\n";
+
 TEST(Settings, ACalibrationOfKalibrHasItsSensorsBehindIt) {
   const test::TemporaryFolder folder;
-  test::write_file(folder / "chain.yaml", "cam0:\n  camera_model: pinhole\n");
-  test::write_file(folder / "imu.yaml", "# MPU 6050\nupdate_rate: 200.0\n");
-  test::write_file(folder / "imu_a.yaml", "imu0:\n  update_rate: 100.0\n");
+  test::write_file(folder / "chain.yaml", "%YAML:1.0\n" + kChain);
+  test::write_file(folder / "imu.yaml", "# MPU 6050\n---\n" + kNoise + "update_rate: 200.0");
   test::write_file(folder / "c.toml",
                    "[camera]\ncalibration = 'chain.yaml'\n"
                    "[stream.imu0]\npath = 'a'\ncalibration = 'imu.yaml'\n"
-                   "[stream.imu_b]\npath = 'b'\ncalibration = 'imu_a.yaml'\n");
-  EXPECT_EQ(load_settings(folder / "c.toml", {}).calibration,
-            "cam0:\n  camera_model: pinhole\n"
-            "imu0:\n  # MPU 6050\n  update_rate: 200.0\n"
-            "imu_b:\n  update_rate: 100.0\n");
-  test::write_file(folder / "chain.yaml", "cam0:\n  camera_model: pinhole");  // no end of line
-  EXPECT_TRUE(load_settings(folder / "c.toml", {})
-                  .calibration.starts_with("cam0:\n  camera_model: pinhole\nimu0:\n"));
+                   "[stream.imu_b]\npath = 'b'\ncalibration = 'imu.yaml'\n");
+  const std::string noise =
+      "  gyroscope_noise_density: 0.1\n  gyroscope_random_walk: 0.2\n"
+      "  accelerometer_noise_density: 0.3\n  accelerometer_random_walk: 0.4\n"
+      "  update_rate: 200.0\n";
+  const Settings settings = load_settings(folder / "c.toml", {});
+  EXPECT_EQ(settings.calibration,
+            "%YAML 1.0\n---\n" + kChain + "imu0:\n" + noise + "imu_b:\n" + noise);
+  ASSERT_EQ(settings.warnings.size(), 1U);
+  names(settings.warnings[0], "cam0 has neither T_cam_imu nor T_imu_cam");
   names(why({"stream.imu0.path=a", "stream.imu0.calibration=" + (folder / "imu.yaml").string()}),
         "needs Kalibr's camchain.yaml");
+}
+
+TEST(Settings, ACalibrationThatCannotBeReadIsRefusedAndAnotherModelIsAWarning) {
+  const test::TemporaryFolder folder;
+  const auto chain = [&](const std::string& text) {
+    test::write_file(folder / "chain.yaml", text);
+    return "camera.calibration=" + (folder / "chain.yaml").string();
+  };
+  const auto imu = [&](const std::string& text) {
+    test::write_file(folder / "imu.yaml", text);
+    return "stream.imu0.calibration=" + (folder / "imu.yaml").string();
+  };
+  names(why({chain("cam0: [1\n")}),
+        "camera.calibration: read as Kalibr's camchain.yaml: yaml-cpp: error at line ");
+  names(why({chain("left: {resolution: [10, 10]}\n")}), "camchain.yaml: cam0: missing");
+  names(why({chain("cam0: {camera_model: pinhole, resolution: [10]}\n")}), "cam0.resolution: ");
+  names(why({chain("Pinhole 1 2 3\n640 480\ncrop\n640 480\n")}),
+        "camera.calibration: read as DSO's camera.txt: line 1: ");
+  EXPECT_TRUE(with({chain(kChain)}).warnings.empty());
+  names(why({chain(kChain), "stream.imu0.path=a", imu("update_rate: 200\n")}),
+        "stream.imu0.calibration: imu0.gyroscope_noise_density: expected a number above 0");
+  names(why({chain(kChain), "stream.imu0.path=a", imu("imu0: [\n")}),
+        "stream.imu0.calibration: yaml-cpp: error");
+  const Settings sphere = with({chain(
+      "cam0: {camera_model: ds, intrinsics: [0.5, 0.5, 9, 9, 5, 5], resolution: [10, 10]}\n")});
+  ASSERT_EQ(sphere.warnings.size(), 1U);
+  names(sphere.warnings[0], "camera.calibration: cam0.camera_model: ds; expected pinhole");
+  EXPECT_NE(sphere.calibration.find("intrinsics: [0.5, 0.5, 9, 9, 5, 5]"), std::string::npos);
 }
 
 TEST(Settings, SessionIdsAreValid) {

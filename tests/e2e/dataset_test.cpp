@@ -104,6 +104,27 @@ TEST_F(DatasetTest, AnExportComesBackAsASourceWithItsTimes) {
   }
 }
 
+TEST_F(DatasetTest, ACalibrationOfAnotherSizeIsAWarningAtBothEnds) {
+  const TemporaryFolder out;
+  const fs::path chain = folder_ / "chain.yaml";
+  write_file(chain, "%YAML:1.0\n\"cam0\": {camera_model: ds, resolution: [752, 480]}\n");
+  const std::vector<std::string> settings = {"source.width=160", "source.height=120",
+                                             "source.realtime=false", "source.frames=3",
+                                             "camera.calibration=" + chain.string()};
+  Server server(out.path());
+  Process robot(robot_command("r", server.address(), settings));
+  EXPECT_EQ(robot.wait(), 0);
+  const std::string warning =
+      "the calibration is of images of 752x480 pixels, and the frames have 160x120";
+  EXPECT_NE(robot.output().find("camera.calibration: cam0.camera_model: ds"), std::string::npos);
+  EXPECT_NE(robot.output().find("camera.calibration: " + warning), std::string::npos);
+  const fs::path session = read_record(out.path(), "r").folder;
+  EXPECT_TRUE(server.process().wait_for_line(session.string() + ": " + warning));
+  EXPECT_EQ(read_file(session / "camchain-imucam.yaml"),
+            "%YAML 1.0\n---\ncam0:\n  camera_model: ds\n  resolution: [752, 480]\n");
+  EXPECT_EQ(run({kOrbbufServer, "check", session}).status, 0);
+}
+
 TEST_F(DatasetTest, OverTheQuotaTheOlderSessionGoesWhenTheServerIsStartedAgain) {
   {
     Server server(out_, {"files.keep_size=1 GiB"});

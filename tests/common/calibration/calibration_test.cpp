@@ -69,6 +69,18 @@ TEST(Calibration, BlanksAndLineEndsOfOtherSystemsAreNoMatter) {
   EXPECT_EQ(parsed(" FOV  1 1\t9 9 0.9 \r\n640 480\r\n0.5 0.5 0.5 0.5 0\r\n320 240").width_px, 640);
 }
 
+TEST(Calibration, AnotherSizeThanTheFramesIsAProblem) {
+  const std::string camera_txt = "Pinhole 500 501 320 240 0" + kRest;
+  const std::string chain =
+      "cam0: {camera_model: ds, resolution: [640, 480], intrinsics: [1, 2, 3, 4, 5, 6]}\n";
+  for (const auto& text : {camera_txt, chain}) {
+    EXPECT_EQ(size_problem(text, 640, 480), "");
+    EXPECT_EQ(size_problem(text, 640, 360),
+              "the calibration is of images of 640x480 pixels, and the frames have 640x360");
+  }
+  EXPECT_EQ(size_problem("", 640, 480), "");
+}
+
 struct Bad {
   const char* text;
   const char* why;

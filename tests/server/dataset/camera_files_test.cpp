@@ -121,7 +121,9 @@ TEST(EurocCameraTest, OfAChainTheBodyIsTheInertialSensor) {
                        "cam1:\n" +
                        camera +
                        "  T_cn_cnm1: [[1, 0, 0, -0.25], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n"
-                       "imu0:\n  gyroscope_noise_density: 0.125\n  update_rate: 200\n",
+                       "imu0:\n  gyroscope_noise_density: 0.125\n  gyroscope_random_walk: 1e-4\n"
+                       "  accelerometer_noise_density: 0.5\n  accelerometer_random_walk: 2e-3\n"
+                       "  update_rate: 200\n",
                    true),
       made);
   EXPECT_THAT(made.notes, IsEmpty());
@@ -133,6 +135,17 @@ TEST(EurocCameraTest, OfAChainTheBodyIsTheInertialSensor) {
   EXPECT_THAT(made.texts[1].content, HasSubstr("1.0, 0.0, 0.0, -0.5,"));
   EXPECT_THAT(made.texts[2].content, HasSubstr("1.0, 0.0, 0.0, -0.25,"))
       << "x of the camera is y of the sensor";
+}
+
+TEST(EurocCameraTest, WithoutThePlaceOfTheSensorTheBodyIsTheLeftCameraAndANoteSaysSo) {
+  Dataset made;
+  add_euroc_calibration(
+      session_with("cam0: {camera_model: pinhole, intrinsics: [500, 500, 320, 240], resolution: "
+                   "[640, 480]}\n"
+                   "imu0: {gyroscope_noise_density: 1, gyroscope_random_walk: 1, "
+                   "accelerometer_noise_density: 1, accelerometer_random_walk: 1}\n"),
+      made);
+  EXPECT_THAT(made.notes, ElementsAre(HasSubstr("neither T_cam_imu nor T_imu_cam")));
 }
 
 TEST(EurocCameraTest, OneFrameHasNoRate) {

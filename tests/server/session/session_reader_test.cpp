@@ -34,7 +34,7 @@ class SessionReaderTest : public test::StoredSession {
 TEST_F(SessionReaderTest, WhereThereIsNoJournalThereIsNoSession) {
   const auto session = read_session(folder_);
   ASSERT_FALSE(session);
-  EXPECT_EQ(session.error().text, folder_.string() + ": not a session: no journal in it");
+  EXPECT_EQ(session.error().text, folder_.string() + ": not a session: No such file or directory");
   EXPECT_FALSE(read_summary(folder_));
 }
 

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/session/session_store.hpp"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include "server/session/views.hpp"
+#include "testing/captured_log.hpp"
 #include "tests/server/session/stepped_child.hpp"
 #include "tests/server/session/stored_session.hpp"
 
@@ -176,6 +178,24 @@ TEST_F(SessionStoreTest, ANewCalibrationReplacesTheOld) {
   deliver(*open(Durability::kAck, "new"), {2});
   EXPECT_EQ(read_file(folder_ / "camera.txt"), "new");
   EXPECT_EQ(open()->summary().info.calibration, "new");
+}
+
+TEST_F(SessionStoreTest, SaysOnceThatTheFramesHaveAnotherSizeThanTheCalibration) {
+  const test::CapturedLog log;
+  for (const char* size : {"640 480", "752 480"}) {
+    const auto store =
+        open(Durability::kAck, fmt::format("Pinhole 9 9 5 5 0\n{0}\ncrop\n{0}\n", size));
+    for (int i = 0; i < 2; ++i) {
+      EncodedFrame frame = plain_frame(store->position()[wire::kFrames]);
+      frame.width_px = 640;
+      frame.height_px = 480;
+      EXPECT_FALSE(store->write(frame, kArrivedNs));
+    }
+  }
+  EXPECT_THAT(log.lines("the calibration is of images of "),
+              ElementsAre("warning " + folder_.string() +
+                          ": the calibration is of images of 752x480 pixels, and the frames have "
+                          "640x480"));
 }
 
 TEST_F(SessionStoreTest, KeepsTheLastReportWhenTheServerDies) {
