@@ -190,8 +190,7 @@ TEST_F(CheckSession, CountsWhatTheRobotStillHas) {
 /// The robot ended in an outage, its next start accounted for the session and died.
 TEST_F(CheckSession, SamplesThatTheRobotHoldsAreOnTheRobot) {
   const wire::StreamDeclaration stream{4, "imu0", "imu"};
-  auto opened =
-      SessionStore::open(session_, {"robot", "session", "", {}, {stream}}, Durability::kAck);
+  auto opened = SessionStore::open(session_, {"robot", "session", "", {stream}}, Durability::kAck);
   SessionStore& store = *opened.value();
   ASSERT_FALSE(store.write(*frame(0), 0));
   ASSERT_FALSE(store.write_items({4, 0, 2, wire::encode_samples({{{1, {}, {}}, {2, {}, {}}}})}));
