@@ -16,6 +16,9 @@ namespace {
 
 using Bytes = std::vector<std::uint8_t>;
 
+constexpr std::size_t kBlockPx = DCTSIZE;
+constexpr std::size_t kStripRows = 2 * kBlockPx;  // of 4:2:0 colour
+
 Error error_of(std::string_view attempt, const Libjpeg& jpeg) {
   return Error{fmt::format("{}: {}", attempt, jpeg.why.data())};
 }
@@ -53,10 +56,10 @@ class Strips {
     const std::uint8_t* data = planes.data();
     for (std::size_t i = 0; i < planes_.size(); ++i) {
       const std::size_t times = i == 0 ? 2 : 1;
-      planes_[i] = {data, times * layout.columns, times * layout.rows, times * DCTSIZE};
+      planes_[i] = {data, times * layout.columns, times * layout.rows, times * kBlockPx};
       data += planes_[i].columns * planes_[i].rows;
     }
-    padded_.resize(2 * (layout.columns + DCTSIZE) * (2 * DCTSIZE + DCTSIZE));
+    padded_.resize(2 * (layout.columns + kBlockPx) * (kStripRows + kBlockPx));
   }
 
   /// From row `first` of luma on.
@@ -66,7 +69,7 @@ class Strips {
       const auto [data, columns, rows, height] = planes_[i];
       const std::size_t blocks_end = (columns + height - 1) / height * height;
       for (std::size_t y = 0; y < height; ++y) {
-        const std::size_t row = std::min(first * height / (2 * DCTSIZE) + y, rows - 1);
+        const std::size_t row = std::min(first * height / kStripRows + y, rows - 1);
         std::memcpy(padded, data + row * columns, columns);
         std::memset(padded + columns, padded[columns - 1], blocks_end - columns);
         rows_[i][y] = padded;
@@ -86,7 +89,7 @@ class Strips {
   };
   std::array<Plane, 3> planes_{};
   Bytes padded_;
-  std::array<std::array<JSAMPROW, 2 * DCTSIZE>, 3> rows_{};
+  std::array<std::array<JSAMPROW, kStripRows>, 3> rows_{};
   std::array<JSAMPARRAY, 3> strips_{};
 };
 
@@ -170,7 +173,7 @@ Result<Bytes> JpegCodec::encode_yuv420(std::span<const std::uint8_t> planes, int
     out.raw_data_in = TRUE;
     jpeg_start_compress(&out, TRUE);
     while (out.next_scanline < out.image_height) {
-      jpeg_write_raw_data(&out, strips.at(out.next_scanline), 2 * DCTSIZE);
+      jpeg_write_raw_data(&out, strips.at(out.next_scanline), kStripRows);
     }
     jpeg_finish_compress(&out);
   });

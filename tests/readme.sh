@@ -39,8 +39,11 @@ section Install | sed -nE "s|^sudo (orbbuf-server add-robot .*)|$build/server/\\
 bash -e "$folder/install.sh" >"$folder/said" 2>&1 || { cat "$folder/said" >&2 && problem 'Install: a command fails'; }
 grep -q '^server = "192.0.2.1:7722"' "$folder/orbbufd.toml" || problem 'Install: not the server'
 mkdir "$folder/credentials"
-for file in certificate key ca; do touch "$folder/credentials/$file"; done
+ln -s ../ca.crt "$folder/credentials/ca"
 for program in daemon/orbbufd server/orbbuf-server; do
+  keys=${program#*/} && keys=${keys#orbbuf-} # as the units name them
+  ln -sf "../$keys.crt" "$folder/credentials/certificate"
+  ln -sf "../$keys.key" "$folder/credentials/key"
   CREDENTIALS_DIRECTORY=$folder/credentials "$build/$program" --check-config --config "$folder/${program#*/}.toml" ||
     problem "Install: $program"
 done

@@ -9,6 +9,7 @@
 
 #include "common/crc32.hpp"
 #include "common/drop_record.hpp"
+#include "common/jpeg.hpp"
 #include "common/sample.hpp"
 
 namespace orbbuf::powercut {
@@ -28,10 +29,17 @@ std::uint64_t drops_before(Sequence step) {
   return drops;
 }
 
+/// A small image with a comment of so many random bytes, at most 65,000.
 void append_jpeg(std::size_t bytes, std::minstd_rand& random, std::vector<std::uint8_t>& out) {
-  out.insert(out.end(), {0xFF, 0xD8});
-  for (; bytes > 4; --bytes) out.push_back(static_cast<std::uint8_t>(1 + random() % 254));
-  out.insert(out.end(), {0xFF, 0xD9});
+  static const std::vector<std::uint8_t> kImage = [] {
+    const std::array<std::uint8_t, 64> pixels{};
+    return JpegCodec("powercut").encode({pixels.data(), 8, 8, 8, 1}, 80, false).value();
+  }();
+  const std::size_t length = bytes + 2;  // of the segment
+  out.insert(out.end(), {0xFF, 0xD8, 0xFF, 0xFE, static_cast<std::uint8_t>(length >> 8),
+                         static_cast<std::uint8_t>(length)});
+  for (; bytes > 0; --bytes) out.push_back(static_cast<std::uint8_t>(random()));
+  out.insert(out.end(), kImage.begin() + 2, kImage.end());
 }
 
 std::vector<Sample> samples_of(Sequence step) {

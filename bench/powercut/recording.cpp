@@ -53,7 +53,7 @@ void audit_recording(const Robot& robot, const fs::path& folder, bool is_whole, 
     kLeft = 3,
     kRight = 5,
     kDrops = 7,
-    kImu = 9,
+    kSamples = 9,
     kOdom = 1024
   };
   std::map<std::uint16_t, std::uint64_t> messages;
@@ -81,7 +81,7 @@ void audit_recording(const Robot& robot, const fs::path& folder, bool is_whole, 
   std::uint64_t named = 0;
   for (Sequence step = 0; step < robot.end(); ++step) named += Content::is_dropped(step) ? 1 : 0;
   if (!is_stereo) compare(kDrops, named);  // MCAP's profile ros2 has none
-  compare(kImu, robot.end() * Content::items_a_step(wire::kFirstOther));
+  compare(kSamples, robot.end() * Content::items_a_step(wire::kFirstOther));
   if (is_stereo) compare(kOdom, robot.end());
 }
 

@@ -67,6 +67,8 @@ class Check {
               format_seconds(before_->capture_time_ns));
     }
     before_ = frame;
+    if (is_no_file(session_names::left_image(frame.sequence))) return;
+    if (is_no_file(session_names::right_image(frame.sequence))) return;
     const auto images = read_images(folder_, frame);
     if (!images && removed_.contains(frame.sequence)) return void(++in_recording_);
     if (!images) return problem("frame {}: {}", frame.sequence, images.error().text);
@@ -77,6 +79,14 @@ class Check {
     if (!frame.is_stereo()) return;
     check_image(session_names::right_image(frame.sequence), images.value().right(),
                 is_sound ? std::nullopt : std::optional(frame.crc_right));
+  }
+
+  /// Reading it would wait for a writer.
+  bool is_no_file(const std::string& image) {
+    std::error_code failed;  // then reading says why
+    if (!fs::is_other(folder_ / image, failed)) return false;
+    problem("{}: it is a FIFO or a device, not a file", image);
+    return true;
   }
 
   void check_image(const std::string& name, std::span<const std::uint8_t> jpeg,

@@ -158,11 +158,18 @@ class Join {
         append(RecordedItems{wire::kDrops, first, first + some.size(), wire::encode_drops(some)});
       }
     }
-    const SessionClosing& closing = parts_.back().outline.summary.closing;
+    const SessionClosing& closing = furthest_end();
     if (closing.stats) append(RecordedReport{*closing.stats, closing.clock_offset_ns.value_or(0)});
     if (const auto account = newest_account()) append(*account);
     append(RecordedEnd{closing.has_ended});
     return failed_;
+  }
+
+  /// The end of the session is in one of them, if it has one.
+  const SessionClosing& furthest_end() const {
+    const auto ended = std::ranges::find_if(
+        parts_, [](const Part& part) { return part.outline.summary.closing.has_ended; });
+    return (ended != parts_.end() ? *ended : parts_.back()).outline.summary.closing;
   }
 
   /// As far as can be told: what the robot holds only becomes less.

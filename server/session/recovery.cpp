@@ -94,8 +94,7 @@ Result<Unkept> read_unkept(const fs::path& folder, const Place& from, Durability
 
 bool can_open_images(const fs::path& folder, const RecordedFrame& frame) {
   const auto can_open = [&](const std::string& image) {
-    return static_cast<bool>(
-        UniqueFd(::open((folder / image).c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC)));
+    return static_cast<bool>(UniqueFd(::open((folder / image).c_str(), O_RDONLY | O_CLOEXEC)));
   };
   return can_open(session_names::left_image(frame.sequence)) &&
          (!frame.is_stereo() || can_open(session_names::right_image(frame.sequence)));

@@ -249,7 +249,7 @@ Result<journal::Place> find_segment(
 /// The images are in these two files.
 Result<EncodedFrame> read_frame(const RecordedFrame& recorded, const fs::path& left_path,
                                 const fs::path& right_path) {
-  auto left = read_regular(left_path);
+  auto left = read_file(left_path);
   if (!left) return std::move(left).error();
   EncodedFrame frame;
   frame.sequence = recorded.sequence;
@@ -263,7 +263,7 @@ Result<EncodedFrame> read_frame(const RecordedFrame& recorded, const fs::path& l
   frame.jpeg = std::move(left).value();
   frame.left_bytes = static_cast<std::uint32_t>(frame.jpeg.size());
   if (recorded.is_stereo()) {
-    const auto right = read_regular(right_path);
+    const auto right = read_file(right_path);
     if (!right) return right.error();
     frame.jpeg.insert(frame.jpeg.end(), right.value().begin(), right.value().end());
   }

@@ -253,7 +253,7 @@ TEST_F(CheckSession, NamesAnImageThatWasNoJpegWhenItCame) {
   const auto store = begin();
   ASSERT_FALSE(store->write(test::plain_frame(10), 0));
   ASSERT_FALSE(store->finish(true));
-  EXPECT_THAT(problems(), ElementsAre(StartsWith("images/000010.jpg: cannot read the header")));
+  EXPECT_THAT(problems(), ElementsAre(StartsWith("images/000010.jpg: cannot read a JPEG")));
 }
 
 TEST_F(CheckSession, NamesAStrayAmongTheImagesOfEitherSide) {

@@ -300,7 +300,7 @@ TEST_F(ListenerTest, WhoHasSaidByeIsNotIdleWhileAReaderIsWaitedFor) {
   while (log_.lines("has a reader").empty()) {
     ASSERT_LT(std::chrono::steady_clock::now(), deadline) << "no reader in the log";
     robot.send(wire::encode(wire::Report{}));
-    EXPECT_FALSE(has_answer(robot, 100));
+    ::poll(nullptr, 0, 100);  // the server looks for a reader each second
   }
   robot.send(wire::encode(wire::Bye{{1, 0}}));
   const auto again = connect();
