@@ -143,7 +143,7 @@ TEST_F(Jpeg, TheEndMarkerOfASegmentIsNotThatOfTheImage) {
 TEST_F(Jpeg, WithoutItsEndMarkerItIsReadIfAllRowsAreThere) {
   const auto whole = encode(64, 48, 1, false);
   const auto pixels = codec_.decode_gray(whole, 1).value().pixels;
-  for (const std::size_t missing : {1, 2}) {
+  for (const std::size_t missing : {1U, 2U}) {
     const auto jpeg = std::span(whole).first(whole.size() - missing);
     EXPECT_EQ(codec_.decode_gray(jpeg, 1).value().pixels, pixels);
     const auto info = codec_.inspect(jpeg).value();
@@ -179,7 +179,7 @@ TEST_F(Jpeg, ErrorsSayWhatIsMissing) {
 TEST_F(Jpeg, SpareBytesBeforeRestartMarkersArePassedOver) {
   for (const bool is_color : {false, true}) {
     const auto whole = codec_.decode_gray(restart_jpeg(64, 48, is_color, 0), 1).value();
-    for (const std::size_t spare : {1, 2, 3, 4}) {
+    for (const std::size_t spare : {1U, 2U, 3U, 4U}) {
       const auto jpeg = restart_jpeg(64, 48, is_color, spare);
       EXPECT_EQ(codec_.inspect(jpeg).value().bytes, jpeg.size());
       EXPECT_EQ(codec_.decode_gray(jpeg, 1).value().pixels, whole.pixels) << spare;
