@@ -113,7 +113,7 @@ told() {
   [ "$captured" -eq "$2" ] && [ "$lost" -eq 0 ] && [ "$repeated" -eq 0 ] || status=1
 }
 for topic in "${topics[@]}"; do
-  read -r _ _ kept _ named <<<"$(grep "^$topic delivered" "$session/session.txt")"
+  read -r _ _ kept _ _ _ named <<<"$(grep "^$topic delivered" "$session/session.txt")"
   told "$topic" "$(written "$topic")" "$kept" "$named"
   [ "$named" -eq 0 ] || status=1
   [ "$(tail -n +2 "$session/topics/$topic.csv" | wc -l)" -eq "$kept" ] || fail "topics/$topic.csv has not $kept lines"

@@ -69,7 +69,7 @@ for session in "$work"/out/r/*/; do
   count=$(wc -l <"$work/got")
   # The same times, in the same order.
   cmp -s <(head -n "$count" "$work/data.csv" | cut -d, -f1) "$work/got" || differing=$((differing + 1))
-  here=$(sed -n 's/.*imu0: [0-9]* samples, \([0-9]*\) [lm].*/\1/p' "$work/check")
+  here=$(sed -n 's/.*imu0: [0-9]* samples,.* \([0-9]*\) \(lost\|missing\).*/\1/p' "$work/check")
   passed=$(sed -n 's/.*imu0: \([0-9]*\) samples came behind.*/\1/p' "$work/check")
   delivered=$((delivered + count)) lost=$((lost + here)) behind=$((behind + ${passed:-0}))
   captured=$((captured + count + here))
