@@ -192,6 +192,7 @@ TEST_F(ServerLinkServers, TheOnlyOneThatStandsStillIsLeftForAnotherConnection) {
   EXPECT_EQ(owner_.next(), "writable 0 0");
   EXPECT_EQ(owner_.next(), "disconnected 0 0");
   log_.wait_for("has acknowledged nothing for 1.");  // after the owner is told
+  EXPECT_EQ(log_.lines("has acknowledged nothing for 1.").size(), 1U);
 }
 
 /// The link stalls, too: another connection to that server is begun, and says hello.
